@@ -13,11 +13,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 from gateway.alarms.monitor import AlarmMonitor
 from gateway.alarms.records import AlarmChange
 from gateway.bay import BayControl
-from gateway.bay_file import BayFiles
+from gateway.bay_file import BayFiles, folder_of
 from gateway.clock import SystemClock
 from gateway.config import SHARED_SECTIONS, GatewayConfig
 from gateway.config.strict.errors import located
@@ -30,6 +31,7 @@ from gateway.net import tls
 from gateway.net.listener import listening, url
 from gateway.net.tls import TlsFiles
 from gateway.ranger.service import RangerService, check_port
+from gateway.records.reader_service import ReaderService
 from gateway.records.service import RecorderService
 from gateway.shared_state import SharedStateWriter
 from gateway.sinks import registry as sink_registry
@@ -229,7 +231,12 @@ async def run(
                 events, shown, clock, lambda: parts.system_status(alarm_monitor), alarm_monitor.act
             )
             setup = WebSetup(
-                config.model_copy(update={"mqtt": None, "sinks": {}}), clock, readers, source=source, boot=parts.boot
+                _of_pages(config),
+                clock,
+                readers,
+                source=source,
+                boot=parts.boot,
+                questions=_reader(config, recorder.folder, clock, shared, tasks),
             )
             pages, hmi_url = _pages(setup, handler, shared)
             tasks.append(pages)
@@ -255,6 +262,11 @@ async def run(
             raise _own_error(group_error) from group_error
 
 
+def _of_pages(config: GatewayConfig) -> GatewayConfig:
+    """What the web process gets to know of it. `state_dir = "auto"` would mean another folder to its user."""
+    return config.model_copy(update={"mqtt": None, "sinks": {}, "state_dir": str(folder_of(config) or "")})
+
+
 def _on_range(control: BayControl, vision: VisionService, reading: RangeReading) -> None:
     """A distance also gives the search the marker's possible size."""
     control.on_range(reading)
@@ -264,6 +276,18 @@ def _on_range(control: BayControl, vision: VisionService, reading: RangeReading)
 def _on_alarm(recorder: RecorderService, change: AlarmChange) -> None:
     recorder.on_alarm(change)
     log.log(logging.DEBUG if change.by_design else logging.INFO, "alarm %s", change)
+
+
+def _reader(
+    config: GatewayConfig, folder: Path | None, clock: SystemClock, shared: ExitStack, tasks: list[Task]
+) -> int | None:
+    """The process that reads recordings for the pages: adds its row to the table. Returns its socket's descriptor."""
+    if folder is None:
+        return None
+    reader = ReaderService(folder, config.hmi.run_as, clock)
+    shared.callback(reader.close)
+    tasks.append(Task("records-reader", reader.run))
+    return reader.asking.fileno()
 
 
 def _pages(setup: WebSetup, handler: RequestHandler, shared: ExitStack) -> tuple[Task, str | None]:

@@ -44,12 +44,17 @@ def default_folder() -> Path:
     return home / ".local" / "state" / "loading-gateway"
 
 
-def path_of(config: GatewayConfig, bay: str) -> Path | None:
-    """The path of a bay's file; None: nothing is kept. None of the three names contains a dot."""
+def folder_of(config: GatewayConfig) -> Path | None:
+    """`state_dir`, the gateway's folder for what it keeps; None: nothing is kept."""
     if not config.state_dir:
         return None
-    folder = default_folder() if config.state_dir == "auto" else Path(config.state_dir)
-    return folder / f"bay.{config.site}.{config.instance}.{bay}.json"
+    return default_folder() if config.state_dir == "auto" else Path(config.state_dir)
+
+
+def path_of(config: GatewayConfig, bay: str) -> Path | None:
+    """The path of a bay's file; None: nothing is kept. None of the three names contains a dot."""
+    folder = folder_of(config)
+    return None if folder is None else folder / f"bay.{config.site}.{config.instance}.{bay}.json"
 
 
 def read_file(path: Path) -> bytes | None:

@@ -30,7 +30,7 @@ def main() -> None:
 
 def work(name_of_module: str, name: str, parent: int, sock: socket.socket, cpus: str) -> None:
     """In the new process, until its work is done."""
-    _die_with(parent)
+    die_with(parent)
     channel: Channel[Any, Any] = Channel(sock, Codec(Failed))
     _report_exceptions(channel)
     if cpus:
@@ -50,7 +50,7 @@ def work(name_of_module: str, name: str, parent: int, sock: socket.socket, cpus:
         sys.exit(1)
 
 
-def _die_with(parent: int) -> None:
+def die_with(parent: int) -> None:
     """The kernel kills this process when the parent dies, even when the parent is killed without warning."""
     ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
     if os.getppid() != parent:  # it died before the line above

@@ -261,7 +261,10 @@ class Scenario(Section):
 
     def since_s(self, kind: FaultKind, t_s: float) -> float | None:
         """When the fault of this kind began that holds at world time `t_s`; None: there is none."""
-        return next((f.at_s for f in self.faults if f.kind is kind and f.active(t_s)), None)
+        for fault in self.faults:
+            if fault.kind is kind and fault.active(t_s):
+                return fault.at_s
+        return None
 
 
 def load(path: Path, overrides: Mapping[str, Any] | None = None) -> Scenario:

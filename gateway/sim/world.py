@@ -163,6 +163,7 @@ class World:
             self._segments.append(_Segment.plan(leg, here, self.plan_s))
             here = self._segments[-1].target
         self._starts = [segment.start_s for segment in self._segments]
+        self._others = [number for number, leg in enumerate(scenario.legs) if leg.another_truck]
         self._sines = _sines(scenario.vibration, scenario.seed)
 
     @property
@@ -238,9 +239,8 @@ class World:
         """Each repetition of the legs is another truck, too."""
         if leg < 0:
             return 0
-        others = [number for number, each in enumerate(self.scenario.legs) if each.another_truck]
         rounds = int(t_s // self.plan_s) if self.scenario.repeat and self.plan_s > 0 else 0
-        return rounds * (len(others) + 1) + sum(number <= leg for number in others)
+        return rounds * (len(self._others) + 1) + bisect_right(self._others, leg)
 
     def _here(self, t_s: float) -> tuple[Vector, float, int]:
         """Where the truck is, its speed in mm/s, and the leg."""
@@ -274,11 +274,14 @@ class World:
         loud = rest + (1 - rest) * drive
         if not loud * self.scenario.vibration.amplitude_mm:
             return place
-        return Vector(*(p + loud * _sum(sines, t_s) for p, sines in zip(place, self._sines, strict=True)))
+        x, y, z = self._sines
+        return Vector(place.x + loud * _sum(x, t_s), place.y + loud * _sum(y, t_s), place.z + loud * _sum(z, t_s))
 
 
 def spout(scenario: Scenario, t_s: float) -> float:
     """How far the loading spout is down at world time `t_s`, 0 to 1."""
+    if not scenario.faults:
+        return 0.0
     ways = (
         min((t_s - fault.at_s) / SPOUT_S, (fault.at_s + fault.for_s - t_s) / SPOUT_S, 1.0)
         for fault in scenario.faults
@@ -317,4 +320,7 @@ def _sines(vibration: Vibration, seed: int) -> tuple[tuple[_Sine, ...], ...]:
 
 
 def _sum(sines: tuple[_Sine, ...], t_s: float) -> float:
-    return sum(amplitude * math.sin(omega * t_s + phase) for amplitude, omega, phase in sines)
+    total = 0.0
+    for amplitude, omega, phase in sines:
+        total += amplitude * math.sin(omega * t_s + phase)
+    return total

@@ -1,7 +1,7 @@
 """A simulated bay with its pages, as a user starts it: `gateway simulate` with a configuration file of its own."""
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from http.client import HTTPConnection
 from pathlib import Path
@@ -53,6 +53,12 @@ marker_radius_mm = 90.0
 aim_u_px = 319.5
 aim_v_px = 239.5
 """
+FOR_EVER = """
+[records]                     # what a test has recorded already may be of any day
+max_days = 0
+visit_days = 0
+picture_days = 0
+"""
 
 
 @dataclass
@@ -70,15 +76,28 @@ class Plant:
 
 @contextlib.contextmanager
 def plant(
-    folder: Path, scenario: str = TO_AND_FRO, *, role: str = "technician", users: str = "", bays: int = 1
+    folder: Path,
+    scenario: str = TO_AND_FRO,
+    *,
+    role: str = "technician",
+    users: str = "",
+    bays: int = 1,
+    records: Callable[[Path], None] | None = None,
 ) -> Iterator[Plant]:
-    """Runs until the block ends; leaves no process behind."""
+    """Runs until the block ends; leaves no process behind. `records`: it records, and this makes what it has recorded
+    already, in the folder of all bays."""
     config, story = folder / "plant.toml", folder / "scenario.toml"
-    config.write_text(CONFIG.format(instance=f"test-{uuid4().hex[:12]}", role=role, users=users))
+    instance = f"test-{uuid4().hex[:12]}"
+    text = CONFIG.format(instance=instance, role=role, users=users)
+    config.write_text(text if records is None else text + FOR_EVER)
     story.write_text(scenario)
+    recording: tuple[str, ...] = ()
+    if records is not None:
+        recording = ("--state-dir", str(folder / "state"))
+        records(folder / "state" / "records" / f"north_works.{instance}")
     with Gateway(
         *("simulate", "--json", "--config", str(config), "--scenario", str(story)),
-        *("--modbus-port", "0", "--hmi-port", "0", "--bays", str(bays)),
+        *("--modbus-port", "0", "--hmi-port", "0", "--bays", str(bays), *recording),
     ) as gateway:
         started = gateway.started()
         url = started["hmi"].rstrip("/")

@@ -5,11 +5,13 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from playwright.sync_api import Browser, Page, expect
 
 from tests.browser.chromium import chromium, until, visited
 from tests.browser.plant import first_visit
+from tests.browser.recorded_week import Pages, in_zone, prepared
 from tests.e2e.processes import Gateway
 
 WAIT_S = 90.0  # for the moment that is to be shown
@@ -80,6 +82,7 @@ SHOTS = (
     Shot("driver-ok", APPROACH, "/driver", of_code("OK"), 960, 540),
     Shot("login", APPROACH, "/login", at_once, 960, 540),
 )
+MANAGER = "manager"
 
 
 def take(browser: Browser, shots: list[Shot], folder: Path) -> None:
@@ -98,16 +101,30 @@ def take(browser: Browser, shots: list[Shot], folder: Path) -> None:
                 print(path)
 
 
+def take_manager(browser: Browser, path: Path) -> None:
+    """Of a week that is prepared: nobody waits for it."""
+    with in_zone(), TemporaryDirectory() as folder:
+        prepared(Path(folder) / "north_works.gateway")
+        with Pages(Path(folder)) as pages, visited(browser, f"{pages.url}/manager", height_px=1000) as (page, watch):
+            expect(page.locator(".figure")).to_have_count(7)
+            page.screenshot(path=path, full_page=True)
+            assert watch.complaints == []
+    print(path)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(prog="./dev screenshots", description=__doc__)
-    parser.add_argument("names", nargs="*", help=f"of: {', '.join(shot.name for shot in SHOTS)}; none: all")
+    known = [shot.name for shot in SHOTS] + [MANAGER]
+    parser.add_argument("names", nargs="*", help=f"of: {', '.join(known)}; none: all")
     parser.add_argument("--folder", type=Path, default=Path("docs/images"))
     args = parser.parse_args()
-    strangers = set(args.names) - {shot.name for shot in SHOTS}
+    strangers = set(args.names) - set(known)
     if strangers:
         parser.error(f"no such picture: {', '.join(sorted(strangers))}")
     with chromium() as browser:
         take(browser, [shot for shot in SHOTS if not args.names or shot.name in args.names], args.folder)
+        if not args.names or MANAGER in args.names:
+            take_manager(browser, args.folder / f"hmi-{MANAGER}.png")
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ PAGES = {
     "all bays": ("/", "() => document.querySelectorAll('main a, main button').length > 2"),
     "one bay": ("/#bay1", "() => document.querySelector('.picture .tag')?.textContent === 'LIVE'"),
     "technician": ("/tune/bay1", "() => document.querySelector('[data-panel=mask] img')?.complete"),
+    "history": ("/history", "() => document.querySelector('#empty-title') !== null"),
     "driver": ("/driver/bay1", "() => document.body.dataset.fresh === 'true'"),
     "login": ("/login", "() => document.activeElement?.id === 'name'"),
 }

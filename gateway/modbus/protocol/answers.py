@@ -73,6 +73,7 @@ class Unit:
     identity: Mapping[int, bytes] = field(default_factory=identity.objects)  # FC 43/14, by object id
     refused: Callable[[Peer, str], None] = lambda peer, why: None  # called for writes that the peer may not make
     connection: Callable[[Peer, bool], None] = lambda peer, here: None  # called for a writer's first (True) and last
+    words: int | None = None  # of each image; None: it must be read to know
 
 
 class RefusedError(Exception):
@@ -159,9 +160,7 @@ def _read_write(unit: Unit, pdu: bytes, peer: Peer) -> bytes:
     address, count = struct.unpack(">HH", pdu[1:5])
     _check(1 <= count <= MAX_READ_WORDS, ModbusException.ILLEGAL_VALUE)
     write_address, _, words = _words_in(pdu, 5, MAX_READ_WRITE_WORDS)
-    _check(
-        address + count <= len(unit.read()), ModbusException.ILLEGAL_ADDRESS
-    )  # nothing is written if it can't be read
+    _check(address + count <= _size(unit), ModbusException.ILLEGAL_ADDRESS)  # nothing is written if it can't be read
     _write(unit, write_address, words, peer)
     return _words(unit, pdu[0], address, count)
 
@@ -241,6 +240,11 @@ def _words(unit: Unit, function_code: int, address: int, count: int) -> bytes:
     return struct.pack(f">BB{count}H", function_code, 2 * count, *image[address : address + count])
 
 
+def _size(unit: Unit) -> int:
+    """How many registers there are. A write makes another image: the one before it need not be encoded for this."""
+    return len(unit.read()) if unit.words is None else unit.words
+
+
 def _write_bits(unit: Unit, address: int, count: int, bits: int, peer: Peer) -> None:
     found = masked(address, count, bits)
     if found is None:
@@ -252,6 +256,6 @@ def _write_bits(unit: Unit, address: int, count: int, bits: int, peer: Peer) -> 
 
 def _write(unit: Unit, address: int, words: Sequence[int], peer: Peer, mask: int = 0xFFFF) -> None:
     assert unit.write is not None  # `answer` has checked it
-    _check(address + len(words) <= len(unit.read()), ModbusException.ILLEGAL_ADDRESS)
+    _check(address + len(words) <= _size(unit), ModbusException.ILLEGAL_ADDRESS)
     if (refusal := unit.write(address, words, peer, mask)) is not None:
         raise RefusedError(refusal)

@@ -12,7 +12,7 @@ from gateway.modbus.protocol.adu import ModbusException
 from gateway.modbus.protocol.answers import Peer, ReadImage, Unit, Write
 from gateway.modbus.registers.handshake import HANDSHAKE
 from gateway.modbus.registers.register import WordOrder
-from gateway.modbus.registers.register_map import Image, encode
+from gateway.modbus.registers.register_map import BLOCK_WORDS, Image, encode
 
 _FIELD = {"plc_heartbeat": "heartbeat", "plc_control": "control", "recipe_select": "recipe"}
 WRITABLE: dict[int, str] = {row.address: _FIELD[row.name] for row in HANDSHAKE if row.writable}
@@ -30,6 +30,7 @@ def unit_of(bay: BayControl, config: ModbusConfig, site: str, clock: Clock) -> U
         identity.objects(f"{site}/{bay.name}"),
         lambda peer, why: bay.on_refused(writer_of(peer), why),
         lambda peer, here: bay.on_connection(PlcConnection(writer_of(peer), here)),
+        BLOCK_WORDS,
     )
 
 

@@ -4,6 +4,7 @@ Nothing here can end a stop: a function check withholds `may_move` or leaves it 
 start a new vision process, whose first reading is without a value.
 """
 
+import dataclasses
 import logging
 import zlib
 from collections import deque
@@ -54,7 +55,7 @@ class EventHistory:
 
     To be made before the first state is published, or the start events would be missed. They are kept packed: an event
     has its state, some sixty objects, which would lie between all that comes and goes, and keep memory from being used
-    again.
+    again. What the decision remembers of readings and visits is left out: it grows with the number of visits.
     """
 
     def __init__(self, hub: Hub) -> None:
@@ -64,6 +65,8 @@ class EventHistory:
 
     def _keep(self, event: Event) -> None:
         self.newest += 1
+        memory = dataclasses.replace(event.state.memory, pairs=(), others=(), scale_samples=(), track=())
+        event = dataclasses.replace(event, state=dataclasses.replace(event.state, memory=memory))
         self._kept.append(zlib.compress(record_packed(NumberedEvent(self.newest, event)), 1))
 
     def after(self, number: int) -> tuple[NumberedEvent, ...]:

@@ -65,7 +65,8 @@ class WebProcessService:
             errors="backslashreplace"
         ).decode()  # a name need not be UTF-8, a message must
         job = replace(self._setup, sockets=listening, source=source)
-        role: Role[ToWeb] = Role(MODULE, "gw-hmi", job, (*rings, *listening))
+        questions = () if job.questions is None else (job.questions,)
+        role: Role[ToWeb] = Role(MODULE, "gw-hmi", job, (*rings, *listening, *questions))
         thread = ThreadPoolExecutor(1, thread_name_prefix="file")
         own.callback(thread.shutdown, wait=False, cancel_futures=True)
         async with ProcessSlot[ToWeb, FromWeb]("hmi", self._setup.clock, FROM_WEB) as slot:

@@ -111,6 +111,7 @@ class StatusCollector:
             crashed=", ".join(f"{name}: {row.last_error}" for name, row in crashed.items())[:MAX_ERROR],
             recorder_fault="" if self.recorder is None else self.recorder.fault[:MAX_ERROR],
             records_lost=0 if self.recorder is None else self.recorder.dropped,
+            index_fault="" if self.recorder is None else self.recorder.status.index_fault[:MAX_ERROR],
             bay_file_fault="" if self.bay_files is None else self.bay_files.fault,
             bay_file_damaged=""
             if self.bay_files is None

@@ -38,6 +38,7 @@ class WebSetup(Message, frozen=True):
     sockets: tuple[int, ...] = ()  # listening, inherited
     source: str = ""  # name of the configuration's file, to be shown; empty: none of the operator's own
     boot: str = ""  # random number of this start of the gateway
+    questions: int | None = None  # to the process that reads recordings: a socket, inherited; None: there is none
 
 
 # From the web process.

@@ -18,7 +18,10 @@ from gateway.web.auth import login
 from gateway.web.auth.logins import Logins
 from gateway.web.auth.refusals import RefusalError, problem
 from gateway.web.auth.security import SecurityMiddleware
+from gateway.web.history import routes as history
+from gateway.web.history import why
 from gateway.web.ipc.messages import ChangedOnDiskError
+from gateway.web.manager import routes as manager
 from gateway.web.server import api, openapi, pages
 from gateway.web.server.gateway_client import RefusedError
 from gateway.web.server.pictures import UnencodableError
@@ -97,7 +100,10 @@ HANDLERS = {
     Exception: of_fault,
 }
 
-GROUPS = (login.ADDRESSES, pages.ADDRESSES, api.ADDRESSES, openapi.ADDRESSES, tuning.ADDRESSES)
+GROUPS = (
+    login.ADDRESSES, pages.ADDRESSES, api.ADDRESSES, history.ADDRESSES, why.ADDRESSES, manager.ADDRESSES,
+    openapi.ADDRESSES, tuning.ADDRESSES,
+)  # fmt: skip
 RULES = tuple(rule for group in GROUPS for rule in group.rules)
 
 

@@ -87,7 +87,8 @@ def _links(links: SystemStatus) -> Iterator[HealthReason]:
         yield _reason(link.sink, "ok" if link.connected else "degraded", link.detail)
         if link.store is not None:
             ok = not link.store.fault
-            yield _reason("event_store", "ok" if ok else "degraded", "ok" if ok else "cannot be written")
+            part = "event_store" if link.sink == "mqtt" else f"{link.sink}.event_store"
+            yield _reason(part, "ok" if ok else "degraded", "ok" if ok else "cannot be written")
     for task in links.tasks:
         # One that has done all it had to do has no error.
         broken = not task.running and bool(task.last_error)

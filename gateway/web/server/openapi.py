@@ -17,11 +17,15 @@ from gateway import __version__
 from gateway.web.auth.access import Level
 from gateway.web.auth.addresses import Addresses, Description
 from gateway.web.auth.refusals import Problem
+from gateway.web.history import routes as history
+from gateway.web.history import why
+from gateway.web.manager import routes as manager
 from gateway.web.server import api
 from gateway.web.server.models import DriverView, FrameView, LiveView
 
 Json = dict[str, Any]
 ADDRESSES = Addresses()
+GROUPS = (api.ADDRESSES, history.ADDRESSES, why.ADDRESSES, manager.ADDRESSES, ADDRESSES)
 COOKIE = "gateway-session"  # with the default instance; __Host-... with TLS
 ABOUT = """State, events, registers, alarms and pictures of a bulk loading gateway, for programs.
 
@@ -40,7 +44,7 @@ async def _openapi(request: Request) -> Response:
 @cache
 def document(cookie: str = COOKIE) -> Json:
     """The complete description. `cookie`: the name of the session's."""
-    routes = [route for route in (*api.ADDRESSES.routes, *ADDRESSES.routes) if isinstance(route, APIRoute)]
+    routes = [route for group in GROUPS for route in group.routes if isinstance(route, APIRoute)]
     made = get_openapi(
         title="Loading gateway",
         version=__version__,
@@ -90,6 +94,6 @@ def _schemas(routes: list[APIRoute]) -> Json:
 
 def markdown() -> str:
     """The addresses with their roles, for docs/hmi-api.md."""
-    rules = (*api.ADDRESSES.rules, *ADDRESSES.rules)
+    rules = (rule for group in GROUPS for rule in group.rules)
     rows = [f"| {rule.method} | `{rule.path}` | {rule.least.role} | {rule.summary} |" for rule in rules]
     return "\n".join(["| method | address | role | answers |", "|---|---|---|---|", *rows]) + "\n"

@@ -49,6 +49,9 @@ async def _driver(page: WebSocket, services: WebServices) -> None:
 _page("/", Level.VIEWER, "index.html", "the operator's page")
 
 
+_page("/history", Level.VIEWER, "history.html", "the history page")
+
+
 @ADDRESSES.web_socket("/api/live", Level.VIEWER, "what the operator's page shows, live")
 async def _live(page: WebSocket, services: WebServices) -> None:
     await services.live.serve(page)
@@ -77,4 +80,5 @@ def _headers(client: GatewayClient, picture: Picture) -> dict[str, str]:
     return headers
 
 
+_page("/manager", Level.VIEWER, "manager.html", "the manager's page: what a bay did on some days")
 _page("/tune/{bay}", Level.TECHNICIAN, "tune.html", "the technician's page")

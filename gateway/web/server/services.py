@@ -13,6 +13,8 @@ from gateway.clock import Clock
 from gateway.config import BayConfig
 from gateway.web.auth.refusals import RefusalError
 from gateway.web.auth.sessions import Caller, caller_of
+from gateway.web.history.reader import Reader
+from gateway.web.history.records_thread import RecordsThread
 from gateway.web.server import views
 from gateway.web.server.gateway_client import GatewayClient
 from gateway.web.server.live import Live
@@ -31,6 +33,8 @@ class Services:
     drivers: Live
     tuning: TuningService
     snapshots: Executor  # encodes the programs' snapshots
+    records: RecordsThread
+    reader: Reader
     encoding: asyncio.Lock = field(default_factory=asyncio.Lock)
     refusals: Counter[str] = field(default_factory=Counter)
 
@@ -49,6 +53,8 @@ def services_of(client: GatewayClient, pace: Clock, thread: Executor | None = No
         drivers=Live(client, views.driver_json, config.max_viewers, config.viewers_per_address),
         tuning=TuningService(client, pace, thread),
         snapshots=thread or ThreadPoolExecutor(1, thread_name_prefix="snapshots"),
+        records=RecordsThread.of(client.about.config, thread),
+        reader=Reader(client.about.questions),
     )
 
 

@@ -9,6 +9,7 @@ import pytest
 from gateway.config import GatewayConfig, ModbusConfig
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import FusionMemory, Tick
+from gateway.sinks.contract import StoreStatus
 from gateway.web.ipc.messages import SystemStatus, TaskStatus
 from gateway.web.server.health import health, status_code
 from gateway.web.server.models import HealthView
@@ -108,6 +109,10 @@ async def test_a_silent_main_process_fails() -> None:
         (full(modbus=()), [("modbus", "failing")]),
         (full(sinks=(mqtt(connected=False), sparkplug())), [("mqtt", "degraded")]),
         (full(sinks=(mqtt(ok=False), sparkplug())), [("event_store", "degraded")]),
+        (
+            full(sinks=(mqtt(), replace(historian(), store=StoreStatus("full", 1, 0, 3)))),
+            [("historian.event_store", "degraded")],
+        ),
         (full(sinks=(mqtt(), sparkplug(born=False))), [("sparkplug", "degraded")]),
         (full(sinks=(replace(historian(), connected=False),)), [("historian", "degraded")]),
         (full(tasks=(TaskStatus("bay1.vision", False, 2, 1, 0, "lost"),)), [("task bay1.vision", "degraded")]),

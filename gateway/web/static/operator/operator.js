@@ -1,8 +1,9 @@
 // The operator's page: all bays, or one of them. `/#bay1` is one.
 
 import { html, render, useEffect, useErrorBoundary, useRef, useState } from '../vendor/preact-htm.js';
-import { get, post, toLogin } from '../lib/api.js';
+import { get, toLogin } from '../lib/api.js';
 import { age, clock } from '../lib/format.js';
+import { Brand, Pages, Who } from '../lib/top.js';
 import { aimOf, cameraFault, limitsOf } from '../lib/views.js';
 import { Alarms } from './alarms.js';
 import { Bars } from './bars.js';
@@ -45,29 +46,14 @@ function Top({ session, bay, connected, ageMs, view }) {
     const timer = setInterval(() => setWall(Date.now()), 1000);
     return () => clearInterval(timer);
   }, []);
-  const path = encodeURIComponent(bay ?? session.bays[0] ?? '');
-  const logout = async () => {
-    try {
-      await post('/api/logout', {}, session.csrf);
-    } finally {
-      location.assign('/login');
-    }
-  };
   const apart = view ? Math.abs(view.server_time_ms - wall) : 0;
   return html`<header class="top">
-    <a class="brand" href="/"><svg viewBox="0 0 32 32" aria-hidden="true"><circle cx="16" cy="16" r="10" fill="none" stroke="currentColor" stroke-width="3" /><path d="M16 2v9M16 21v9M2 16h9M21 16h9" stroke="currentColor" stroke-width="2.4" /></svg>
-      <span>${site.site ?? 'Loading bays'}<span class="muted small"> ${site.instance ?? ''}</span></span></a>
-    <nav aria-label="pages">
-      <a href="/" aria-current="page">Operator</a>
-      <a href=${`/driver/${path}`}>Driver</a>
-      ${session.role === 'technician' && html`<a href=${`/tune/${path}`}>Technician</a>`}
-    </nav>
+    <${Brand} title=${site.site ?? 'Loading bays'} more=${site.instance ?? ''} />
+    <${Pages} session=${session} bay=${bay} current="Operator" />
     <div class="facts push">
       <${Link} connected=${connected} ageMs=${ageMs} began=${began.current} />
       <span class="nowrap">${clock(wall)}${apart > 5000 ? html` <span class="tag warn" title="the gateway's clock and this computer's differ">clocks ${age(apart)} apart</span>` : ''}</span>
-      ${session.name !== null
-        ? html`<span>${session.name} <span class="muted">(${session.role})</span></span><button type="button" class="plain small" onClick=${logout}>Log out</button>`
-        : session.can_login ? html`<a href="/login?next=/">Log in</a>` : html`<span class="muted">no login (${session.role})</span>`}
+      <${Who} session=${session} next="/" />
     </div>
   </header>`;
 }

@@ -3,6 +3,7 @@
 import { html, render, useEffect, useMemo, useRef, useState } from '../vendor/preact-htm.js';
 import { get, post, toLogin } from '../lib/api.js';
 import { widthFor } from '../lib/pictures.js';
+import { Brand, Pages, Who } from '../lib/top.js';
 import { useLive } from '../operator/hooks.js';
 import { Health as Sign } from '../operator/signs.js';
 import { CheckBanner } from './check.js';
@@ -59,21 +60,13 @@ function useBitmap(url) {
 }
 
 function Top({ session, connected, fresh }) {
-  const path = encodeURIComponent(bay);
-  const logout = async () => {
-    try {
-      await post('/api/logout', {}, session.csrf);
-    } finally {
-      location.assign('/login');
-    }
-  };
   return html`<a class="skip" href="#settings">to the settings</a><header class="top">
-    <a class="brand" href="/"><svg viewBox="0 0 32 32" aria-hidden="true"><circle cx="16" cy="16" r="10" fill="none" stroke="currentColor" stroke-width="3" /><path d="M16 2v9M16 21v9M2 16h9M21 16h9" stroke="currentColor" stroke-width="2.4" /></svg><span>Tuning</span></a>
-    <nav aria-label="pages"><a href=${`/#${path}`}>Operator</a><a href=${`/driver/${path}`}>Driver</a><a href=${`/tune/${path}`} aria-current="page">Technician</a></nav>
+    <${Brand} title="Tuning" />
+    <${Pages} session=${session} bay=${bay} current="Technician" />
     <label class="small">bay <select value=${bay} onChange=${(event) => location.assign(`/tune/${encodeURIComponent(event.target.value)}`)}>
       ${session.bays.map((name) => html`<option value=${name} selected=${name === bay}>${name}</option>`)}</select></label>
     <div class="facts push"><${Sign} state=${connected && fresh ? 'ok' : 'bad'} text=${connected ? (fresh ? 'connected' : 'no new data') : 'NO CONNECTION'} />
-      ${session.name !== null ? html`<span>${session.name} <span class="muted">(${session.role})</span></span><button type="button" class="plain small" onClick=${logout}>Log out</button>` : html`<span class="muted">no login (${session.role})</span>`}</div>
+      <${Who} session=${session} /></div>
   </header>`;
 }
 

@@ -1,0 +1,254 @@
+"""The addresses of what was recorded: visits, trend, events and kept pictures. IO.
+
+All of it is read by the web process itself, which may read files; nothing here reaches the main process.
+"""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path as FilePath
+from typing import Annotated, Literal
+
+from fastapi import Query
+from starlette.responses import Response
+
+from gateway.clock import NS_PER_MS, NS_PER_S
+from gateway.config import GatewayConfig
+from gateway.core.events import EventKind
+from gateway.core.visit_summary import VisitSummary
+from gateway.records import kept_pictures, picture_search, visits_csv
+from gateway.records.index_reader import IndexReader
+from gateway.records.kept_pictures import KeptPicture
+from gateway.sinks.mqtt.visit_payload import visit_payload
+from gateway.web.auth.access import Level
+from gateway.web.auth.addresses import Addresses, Description, Endpoint, whole_number
+from gateway.web.auth.refusals import RefusalError
+from gateway.web.auth.sessions import Caller
+from gateway.web.history.models import (
+    BucketView,
+    KeptPicturesView,
+    KeptPictureView,
+    MarkedEventsView,
+    MarkedEventView,
+    RecordedVisitView,
+    RecordsView,
+    TrendView,
+    VisitsView,
+)
+from gateway.web.server.pictures import encoded
+from gateway.web.server.services import Bay, RequestCaller, Services, WebServices
+
+LAST_MS = 4_102_444_800_000  # 2100
+DAY_MS = 86_400_000
+MAX_VISITS, MAX_ROWS = 500, 20_000  # of one answer; of one file
+MAX_POINTS, MAX_EVENTS, MAX_PICTURES = 2000, 5000, 1000
+PICTURE_NEAR_NS = 2 * NS_PER_S  # of a visit's own moment
+ADDRESSES = Addresses()
+BAY = "/api/bays/{bay}"
+PICTURE = f"{BAY}/kept-pictures/{{file}}/{{place}}"
+
+ERRORS = {
+    400: "a number out of its range",
+    404: "no such bay",
+    503: "nothing is recorded, or the index cannot be read now; the reason is in `detail`",
+}
+_PICTURE_ERRORS = ERRORS | {404: "no such bay or picture", 403: "records.pictures_for does not let this role see it"}
+
+Since = Annotated[
+    int | None, whole_number(0, LAST_MS), Query(description="Unix time, ms; a day before `until_ms` by default")
+]
+Until = Annotated[int | None, whole_number(0, LAST_MS), Query(description="Unix time, ms; now by default")]
+Begun = Annotated[int, whole_number(0, LAST_MS)]
+Number = Annotated[int, whole_number(0, 10**9)]
+Visits = Annotated[int, whole_number(1, MAX_VISITS), Query(description="at most so many, the newest of them")]
+Rows = Annotated[int, whole_number(1, MAX_ROWS), Query(description="at most so many, the newest of them")]
+Points = Annotated[int, whole_number(1, MAX_POINTS), Query(description="at most so many buckets")]
+Marks = Annotated[int, whole_number(1, MAX_EVENTS), Query(description="at most so many, the newest of them")]
+Shots = Annotated[int, whole_number(1, MAX_PICTURES), Query(description="at most so many, the newest of them")]
+Width = Annotated[int, whole_number(64, 4096), Query(description="px; a wider picture is made smaller")]
+Kinds = Annotated[list[EventKind], Query(max_length=len(EventKind), description="only these; none: all")]
+
+
+def _get(
+    path: str, operation_id: str, summary: str, model: object = None, errors: Mapping[int, str] = ERRORS
+) -> Callable[[Endpoint], Endpoint]:
+    return ADDRESSES.get(path, Level.VIEWER, summary, Description(operation_id, model, errors=errors))
+
+
+@_get(f"{BAY}/records", "records", "what there is of one bay's records", RecordsView, {404: "no such bay"})
+async def _records(services: WebServices, caller: RequestCaller, bay: Bay) -> RecordsView:
+    span, why = None, ""
+    try:
+        span = await services.records.index(lambda reader: reader.span(bay.name))
+    except RefusalError as error:
+        why = str(error)
+    config = services.client.about.config
+    allowed = may_see_pictures(config, caller)
+    return RecordsView(
+        bay=bay.name,
+        recorded=services.records.folder is not None,
+        why=why,
+        first_ms=None if span is None else span[0],
+        last_ms=None if span is None else span[1],
+        pictures="not_for_you" if not allowed else "shown" if config.records.pictures else "not_kept",
+    )
+
+
+@_get(f"{BAY}/visits", "visits", "visits that are over, the newest first", VisitsView)
+async def _visits(
+    services: WebServices,
+    caller: RequestCaller,
+    bay: Bay,
+    since_ms: Since = None,
+    until_ms: Until = None,
+    limit: Visits = 100,
+) -> VisitsView:
+    begin_ms, end_ms = _span(services, since_ms, until_ms)
+    found = await services.records.index(lambda reader: reader.visits(bay.name, begin_ms, end_ms, limit + 1))
+    views = await _with_pictures(services, caller, bay.name, found[:limit])
+    return VisitsView(bay=bay.name, visits=tuple(views), more=len(found) > limit)
+
+
+@ADDRESSES.get(
+    f"{BAY}/visits.csv",
+    Level.VIEWER,
+    "visits as CSV",
+    Description("visits_csv", media="text/csv", errors=ERRORS),
+)
+async def _visits_csv(
+    services: WebServices, bay: Bay, since_ms: Since = None, until_ms: Until = None, limit: Rows = MAX_ROWS
+) -> Response:
+    begin_ms, end_ms = _span(services, since_ms, until_ms)
+
+    def made(reader: IndexReader) -> str:
+        return visits_csv.text(bay.name, reader.visits(bay.name, begin_ms, end_ms, limit))
+
+    text = await services.records.index(made)
+    headers = {"Content-Disposition": f'attachment; filename="visits-{bay.name}.csv"'}
+    return Response(text, media_type="text/csv; charset=utf-8", headers=headers)
+
+
+@_get(f"{BAY}/visits/{{begun_ms}}", "visit", "one visit", RecordedVisitView, ERRORS | {404: "no such bay or visit"})
+async def _visit(services: WebServices, caller: RequestCaller, bay: Bay, begun_ms: Begun) -> RecordedVisitView:
+    found = await services.records.index(lambda reader: reader.visit(bay.name, begun_ms))
+    if found is None:
+        raise RefusalError(404, "visit", f"no visit of {bay.name} began at {begun_ms}")
+    (view,) = await _with_pictures(services, caller, bay.name, [found])
+    return view
+
+
+@_get(f"{BAY}/trend", "trend", "R, Z and the outputs over some time, in buckets of whole minutes", TrendView)
+async def _trend(
+    services: WebServices, bay: Bay, since_ms: Since = None, until_ms: Until = None, points: Points = 500
+) -> TrendView:
+    begin_ms, end_ms = _span(services, since_ms, until_ms)
+    bucket_ms, found = await services.records.index(lambda reader: reader.trend(bay.name, begin_ms, end_ms, points))
+    buckets = tuple(BucketView.model_validate(bucket) for bucket in found)
+    return TrendView(bay=bay.name, bucket_ms=bucket_ms, buckets=buckets)
+
+
+@_get(f"{BAY}/history-events", "history_events", "recorded events of one bay, the oldest first", MarkedEventsView)
+async def _history_events(
+    services: WebServices,
+    bay: Bay,
+    kind: Kinds = [],  # noqa: B006 - FastAPI makes a new one for each request
+    since_ms: Since = None,
+    until_ms: Until = None,
+    limit: Marks = 1000,
+) -> MarkedEventsView:
+    begin_ms, end_ms = _span(services, since_ms, until_ms)
+    kinds = [each.value for each in kind]
+    found = await services.records.index(lambda reader: reader.marks(bay.name, begin_ms, end_ms, limit + 1, kinds))
+    events = tuple(MarkedEventView.model_validate(event) for event in found[-limit:])
+    return MarkedEventsView(bay=bay.name, events=events, more=len(found) > limit)
+
+
+@_get(
+    f"{BAY}/kept-pictures", "kept_pictures", "which pictures were kept, the oldest first", KeptPicturesView,
+    _PICTURE_ERRORS | {404: "no such bay"},
+)  # fmt: skip
+async def _kept_pictures(
+    services: WebServices,
+    caller: RequestCaller,
+    bay: Bay,
+    since_ms: Since = None,
+    until_ms: Until = None,
+    limit: Shots = 500,
+) -> KeptPicturesView:
+    _check_pictures(services, caller)
+    begin_ns, end_ns = (t_ms * NS_PER_MS for t_ms in _span(services, since_ms, until_ms))
+    found = await services.records.pictures(
+        bay.name, lambda folder: kept_pictures.kept(folder, begin_ns, end_ns, limit + 1)
+    )
+    views = tuple(_picture_view(picture) for picture in found[-limit:])
+    return KeptPicturesView(bay=bay.name, pictures=views, more=len(found) > limit)
+
+
+def _picture(ending: Literal["jpg", "png"], media: str, summary: str) -> None:
+    described = Description(f"kept_picture_{ending}", media=media, errors=_PICTURE_ERRORS)
+
+    @ADDRESSES.get(f"{PICTURE}.{ending}", Level.VIEWER, summary, described)
+    async def picture(
+        services: WebServices, caller: RequestCaller, bay: Bay, file: Number, place: Number, width: Width = 640
+    ) -> Response:
+        """`width` is of the JPEG only."""
+        _check_pictures(services, caller)
+
+        def read(folder: FilePath) -> tuple[int, bytes] | None:
+            found = kept_pictures.picture(folder, file, place)
+            if found is None:
+                return None
+            data = found.data if ending == "png" else encoded(picture_search.decoded(found), width)
+            return found.head.unix_ns // NS_PER_MS, data
+
+        answer = await services.records.pictures(bay.name, read)
+        if answer is None:
+            raise RefusalError(404, "picture", f"no picture {file}/{place} of {bay.name} is kept")
+        taken_ms, data = answer
+        return Response(data, media_type=media, headers={"X-Picture-Time-Ms": str(taken_ms)})
+
+
+_picture("jpg", "image/jpeg", "a kept picture, made smaller")
+_picture("png", "image/png", "a kept picture, without loss")
+
+
+def may_see_pictures(config: GatewayConfig, caller: Caller) -> bool:
+    """By `records.pictures_for`."""
+    least = config.records.pictures_for
+    return least != "nobody" and caller.level >= Level.of(least)
+
+
+def _check_pictures(services: Services, caller: Caller) -> None:
+    config = services.client.about.config
+    if not may_see_pictures(config, caller):
+        raise RefusalError(403, "pictures", f"records.pictures_for = {config.records.pictures_for}")
+
+
+def _span(services: Services, since_ms: int | None, until_ms: int | None) -> tuple[int, int]:
+    end_ms = services.client.server_time_ms if until_ms is None else until_ms
+    return max(0, end_ms - DAY_MS) if since_ms is None else since_ms, end_ms
+
+
+async def _with_pictures(
+    services: Services, caller: Caller, bay: str, visits: list[VisitSummary]
+) -> list[RecordedVisitView]:
+    pictures: list[KeptPicture | None] = [None] * len(visits)
+    if may_see_pictures(services.client.about.config, caller):
+        times_ns = [visit.frame_ms * NS_PER_MS if visit.frame_ms is not None else None for visit in visits]
+        pictures = await services.records.pictures(
+            bay, lambda folder: kept_pictures.nearest(folder, times_ns, PICTURE_NEAR_NS)
+        )
+    return [
+        RecordedVisitView(**dict(visit_payload(visit)), picture=None if picture is None else _picture_view(picture))
+        for visit, picture in zip(visits, pictures, strict=True)
+    ]
+
+
+def _picture_view(picture: KeptPicture) -> KeptPictureView:
+    head = picture.head
+    return KeptPictureView(
+        file=picture.file,
+        place=picture.place,
+        t_ms=head.unix_ns // NS_PER_MS,
+        frame_id=head.frame_id,
+        why=head.why,
+        changed=head.changed,
+    )

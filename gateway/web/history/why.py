@@ -1,0 +1,95 @@
+"""The addresses that are answered from the recordings themselves, by the reader process. IO."""
+
+import asyncio
+from typing import Annotated
+
+import msgspec
+from fastapi import Query
+from starlette.requests import Request
+from starlette.responses import Response
+
+from gateway.clock import NS_PER_MS
+from gateway.records.moment import local_name
+from gateway.records.questions import Question, ValuesQuestion, WhyQuestion
+from gateway.web.auth.access import Level
+from gateway.web.auth.addresses import Addresses, Description, whole_number
+from gateway.web.auth.refusals import RefusalError
+from gateway.web.history.models import TrendView
+from gateway.web.history.routes import BAY, ERRORS, LAST_MS, MAX_POINTS, may_see_pictures
+from gateway.web.server.services import Bay, RequestCaller, Services, WebServices
+
+LONGEST_MS = 2 * 3_600_000  # of `values`: nine segments
+ADDRESSES = Addresses()
+_ERRORS = ERRORS | {404: "no such bay, or nothing of that time is recorded"}
+
+At = Annotated[int, whole_number(0, LAST_MS), Query(description="Unix time, ms")]
+Points = Annotated[int, whole_number(1, MAX_POINTS), Query(description="at most so many buckets")]
+
+
+@ADDRESSES.get(
+    f"{BAY}/values",
+    Level.VIEWER,
+    "as trend, from the recordings themselves, of two hours at most",
+    Description("values", TrendView, errors=_ERRORS),
+)
+async def _values(
+    request: Request, services: WebServices, bay: Bay, since_ms: At, until_ms: At, points: Points = 500
+) -> TrendView:
+    if not 0 < until_ms - since_ms <= LONGEST_MS:
+        raise RefusalError(400, "query", f"until_ms is to be behind since_ms, by {LONGEST_MS} ms at most")
+    found = await _answer(request, services, ValuesQuestion(bay.name, since_ms, until_ms, points))
+    return TrendView.model_validate({"bay": bay.name, **msgspec.json.decode(found)})
+
+
+@ADDRESSES.get(
+    f"{BAY}/why",
+    Level.VIEWER,
+    "why the outputs were as they were at a moment, as `gateway why --json`",
+    Description("why", media="application/json", errors=_ERRORS),
+)
+async def _why(request: Request, services: WebServices, bay: Bay, at_ms: At) -> Response:
+    found = await _answer(request, services, WhyQuestion(bay.name, at_ms, html=False, pictures=True))
+    return Response(found, media_type="application/json")
+
+
+@ADDRESSES.get(
+    f"{BAY}/why.html",
+    Level.VIEWER,
+    "the same as a report in one file, with plots, and pictures for those who may see them",
+    Description("why_report", media="text/html", errors=_ERRORS),
+)
+async def _why_report(request: Request, services: WebServices, caller: RequestCaller, bay: Bay, at_ms: At) -> Response:
+    """To be saved: the pages' own policy lets no page have styles and pictures inside."""
+    pictures = may_see_pictures(services.client.about.config, caller)
+    found = await _answer(request, services, WhyQuestion(bay.name, at_ms, html=True, pictures=pictures))
+    name = f"why-{bay.name}-{local_name(at_ms * NS_PER_MS)}.html"
+    headers = {"Content-Disposition": f'attachment; filename="{name}"'}
+    return Response(found, media_type="text/html; charset=utf-8", headers=headers)
+
+
+async def _answer(request: Request, services: Services, question: Question) -> bytes:
+    """Given up when the caller is gone. Raises RefusalError."""
+
+    async def asked() -> bytes | RefusalError:
+        try:
+            return await services.reader.ask(question)
+        except RefusalError as refusal:
+            return refusal
+        finally:
+            watching.cancel()
+
+    async with asyncio.TaskGroup() as group:
+        asking = group.create_task(asked())
+        watching = group.create_task(_cancel_when_gone(request, asking))
+    if asking.cancelled():
+        raise RefusalError(503, "gone", "the caller is gone")
+    found = asking.result()
+    if isinstance(found, RefusalError):
+        raise found
+    return found
+
+
+async def _cancel_when_gone(request: Request, asking: asyncio.Task[bytes | RefusalError]) -> None:
+    while (await request.receive())["type"] != "http.disconnect":
+        pass
+    asking.cancel()

@@ -1,0 +1,173 @@
+// The history of a bay: a timeline by hour, day or month, its events, its visits, one visit as a film, and why.
+// `/history#bay1/1795400040000/day` is a bay, a moment and a length.
+
+import { html, render, useEffect, useErrorBoundary, useState } from '../vendor/preact-htm.js';
+import { get, toLogin } from '../lib/api.js';
+import { words } from '../lib/format.js';
+import { MARKED, SCALES, abnormal, hashOf, inputTime, placeOf, stamp, windowAt, zone } from '../lib/history.js';
+import { Brand, Pages, Who } from '../lib/top.js';
+import { useKept } from '../operator/hooks.js';
+import { useAnswer } from './answers.js';
+import { Film } from './film.js';
+import { Timeline } from './timeline.js';
+import { Visits } from './visits.js';
+import { Why } from './why.js';
+
+const SCROLL_MS = 200; // before the server is asked, while somebody scrolls
+const POINTS = { hour: 60, day: 480, month: 720 };
+
+function Top({ session, bay, setBay }) {
+  return html`<header class="top">
+    <${Brand} title="History" />
+    <${Pages} session=${session} bay=${bay} current="History" />
+    ${session.bays.length > 1 && html`<label class="small">bay <select aria-label="bay" value=${bay} onChange=${(event) => setBay(event.target.value)}>
+      ${session.bays.map((name) => html`<option value=${name} selected=${name === bay}>${name}</option>`)}</select></label>`}
+    <div class="facts push"><${Who} session=${session} next=${location.pathname + location.search + location.hash} /></div>
+  </header>`;
+}
+
+function Empty({ records, bay }) {
+  return html`<section class="panel" aria-labelledby="empty-title"><h1 id="empty-title">History of ${bay}</h1>
+    ${!records.recorded
+      ? html`<p><b>Nothing is recorded.</b> Set <code>state_dir</code> in the configuration to a folder that lasts, and leave <code>[records] enabled = true</code> as it is; then start the gateway anew. What is kept, how much, and who sees it: docs/records.md.</p>`
+      : records.why
+        ? html`<p class="notice warn"><b>The index of the records cannot be read.</b> ${records.why}</p>`
+        : html`<p><b>Nothing is in the index yet.</b> It gets the newest records about once a minute.</p>`}
+  </section>`;
+}
+
+function Events({ view, wrong, pick }) {
+  const events = (view?.events ?? []).slice(-300).reverse();
+  return html`<section class="panel events" aria-labelledby="events-title">
+    <header><h2 id="events-title">Events in this time</h2><span class="small muted">a press chooses its moment</span></header>
+    ${wrong && html`<p class="notice warn small" role="status">${wrong}</p>`}
+    <div class="scroll" tabindex="0" role="region" aria-label="events, newest first"><table class="stack"><tbody>
+      ${events.map((event) => html`<tr>
+        <td class="nowrap"><button type="button" class="plain link mono" onClick=${() => pick(event.t_ms)}>${stamp(event.t_ms)}</button></td>
+        <td class="nowrap">${abnormal(event.kind) ? html`<span class="tag bad">${words(event.kind)}</span>` : words(event.kind)}</td>
+        <td>${[event.sensor, event.quality && event.quality !== 'GOOD' ? words(event.quality) : '', event.detail].filter(Boolean).join(' · ')}</td></tr>`)}
+    </tbody></table>
+    ${events.length === 0 && html`<p class="muted">None.</p>`}</div>
+  </section>`;
+}
+
+function usePlace(bays) {
+  const [place, setPlace] = useState(() => placeOf(location.hash, bays));
+  useEffect(() => {
+    const changed = () => setPlace(placeOf(location.hash, bays));
+    addEventListener('hashchange', changed);
+    return () => removeEventListener('hashchange', changed);
+  }, []);
+  return place;
+}
+
+function Bay({ bay, place, records, scale, setScale }) {
+  const lastMs = records.last_ms;
+  const [atMs, setAtMs] = useState(place.atMs);
+  const [middleMs, setMiddleMs] = useState(place.atMs ?? lastMs - SCALES[scale].ms / 2);
+  const [visit, setVisit] = useState(null);
+  const [asked, setAsked] = useState(0);
+  const { sinceMs, untilMs } = windowAt(middleMs, scale, lastMs);
+  const span = `since_ms=${sinceMs}&until_ms=${untilMs}`;
+  const at = `/api/bays/${encodeURIComponent(bay)}`;
+  const how = { waitMs: SCROLL_MS, key: untilMs >= lastMs ? lastMs : 0 }; // anew when there is more at its end
+  const trend = useAnswer(`${at}/trend?${span}&points=${POINTS[scale]}`, how);
+  const marks = useAnswer(`${at}/history-events?${span}&limit=1000&${MARKED.map((kind) => `kind=${kind}`).join('&')}`, how);
+  const visits = useAnswer(`${at}/visits?${span}&limit=200`, how);
+
+  useEffect(() => {
+    history.replaceState(null, '', hashOf({ bay, atMs: Math.round(atMs ?? middleMs), scale }));
+  }, [bay, atMs, middleMs, scale]);
+  const go = (ms) => setMiddleMs(Math.max(0, Math.min(ms, lastMs)));
+  const pan = (share) => go((sinceMs + untilMs) / 2 + share * SCALES[scale].ms);
+  const choose = (ms) => {
+    setAtMs(ms);
+    if (ms < sinceMs || ms > untilMs) go(ms);
+  };
+  const rescale = (name) => {
+    if (atMs !== null && atMs >= sinceMs && atMs <= untilMs) setMiddleMs(atMs);
+    else if (untilMs >= lastMs) setMiddleMs(lastMs - SCALES[name].ms / 2);
+    setScale(name);
+  };
+  const ask = (ms) => {
+    if (ms !== undefined) setAtMs(ms);
+    setAsked(asked + 1);
+  };
+  return html`
+    <section class="panel past" aria-labelledby="past-title">
+      <header>
+        <h1 id="past-title">${bay}: <span class="value">${stamp(sinceMs)}</span> to <span class="value">${stamp(untilMs)}</span></h1>
+        <div class="row compact">
+          <div class="group" role="group" aria-label="length of the timeline">
+            ${Object.entries(SCALES).map(([name, { word }]) => html`<button type="button" aria-pressed=${String(scale === name)} onClick=${() => rescale(name)}>${word}</button>`)}
+          </div>
+          <div class="group" role="group" aria-label="scroll">
+            <button type="button" disabled=${untilMs <= records.first_ms} onClick=${() => pan(-1)}>Earlier</button>
+            <button type="button" disabled=${untilMs >= lastMs} onClick=${() => pan(1)}>Later</button>
+            <button type="button" disabled=${untilMs >= lastMs} onClick=${() => go(lastMs)}>Newest</button>
+          </div>
+          <label class="small">moment <input type="datetime-local" step="1" value=${atMs === null ? '' : inputTime(atMs)}
+            onChange=${(event) => { const ms = new Date(event.target.value).getTime(); if (Number.isFinite(ms)) { setAtMs(ms); go(ms); } }} /> ${zone(atMs ?? untilMs)}</label>
+        </div>
+      </header>
+      ${trend.wrong && html`<p class="notice warn small" role="status">${trend.wrong}</p>`}
+      <${Timeline} label="timeline" view=${trend.answer} events=${marks.answer?.events ?? []} sinceMs=${sinceMs} untilMs=${untilMs} atMs=${atMs} pick=${setAtMs} pan=${pan} />
+      <p class="small muted">Line: mean; band: least to largest. Hatched: not recorded. Red: stop for a fault. Recorded from ${stamp(records.first_ms)} to ${stamp(lastMs)}. Scroll sideways, or with the arrow keys.</p>
+    </section>
+    ${visit && html`<${Film} key=${visit.begun_ms} bay=${bay} visit=${visit} pictures=${records.pictures} ask=${ask} close=${() => setVisit(null)} />`}
+    <${Why} bay=${bay} atMs=${atMs} asked=${asked} ask=${() => ask()} />
+    <${Events} view=${marks.answer} wrong=${marks.wrong} pick=${choose} />
+    <${Visits} bay=${bay} view=${visits.answer} wrong=${visits.wrong} busy=${visits.busy} sinceMs=${sinceMs} untilMs=${untilMs}
+      chosen=${visit?.begun_ms ?? null} choose=${(one) => setVisit(one.begun_ms === visit?.begun_ms ? null : one)} />`;
+}
+
+function App({ session }) {
+  const place = usePlace(session.bays);
+  const { bay } = place;
+  const [kept, keep] = useKept('history.scale', 'day');
+  const scale = place.scale ?? (Object.hasOwn(SCALES, kept) ? kept : 'day');
+  const [chosen, setChosen] = useState(scale);
+  const [again, setAgain] = useState(0);
+  const records = useAnswer(bay === null ? null : `/api/bays/${encodeURIComponent(bay)}/records`, { key: again });
+  useEffect(() => {
+    const timer = setInterval(() => !document.hidden && setAgain((n) => n + 1), 60_000); // as often as the index grows
+    return () => clearInterval(timer);
+  }, []);
+  useEffect(() => setChosen(scale), [place]);
+  document.title = `History of ${bay ?? 'bays'}`;
+  const setBay = (name) => { location.hash = encodeURIComponent(name); };
+  const setScale = (name) => {
+    keep(name);
+    setChosen(name);
+  };
+  const view = records.answer?.bay === bay ? records.answer : null;
+  return html`
+    <a class="skip" href="#main" onClick=${(event) => { event.preventDefault(); document.getElementById('main').focus(); }}>To the content</a>
+    <${Top} session=${session} bay=${bay} setBay=${setBay} />
+    <main id="main" tabindex="-1" class="page history">
+      ${records.wrong && html`<p class="notice bad" role="alert">${records.wrong}</p>`}
+      ${view && (view.last_ms === null
+        ? html`<${Empty} records=${view} bay=${bay} />`
+        : html`<${Bay} key=${`${bay} ${place.atMs}`} bay=${bay} place=${place} records=${view} scale=${chosen} setScale=${setScale} />`)}
+      ${!view && !records.wrong && html`<p class="muted">Loading.</p>`}
+    </main>`;
+}
+
+function Guarded({ session }) {
+  const [fault] = useErrorBoundary((error) => console.error(error));
+  if (fault) return html`<main class="page"><p class="notice bad" role="alert"><b>This page has failed.</b> Load it anew. (${String(fault.message ?? fault)})</p></main>`;
+  return html`<${App} session=${session} />`;
+}
+
+async function begin() {
+  try {
+    const session = await get('/api/session');
+    render(html`<${Guarded} session=${session} />`, document.body);
+  } catch (error) {
+    if (error.status === 401) return toLogin();
+    render(html`<main class="page"><p class="notice bad" role="alert"><b>The gateway does not answer</b> (${error.name === 'TypeError' ? 'no connection' : error.message}). Trying again.</p></main>`, document.body);
+    setTimeout(begin, 2000);
+  }
+}
+
+begin();

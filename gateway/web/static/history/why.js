@@ -1,0 +1,48 @@
+// Why were the outputs as they were at the chosen moment? Asked on demand: it costs a second or more.
+
+import { html, useEffect, useState } from '../vendor/preact-htm.js';
+import { stamp } from '../lib/history.js';
+import { words } from '../lib/format.js';
+import { useAnswer } from './answers.js';
+
+const CHAIN = ['time', 'what', 'by', 'why'];
+const timed = (rows, caption) =>
+  rows.length > 0 && html`<h3>${caption}</h3><table class="stack"><tbody>${rows.map((row) => html`<tr><td class="nowrap mono">${row.time.slice(11, 23)}</td>
+    ${CHAIN.slice(1).map((name) => html`<td>${row[name] ?? ''}</td>`)}</tr>`)}</tbody></table>`;
+
+/** `asked`: counts what was asked; 0: nothing yet. */
+export function Why({ bay, atMs, asked, ask }) {
+  const at = `/api/bays/${encodeURIComponent(bay)}`;
+  const [of, setOf] = useState(/** @type {number|null} */ (null));
+  useEffect(() => {
+    if (asked > 0 && atMs !== null) setOf(atMs);
+  }, [asked]);
+  useEffect(() => setOf(null), [bay]);
+  const { answer, wrong, busy } = useAnswer(of === null ? null : `${at}/why?at_ms=${of}`, { timeoutMs: 110_000, key: asked });
+  const outputs = answer?.outputs;
+  return html`<section class="panel why-panel" aria-labelledby="why-title">
+    <header>
+      <h2 id="why-title">Why?</h2>
+      <div class="row compact">
+        <span class="small value">${atMs === null ? 'choose a moment in the timeline' : stamp(atMs, { ms: true })}</span>
+        <button type="button" class="primary" disabled=${atMs === null || busy} onClick=${ask}>Why?</button>
+        ${atMs !== null && html`<a class="button" href=${`${at}/why.html?at_ms=${atMs}`} download>Report</a>`}
+      </div>
+    </header>
+    <div aria-live="polite">
+      ${busy && html`<p class="muted">The decision is being taken again from the recording; that takes some seconds.</p>`}
+      ${wrong && html`<p class="notice warn">${wrong}</p>`}
+    </div>
+    ${answer && !busy && html`<div class="answer" tabindex="0" role="region" aria-label="the answer">
+      <p class="small muted">${answer.time.slice(0, 23)} ${answer.time.slice(23)}</p>
+      <p class="headline">${answer.headline}</p>
+      ${answer.warnings.filter((text) => text !== answer.headline).map((text) => html`<p class="notice warn small">${text}</p>`)}
+      ${outputs && html`<p class="small">stop <b>${outputs.stop}</b>, may_move <b>${outputs.may_move}</b>, in_place <b>${outputs.in_place}</b>, reason <b>${words(outputs.reason)}</b>${answer.since ? `, so since ${answer.since}` : ''}</p>`}
+      ${answer.causes.length > 1 && html`<h3>Besides</h3><ul class="notes">${answer.causes.slice(1).map((cause) => html`<li>${cause.text}</li>`)}</ul>`}
+      ${timed(answer.chain, 'How it came about')}
+      ${timed(answer.after, 'And then')}
+      ${timed(answer.done, 'Who did what')}
+      <p class="small muted">${answer.pictures.length} ${answer.pictures.length === 1 ? 'picture' : 'pictures'} kept round it. The report has them, with plots, the state vector and the settings.</p>
+    </div>`}
+  </section>`;
+}

@@ -1,0 +1,152 @@
+// What was recorded, made ready to be drawn and read: windows of time, columns with gaps, words. Pure.
+
+import { NONE, clock, known, number, words } from './format.js';
+
+const HOUR = 3_600_000;
+/** Lengths of the timeline. @type {Record<string, {ms: number, word: string}>} */
+export const SCALES = {
+  hour: { ms: HOUR, word: 'hour' },
+  day: { ms: 24 * HOUR, word: 'day' },
+  month: { ms: 30 * 24 * HOUR, word: '30 days' },
+};
+/** Reasons for stop that are no fault: the truck is where it should be, or nobody is there, or the gateway was told. */
+const NORMAL = new Set(['none', 'target_reached', 'stop_latched', 'starting', 'no_target', 'target_coasted', 'range_too_far', 'no_echo', 'shutdown']);
+/** Kinds of events that are marked on the timeline. */
+export const MARKED = ['sensor_fault', 'plc_lost', 'moved', 'operator_mark', 'function_check_begun', 'settings_changed', 'start', 'shutdown'];
+const BAD = new Set(['sensor_fault', 'plc_lost', 'moved']);
+
+/** Is a stop for this reason, or an event of this kind, something abnormal? */
+export const abnormal = (name) => BAD.has(name) || !(NORMAL.has(name) || MARKED.includes(name));
+
+/** Offset of the reader's zone at that moment, "+01:00". */
+export function zone(unixMs) {
+  const minutes = -new Date(unixMs).getTimezoneOffset();
+  const two = (n) => String(Math.trunc(n)).padStart(2, '0');
+  return `${minutes < 0 ? '-' : '+'}${two(Math.abs(minutes) / 60)}:${two(Math.abs(minutes) % 60)}`;
+}
+
+/** Date, time and zone. */
+export const stamp = (unixMs, how = {}) => (known(unixMs) ? `${clock(unixMs, { date: true, ...how })} ${zone(unixMs)}` : NONE);
+
+/** For an input of kind datetime-local. */
+export const inputTime = (unixMs) => clock(unixMs, { date: true }).replace(' ', 'T');
+
+/**
+ * The address of a moment, `bay/unix ms/scale`, and back; what does not fit is left out.
+ * @param {string} hash @param {string[]} bays
+ */
+export function placeOf(hash, bays) {
+  const [bay, at, scale] = hash.replace(/^#/, '').split('/').map(decoded);
+  const ms = Number(at);
+  return {
+    bay: bays.includes(bay) ? bay : bays[0] ?? null,
+    atMs: at && Number.isSafeInteger(ms) && ms >= 0 && ms < 4_102_444_800_000 ? ms : null,
+    scale: Object.hasOwn(SCALES, scale ?? '') ? scale : null,
+  };
+}
+
+function decoded(text) {
+  try {
+    return decodeURIComponent(text);
+  } catch {
+    return '';
+  }
+}
+
+export const hashOf = ({ bay, atMs, scale }) => `#${[encodeURIComponent(bay), atMs, scale].join('/')}`;
+
+/** The window of this length round `atMs`, none of it later than `lastMs` unless the moment itself is. */
+export function windowAt(atMs, scale, lastMs) {
+  const { ms } = SCALES[scale];
+  const half = Math.round(ms / 2);
+  const untilMs = known(lastMs) && atMs <= lastMs ? Math.min(atMs + half, Math.max(lastMs, atMs)) : atMs + half;
+  const ends = Math.ceil(untilMs / 60_000) * 60_000;
+  return { sinceMs: Math.max(0, ends - ms), untilMs: ends };
+}
+
+/**
+ * Columns for steps that break where nothing is recorded: each bucket at its begin, and the end of each row of them.
+ * @param {{t_ms: number}[]} buckets ascending @param {number} lengthMs @param {string[]} names
+ * @returns {(number|null)[][]} seconds, and one column for each name
+ */
+export function columns(buckets, lengthMs, names) {
+  const out = /** @type {(number|null)[][]} */ ([[], ...names.map(() => [])]);
+  const push = (tMs, bucket) => {
+    out[0].push(tMs / 1000);
+    for (const [n, name] of names.entries()) out[n + 1].push(bucket && known(bucket[name]) ? bucket[name] : null);
+  };
+  for (const [n, bucket] of buckets.entries()) {
+    push(bucket.t_ms, bucket);
+    const next = buckets[n + 1];
+    if (next && next.t_ms - bucket.t_ms <= lengthMs) continue;
+    const end = bucket.t_ms + lengthMs;
+    push(end - 1, bucket);
+    if (next) push(end, null);
+  }
+  return out;
+}
+
+/** The bucket that holds the moment; null: nothing was recorded then. */
+export function bucketAt(buckets, lengthMs, atMs) {
+  let [low, high] = [0, buckets.length - 1];
+  while (low <= high) {
+    const middle = (low + high) >> 1;
+    if (buckets[middle].t_ms > atMs) high = middle - 1;
+    else low = middle + 1;
+  }
+  const found = buckets[high];
+  return found && atMs < found.t_ms + lengthMs ? found : null;
+}
+
+/** Seconds of stop in all, and those for a reason that is a fault. */
+export function stopOf(bucket) {
+  let [all, fault] = [0, 0];
+  for (const [reason, seconds] of Object.entries(bucket.stop_s)) {
+    all += seconds;
+    if (abnormal(reason)) fault += seconds;
+  }
+  return { all, fault };
+}
+
+const length = (seconds) => (seconds < 120 ? number(seconds, seconds < 10 ? 1 : 0, 's') : number(seconds / 60, 0, 'min'));
+const spread = (least, mean, most, unit) => (known(mean) ? `${number(least, 0)} to ${number(most, 0, unit)}, mean ${number(mean, 0)}` : NONE);
+
+/** A bucket in words; null: nothing was recorded. */
+export function bucketText(bucket, lengthMs) {
+  if (!bucket) return 'nothing recorded';
+  const parts = [`R ${spread(bucket.r_min, bucket.r_mean, bucket.r_max, 'px')}`, `Z ${spread(bucket.z_min, bucket.z_mean, bucket.z_max, 'mm')}`];
+  if (bucket.may_move_s > 0) parts.push(`may move ${length(bucket.may_move_s)}`);
+  if (bucket.in_place_s > 0) parts.push(`in place ${length(bucket.in_place_s)}`);
+  const reasons = Object.entries(bucket.stop_s).sort(([, a], [, b]) => b - a).slice(0, 2);
+  if (reasons.length) parts.push(`stop ${reasons.map(([reason, seconds]) => `${length(seconds)} (${words(reason)})`).join(', ')}`);
+  const missing = lengthMs / 1000 - bucket.recorded_s;
+  if (missing > 0.02 * (lengthMs / 1000)) parts.push(`not recorded ${length(missing)}`);
+  return parts.join(' · ');
+}
+
+/** Kinds of visits for the filter. @type {Record<string, [string, (visit: any) => boolean]>} */
+export const VISIT_KINDS = {
+  all: ['all', () => true],
+  faults: ['with faults', (visit) => visit.faults.length > 0],
+  moved: ['moved unreleased', (visit) => visit.moved !== 'NO'],
+  never: ['never in place', (visit) => visit.to_position_s === null],
+  corrected: ['with corrections', (visit) => visit.corrections > 0],
+  interrupted: ['interrupted', (visit) => visit.interrupted],
+};
+
+export const faultsText = (visit) =>
+  visit.faults.map((fault) => `${words(fault.reason)} ${fault.times > 1 ? `${fault.times} × ` : ''}${length(fault.seconds)}`).join(', ');
+
+/** Of a picture in a film: how long it is shown, ms. Silences between pictures are not waited for. */
+export function frameMs(pictures, n, speed) {
+  const next = pictures[n + 1];
+  if (!next) return null;
+  return Math.max(40, Math.min(1500, next.t_ms - pictures[n].t_ms) / speed);
+}
+
+/** The picture shown at that moment: the newest before it, else the first. */
+export function pictureAt(pictures, atMs) {
+  let found = 0;
+  for (const [n, picture] of pictures.entries()) if (picture.t_ms <= atMs) found = n;
+  return found;
+}

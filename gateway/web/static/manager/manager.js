@@ -1,0 +1,144 @@
+// The manager's page: what a bay did on some days. `/manager?bay=bay1&from=2026-11-17&to=2026-11-23`; it prints on A4.
+
+import { html, render, useEffect, useErrorBoundary, useState } from '../vendor/preact-htm.js';
+import { get, toLogin } from '../lib/api.js';
+import { between, isDay, moment, spans } from '../lib/days.js';
+import { Brand, Pages, Who } from '../lib/top.js';
+import { Patterns } from './charts.js';
+import { Accuracy, AlarmDays, Alarms, Causes, DayTable, DayTimes, Distance, KeyFigures, ToPosition, Trucks } from './panels.js';
+
+const TIMEOUT_MS = 60_000; // a quarter of a year, on a busy machine
+const MOST_DAYS = 92;
+
+/** What is asked for stands in the address, so that it can be kept and sent. */
+function asked(session) {
+  const query = new URLSearchParams(location.search);
+  const bay = session.bays.includes(query.get('bay')) ? query.get('bay') : session.bays[0];
+  const day = (name) => (isDay(query.get(name)) ? query.get(name) : null);
+  return { bay, first: day('from'), last: day('to') };
+}
+
+function queryOf({ first, last }) {
+  const query = new URLSearchParams();
+  if (first) query.set('from', first);
+  if (last) query.set('to', last);
+  return query.toString();
+}
+
+function useStatistics(wanted) {
+  const [got, setGot] = useState({ view: null, wrong: '', of: '' });
+  const path = `/api/bays/${encodeURIComponent(wanted.bay)}/statistics?${queryOf(wanted)}`;
+  useEffect(() => {
+    const end = new AbortController();
+    (async () => {
+      try {
+        const view = await get(path, { signal: end.signal, timeoutMs: TIMEOUT_MS });
+        setGot({ view, wrong: '', of: path });
+      } catch (error) {
+        if (end.signal.aborted) return;
+        if (error.status === 401) toLogin();
+        setGot({ view: null, wrong: error.name === 'TypeError' ? 'no connection to the gateway' : error.message, of: path });
+      }
+    })();
+    return () => end.abort();
+  }, [path]);
+  return { ...got, waiting: got.of !== path, path };
+}
+
+function Choice({ session, wanted, view, go }) {
+  const first = wanted.first ?? view?.first ?? '';
+  const last = wanted.last ?? view?.last ?? '';
+  const pick = (name) => (event) => {
+    if (!isDay(event.target.value)) return;
+    const next = { ...wanted, first, last, [name]: event.target.value };
+    if (next.first > next.last) next[name === 'first' ? 'last' : 'first'] = event.target.value;
+    go(next);
+  };
+  return html`<form class="panel across choice row compact" aria-label="which days" onSubmit=${(event) => event.preventDefault()}>
+    ${session.bays.length > 1 && html`<label>bay <select value=${wanted.bay} onChange=${(event) => go({ ...wanted, bay: event.target.value })}>
+      ${session.bays.map((name) => html`<option value=${name} selected=${name === wanted.bay}>${name}</option>`)}</select></label>`}
+    ${view && html`<div class="group" role="group" aria-label="usual spans">
+      ${spans(view.made.slice(0, 10)).map(([name, from, to]) => html`<button type="button" aria-pressed=${String(first === from && last === to)} onClick=${() => go({ ...wanted, first: from, last: to })}>${name}</button>`)}</div>`}
+    <label>from <input type="date" value=${first} onChange=${pick('first')} /></label>
+    <label>to <input type="date" value=${last} onChange=${pick('last')} /></label>
+    ${view && html`<span class="push row">
+      <a class="button" href=${`/api/bays/${encodeURIComponent(wanted.bay)}/statistics.csv?${queryOf({ first, last })}`}>CSV</a>
+      <button type="button" onClick=${() => print()}>Print</button>
+    </span>`}
+  </form>`;
+}
+
+function Head({ view }) {
+  const days = between(view.first, view.last);
+  return html`<div class="across head"><h1>${view.bay}: what the bay did</h1>
+    <p>${view.site}, ${view.instance} · <b>${view.first}${view.last !== view.first ? ` to ${view.last}` : ''}</b>, ${days === 1 ? 'one day' : `${days} days`} of ${view.time_zone} · made ${moment(view.made)}</p></div>`;
+}
+
+function Nothing({ view }) {
+  return html`<p class="notice across" role="status"><b>Nothing is recorded of these days.</b> ${view.recorded_from
+    ? html`There are records from ${moment(view.recorded_from)} to ${moment(view.recorded_to)}: choose days between them.`
+    : html`There are no records of ${view.bay} yet: the first minute appears here about two minutes after the gateway has begun to record.`}</p>`;
+}
+
+const Unavailable = ({ wrong }) => html`<div class="notice warn across" role="alert"><p><b>There are no figures to show</b>: ${wrong}.</p>
+  ${/nothing is recorded/.test(wrong) && html`<p class="small">They are made of the gateway's records, which need a folder. In the configuration's file:</p>
+  <pre class="mono small">state_dir = "/var/lib/loading-gateway"${'\n\n'}[records]${'\n'}enabled = true</pre>`}</div>`;
+
+function App({ session }) {
+  const [wanted, setWanted] = useState(() => asked(session));
+  const { view, wrong, waiting } = useStatistics(wanted);
+  useEffect(() => {
+    const back = () => setWanted(asked(session));
+    addEventListener('popstate', back);
+    return () => removeEventListener('popstate', back);
+  }, []);
+  const go = (next) => {
+    const days = queryOf(next);
+    history.pushState(null, '', `?bay=${encodeURIComponent(next.bay)}${days && `&${days}`}`);
+    setWanted(next);
+  };
+  document.title = `${wanted.bay}: what the bay did`;
+  const tooMany = wanted.first && wanted.last && between(wanted.first, wanted.last) > MOST_DAYS;
+  return html`
+    <a class="skip" href="#main" onClick=${(event) => { event.preventDefault(); document.getElementById('main').focus(); }}>To the content</a>
+    <header class="top">
+      <${Brand} title=${view?.site ?? 'Loading bays'} more=${view?.instance ?? ''} />
+      <${Pages} session=${session} bay=${wanted.bay} current="Manager" />
+      <div class="facts push"><${Who} session=${session} /></div>
+    </header>
+    <${Patterns} />
+    <main id="main" tabindex="-1" class="page manager" aria-busy=${String(waiting)}>
+      <${Choice} session=${session} wanted=${wanted} view=${view} go=${go} />
+      ${waiting && html`<p class="across muted" role="status">Reading the records …</p>`}
+      ${!waiting && wrong && (tooMany ? html`<p class="notice warn across" role="alert">${wrong}</p>` : html`<${Unavailable} wrong=${wrong} />`)}
+      ${view && html`<${Head} view=${view} />
+        ${view.remarks.length > 0 && html`<div class="notice warn across" role="status">${view.remarks.map((text) => html`<p>${text}</p>`)}</div>`}
+        ${view.times.recorded_s <= 0 && view.positions.trucks === 0
+          ? html`<${Nothing} view=${view} />`
+          : html`<${KeyFigures} view=${view} />
+            <${Trucks} view=${view} /><${DayTimes} view=${view} />
+            <${ToPosition} view=${view} /><${Distance} view=${view} />
+            <${Causes} view=${view} /><${Accuracy} view=${view} />
+            <${Alarms} view=${view} /><${AlarmDays} view=${view} />
+            <${DayTable} view=${view} />`}`}
+    </main>`;
+}
+
+function Guarded({ session }) {
+  const [error] = useErrorBoundary((thrown) => console.error(thrown));
+  if (error) return html`<main class="page"><p class="notice bad" role="alert"><b>This page has failed.</b> Load it again.</p></main>`;
+  return html`<${App} session=${session} />`;
+}
+
+async function begin() {
+  try {
+    const session = await get('/api/session');
+    render(html`<${Guarded} session=${session} />`, document.body);
+  } catch (error) {
+    if (error.status === 401) return toLogin();
+    render(html`<main class="page"><p class="notice bad" role="alert"><b>The gateway does not answer</b> (${error.name === 'TypeError' ? 'no connection' : error.message}). Trying again.</p></main>`, document.body);
+    setTimeout(begin, 2000);
+  }
+}
+
+begin();

@@ -1,0 +1,182 @@
+"""The manager's page: the figures of a recorded week, days to choose, paper, and what it says where nothing is."""
+
+import csv
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, Page, expect
+
+from tests.browser import judgements
+from tests.browser.chromium import visited
+from tests.browser.conftest import Visit
+from tests.browser.recorded_week import FAULTS, TRUCKS, Pages, Week, in_zone, prepared
+from tests.browser.test_pages import WIDTHS_PX
+
+A4_PT = (595, 842)
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Pages, Week]]:
+    folder = tmp_path_factory.mktemp("records")
+    with in_zone():
+        week = prepared(folder / "north_works.gateway")
+        with Pages(folder) as pages:
+            yield pages, week
+
+
+@pytest.fixture
+def week(served: tuple[Pages, Week]) -> Week:
+    return served[1]
+
+
+@pytest.fixture
+def page(served: tuple[Pages, Week], visit: Visit) -> Page:
+    opened = visit(f"{served[0].url}/manager")
+    expect(opened.locator(".figure")).to_have_count(7)
+    return opened
+
+
+def figures(page: Page) -> dict[str, str]:
+    """By name, as people read them."""
+    return dict(
+        page.locator(".figure").evaluate_all(
+            "(all) => all.map((one) => [one.querySelector('dt').textContent, one.querySelector('dd').textContent])"
+        )
+    )
+
+
+def panel(page: Page, title: str) -> str:
+    return page.get_by_role("region", name=title, exact=True).inner_text()
+
+
+def test_the_week_in_short_and_day_by_day(page: Page, week: Week) -> None:
+    expect(page.get_by_role("heading", level=1)).to_have_text("bay1: what the bay did")
+    expect(page.locator(".head")).to_contain_text("2026-11-17 to 2026-11-23, 7 days of Europe/Berlin")
+    expect(page.locator(".head")).to_contain_text(
+        "made 2026-11-23 15:42:20 +01:00"
+    )  # the browser's own zone is another
+    told = figures(page)
+    assert told["Trucks"] == str(sum(TRUCKS)) == str(sum(week.trucks))
+    assert told["Corrections"] == f"{week.corrections / sum(TRUCKS):.2f}"
+    fault_s = sum(60 * length for _, length in FAULTS.values())
+    assert told["Availability"].replace("\u202f", "") == f"{100 * (1 - fault_s / week.recorded_s):.1f}%"
+    passed_s = 6 * 86_400 + 15.7 * 3600 + 20
+    assert told["Recorded"].replace("\u202f", "") == f"{100 * week.recorded_s / passed_s:.1f}%"
+    rows = page.get_by_role("region", name="Day by day").locator("tbody tr")
+    expect(rows).to_have_count(7)
+    assert [int(text) for text in rows.locator("[data-name=trucks]").all_inner_texts()] == [n for n in TRUCKS if n]
+    expect(rows.nth(5)).to_contain_text("2026-11-22 Sun")
+    expect(rows.nth(5)).to_contain_text("not recorded")
+    expect(rows.nth(2).locator("[data-name='not recorded']")).to_have_text(re.compile(r"^5\.0\sh$"))
+
+
+def test_pictures_show_what_the_numbers_say(page: Page, week: Week) -> None:
+    bars = page.get_by_role("img", name="Trucks of each day")
+    assert bars.locator(".total").all_text_contents() == [str(count) for count in TRUCKS if count]
+    expect(bars.get_by_text("2026-11-22: not recorded")).to_have_count(1)
+    heights = bars.locator("rect.part[fill='#16324a']").evaluate_all(
+        "(all) => all.map((bar) => Number(bar.getAttribute('height')))"
+    )
+    placed = [
+        int(text)
+        for text in page.get_by_role("region", name="Day by day").locator("[data-name='in place']").all_inner_texts()
+    ]
+    assert sum(placed) == week.placed
+    assert heights == pytest.approx([heights[0] * count / placed[0] for count in placed])
+
+
+def test_stops_by_cause_the_longest_first(page: Page, week: Week) -> None:
+    faults = page.get_by_role("table", name="Faults that stopped the bay, the longest first").locator("tbody tr")
+    assert faults.locator("th").all_inner_texts() == ["camera down", "ranger down", "sensors disagree", "vision stale"]
+    assert [text.split(",")[1].strip() for text in faults.locator("td.value").all_inner_texts()] == [
+        "2×",
+        "1×",
+        "1×",
+        "1×",
+    ]
+    assert faults.last.locator("td").last.inner_text().replace("\u202f", "") == "100%"
+    causes = page.get_by_role("region", name="Stops by cause").locator("table.stack tbody tr")
+    seconds = [int(text.replace("\u202f", "")) for text in causes.locator("[data-name=seconds]").all_inner_texts()]
+    assert seconds == sorted((round(length) for length in week.stop_s.values()), reverse=True)
+
+
+def test_alarms_beside_the_standard(page: Page, week: Week) -> None:
+    alarms = page.get_by_role("region", name="Alarms", exact=True)
+    expect(alarms).to_contain_text("ANSI/ISA-18.2-2016")
+    rate = alarms.locator("[data-figure=per_hour]")
+    expect(rate).to_contain_text(f"{week.alarms / (week.recorded_s / 3600):.2f}")
+    expect(rate).to_contain_text("up to 6; at most 12")
+    expect(rate).to_contain_text("acceptable")
+    expect(alarms.get_by_role("table", name="The most frequent alarms")).to_contain_text("Camera down")
+
+
+def test_days_are_chosen_and_stand_in_the_address(page: Page) -> None:
+    page.get_by_label("from", exact=True).fill("2026-11-18")
+    page.get_by_label("to", exact=True).fill("2026-11-18")
+    expect(page.locator(".figure dd.value").first).to_have_text("41")
+    assert page.url.endswith("/manager?bay=bay1&from=2026-11-18&to=2026-11-18")
+    page.reload()
+    expect(page.locator(".figure dd.value").first).to_have_text("41")
+    page.get_by_role("button", name="Yesterday").click()
+    expect(page.get_by_text("Nothing is recorded of these days.")).to_be_visible()
+    expect(page.locator("main")).to_contain_text("from 2026-11-17 00:00:00 +01:00 to 2026-11-23 15:42:00 +01:00")
+    page.go_back()
+    expect(page.locator(".figure dd.value").first).to_have_text("41")
+    page.get_by_role("combobox", name="bay").select_option("bay2")
+    expect(page.get_by_text("There are no records of bay2 yet")).to_be_visible()
+
+
+def test_the_file_has_the_same_days(page: Page, tmp_path: Path) -> None:
+    with page.expect_download() as waiting:
+        page.get_by_role("link", name="CSV").click()
+    path = tmp_path / "statistics.csv"
+    waiting.value.save_as(path)
+    assert waiting.value.suggested_filename == "statistics-bay1-2026-11-17-to-2026-11-23.csv"
+    with path.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [int(row["trucks"]) for row in rows] == list(TRUCKS)
+    assert rows[0]["begin"] == "2026-11-17T00:00:00+01:00"
+
+
+def test_a_week_is_two_sheets_of_a4(page: Page) -> None:
+    pdf = page.pdf(prefer_css_page_size=True, print_background=True)
+    assert len(re.findall(rb"/Type\s*/Page[^s]", pdf)) == 2
+    (box, *_) = re.findall(rb"/MediaBox\s*\[0 0 ([\d.]+) ([\d.]+)\]", pdf)
+    assert tuple(map(float, box)) == pytest.approx(A4_PT, abs=1)
+    page.emulate_media(media="print")
+    expect(page.get_by_role("button", name="Print")).to_be_hidden()
+    expect(page.locator(".top")).to_be_hidden()
+    assert panel(page, "Day by day").count("2026-11-") == 7
+    assert page.evaluate("() => getComputedStyle(document.documentElement).backgroundColor") == "rgb(255, 255, 255)"
+
+
+def test_it_is_accessible_and_fits_into_every_width(page: Page) -> None:
+    judgements.accessible(page)
+    judgements.usable_by_keyboard(page)
+    for width_px in WIDTHS_PX:
+        page.set_viewport_size({"width": width_px, "height": 900})
+        page.evaluate("() => new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(drawn)))")
+        judgements.no_sideways_scroll(page)
+
+
+def test_the_other_pages_lead_here(served: tuple[Pages, Week], visit: Visit) -> None:
+    page = visit(f"{served[0].url}/#bay2")
+    page.get_by_role("navigation", name="pages").get_by_role("link", name="Manager").click()
+    expect(page.get_by_role("heading", level=1)).to_have_text("bay2: what the bay did")
+
+
+def test_where_nothing_is_recorded_it_says_what_to_set(browser: Browser, tmp_path: Path) -> None:
+    with (
+        Pages(tmp_path, recorded=False) as pages,
+        visited(browser, f"{pages.url}/login") as (page, watch),
+    ):
+        watch.excused = re.compile("503")
+        page.goto(f"{pages.url}/manager")
+        told = page.get_by_role("alert")
+        expect(told).to_contain_text("There are no figures to show")
+        expect(told).to_contain_text('state_dir = "/var/lib/loading-gateway"')
+        expect(page.get_by_role("link", name="CSV")).to_have_count(0)
+        judgements.accessible(page)
+        assert watch.complaints == []

@@ -1,0 +1,82 @@
+import assert from 'node:assert/strict';
+import test from 'node:test';
+import { VISIT_KINDS, abnormal, bucketAt, bucketText, columns, faultsText, frameMs, hashOf, pictureAt, placeOf, stamp, stopOf, windowAt, zone } from '../static/lib/history.js';
+
+const MIN = 60_000;
+const bucket = (t_ms, more = {}) => ({ t_ms, recorded_s: 60, may_move_s: 0, in_place_s: 0, stop_s: {}, r_min: null, r_mean: null, r_max: null, z_min: null, z_mean: null, z_max: null, ...more });
+
+test('no line goes across what was not recorded', () => {
+  const buckets = [bucket(0, { r_mean: 5 }), bucket(MIN, { r_mean: 6 }), bucket(5 * MIN, { r_mean: 7 })];
+  const [t, mean] = columns(buckets, MIN, ['r_mean']);
+  assert.deepEqual(t, [0, 60, 119.999, 120, 300, 359.999]);
+  assert.deepEqual(mean, [5, 6, 6, null, 7, 7]);
+  assert.deepEqual(columns([], MIN, ['r_mean', 'z_mean']), [[], [], []]);
+  assert.deepEqual(columns([bucket(0)], MIN, ['r_mean'])[1], [null, null]);
+});
+
+test('the bucket of a moment, and none in a gap', () => {
+  const buckets = [bucket(0), bucket(MIN), bucket(5 * MIN)];
+  const found = [-1, 0, MIN - 1, MIN, 2 * MIN, 5 * MIN, 6 * MIN - 1, 6 * MIN].map((at) => bucketAt(buckets, MIN, at)?.t_ms ?? null);
+  assert.deepEqual(found, [null, 0, 0, MIN, null, 5 * MIN, 5 * MIN, null]);
+  assert.equal(bucketAt([], MIN, 5), null);
+});
+
+test('a bucket in words says what was not recorded', () => {
+  assert.equal(bucketText(null, MIN), 'nothing recorded');
+  const full = bucketText(bucket(0, { r_min: 100, r_mean: 154.5, r_max: 180, may_move_s: 30, stop_s: { target_reached: 20, vision_stale: 10 } }), MIN);
+  assert.match(full, /R 100 to 180.px, mean 15[45]/);
+  assert.match(full, /Z –/);
+  assert.match(full, /may move 30.s/);
+  assert.match(full, /stop 20.s \(target reached\), 10.s \(vision stale\)/);
+  assert.doesNotMatch(full, /not recorded/);
+  assert.match(bucketText(bucket(0, { recorded_s: 15 }), MIN), /not recorded 45.s/);
+});
+
+test('stop for a fault is told from stop in place', () => {
+  assert.deepEqual(stopOf(bucket(0, { stop_s: { target_reached: 20, vision_stale: 10, plc_lost: 1 } })), { all: 31, fault: 11 });
+  assert.ok(abnormal('sensor_fault') && abnormal('ranger_down') && abnormal('moved'));
+  assert.ok(!abnormal('operator_mark') && !abnormal('no_target') && !abnormal('start'));
+});
+
+test('the address of a moment goes both ways, and nonsense is left out', () => {
+  const place = { bay: 'bay 1/x', atMs: 1795400040000, scale: 'hour' };
+  assert.deepEqual(placeOf(hashOf(place), ['bay 1/x']), place);
+  assert.deepEqual(placeOf('', ['a', 'b']), { bay: 'a', atMs: null, scale: null });
+  assert.deepEqual(placeOf('#b/-5/year', ['a', 'b']), { bay: 'b', atMs: null, scale: null });
+  assert.deepEqual(placeOf('#%/1e99/constructor', ['a']), { bay: 'a', atMs: null, scale: null });
+  assert.deepEqual(placeOf('#a', []), { bay: null, atMs: null, scale: null });
+});
+
+test('a window has its length, whole minutes at its end, and ends at the newest', () => {
+  for (const [scale, ms] of [['hour', 3_600_000], ['day', 86_400_000], ['month', 30 * 86_400_000]]) {
+    const last = 1_795_400_040_000;
+    const { sinceMs, untilMs } = windowAt(last - 1234, scale, last);
+    assert.deepEqual([untilMs - sinceMs, untilMs % MIN, untilMs], [ms, 0, last]);
+    const early = windowAt(last - 2 * ms, scale, last);
+    assert.ok(Math.abs((early.sinceMs + early.untilMs) / 2 - (last - 2 * ms)) <= MIN);
+  }
+  assert.equal(windowAt(1000, 'hour', 10 * 3_600_000).sinceMs, 0);
+});
+
+test('times carry their date and their zone', () => {
+  const at = 1_795_400_040_000;
+  assert.match(stamp(at), /^2026-11-2[23] \d\d:\d\d:\d\d [+-]\d\d:\d\d$/);
+  assert.equal(new Date(stamp(at).replace(' ', 'T').replace(' ', '')).getTime(), at);
+  assert.match(zone(at), /^[+-]\d\d:\d\d$/);
+  assert.equal(stamp(null), '–');
+});
+
+test('a film keeps time, and does not wait through silences', () => {
+  const pictures = [{ t_ms: 0 }, { t_ms: 500 }, { t_ms: 60_000 }];
+  assert.deepEqual([0, 1, 2].map((n) => frameMs(pictures, n, 1)), [500, 1500, null]);
+  assert.equal(frameMs(pictures, 0, 4), 125);
+  assert.equal(frameMs([{ t_ms: 0 }, { t_ms: 1 }], 0, 1), 40);
+  assert.deepEqual([-5, 0, 499, 500, 70_000].map((at) => pictureAt(pictures, at)), [0, 0, 0, 1, 2]);
+});
+
+test('visits are filtered by what happened in them', () => {
+  const visit = { faults: [{ reason: 'NO_ECHO', times: 2, seconds: 1.25 }], moved: 'NO', to_position_s: null, corrections: 2, interrupted: false };
+  const kinds = Object.entries(VISIT_KINDS).filter(([, [, fits]]) => fits(visit)).map(([key]) => key);
+  assert.deepEqual(kinds, ['all', 'faults', 'never', 'corrected']);
+  assert.match(faultsText(visit), /^no echo 2 × 1\.[23].s$/);
+});
