@@ -41,11 +41,9 @@ from bench.plant.plc_program import Program
 from bench.plant.poller import OUTCOMES, Poller
 from bench.plant.report import Report, progress, table
 from bench.plant.simulated import Simulated, wait_until
-from gateway.core.interlock import Rules
-from gateway.modbus.registers.register import WordOrder
-from gateway.records.recording import config_of, records, segments_of
+from gateway.records.recorded_rules import RecordedRules
+from gateway.records.recording import records, segments_of
 from gateway.records.replay import Difference, Replay
-from gateway.records.segment import Head
 from tests.e2e.brokers import Mosquitto
 
 RECOVERY_S = 20.0
@@ -261,12 +259,7 @@ def run(args: argparse.Namespace) -> int:
 
 def replayed(folder: Path, report: Report) -> None:
     """Every decision of the run is taken again from what was recorded: the same, but for the gaps that are recorded."""
-
-    def rules_of(head: Head) -> tuple[Rules, WordOrder]:
-        config = config_of(head)
-        return Rules.of(config.bays[0], config), config.modbus.word_order
-
-    replay = Replay(rules_of)
+    replay = Replay(RecordedRules())
     other = [found for found in replay.run(records(segments_of([folder]))) if isinstance(found, Difference)]
     report.row(
         "steps replayed from the recording", f"{replay.steps}; {replay.images} register images, {len(other)} other"

@@ -9,13 +9,13 @@ turn; every few minutes the broker is restarted, the vision process killed, or t
 follows from the seed; a scenario's faults end after 24 h, the others go on.
 
 Every 10 s it notes memory, descriptors and threads of each process, the files of the gateway and the lines of its log
-(at level info, as shipped). Growth a day is the slope of the line through these points, after a first part that is left
-out; with it the standard error of that slope. An independent poller and the simulator's truth judge the outputs all the
-while, as in bench.chaos.
+(at level info, as shipped). The recording grows until its limit, and is counted by itself. Growth a day is the slope of
+the line through these points, after a first part that is left out; with it the standard error of that slope. An
+independent poller and the simulator's truth judge the outputs all the while, as in bench.chaos.
 
 Fails, exit code 1, if an output was on that the truth forbids, if the gateway ended, if it did not end in order, or if
 memory, descriptors, threads or files grow by more than allowed, even less twice the standard error (not judged in a run
-shorter than half an hour).
+shorter than half an hour), or if the recording is larger than its limit.
 """
 
 import argparse
@@ -41,11 +41,12 @@ from bench.plant.judge import Judge
 from bench.plant.plc_program import Program
 from bench.plant.poller import ANSWERED, OUTCOMES, Poll, Poller
 from bench.plant.report import Report, answer_times, progress, table
-from bench.plant.simulated import ROOT, Simulated, wait_until
+from bench.plant.simulated import RECORD_MB, ROOT, Simulated, wait_until
 from tests.e2e.brokers import Mosquitto
 
 DAY_S = 86_400.0
-WARM_UP_SHARE, WARM_UP_MOST_S = 0.5, 1800.0
+# The memories of fixed length (events for the pages, changes for a Sparkplug host) are full after some 40 min.
+WARM_UP_SHARE, WARM_UP_MOST_S = 0.6, 2700.0
 JUDGED_S = 1800.0
 SENSOR_FAULTS = (
     "camera_freeze", "camera_lost", "camera_black", "camera_stuck", "marker_hidden", "ranger_silent", "ranger_no_echo",
@@ -63,6 +64,7 @@ DISTURBED_S = (120.0, 400.0)  # from one to the next
 ALLOWED = {"memory MiB": 32.0, "descriptors": 2.0, "threads": 2.0, "files": 2.0}
 # Changes kept for a Sparkplug host that never comes: the usual 1,000 would take more than an hour to fill.
 HISTORY = "history = 100\n"
+RECORDING = "size of the recording KiB"  # grows until its limit
 KEPT_TIMES = 2_000_000  # poll times for the percentiles: a day at 20 Hz
 
 
@@ -172,6 +174,7 @@ class Soak:
             raise RuntimeError(f"the gateway ended: {gateway.process and gateway.process.returncode}")
         of = {one.role: one for one in gateway.usage()}
         files, size = gateway.files()
+        recorded_files, recorded_size = gateway.recorded()
         for role in ("vision", "web"):
             if (one := of.get(role)) is not None:
                 if self._pids.get(role) != one.pid:
@@ -186,6 +189,8 @@ class Soak:
                 "threads": of["main"].threads,
                 "files": files,
                 "size of the files KiB": size / 1024,
+                "files of the recording": recorded_files,
+                RECORDING: recorded_size / 1024,
                 "log lines": gateway.log_lines.total(),
                 "log KiB": gateway.log_bytes / 1024,
                 "processor time of the main process s": of["main"].cpu_s,
@@ -264,6 +269,9 @@ def _report(report: Report, soak: Soak, worked_s: float, folder: Path | None) ->
         report.row(name, f"{values[0]:.1f} first{since}, {values[-1]:.1f} last; {slope:+.1f} +- {error:.1f} a day")
         if judged and name in ALLOWED and slope - 2 * error > ALLOWED[name]:
             report.fail(f"{name}: {slope:+.1f} +- {error:.1f} a day, allowed {ALLOWED[name]:g}")
+    largest_kib = max(samples.series.get(RECORDING, ((), (0.0,)))[1])
+    if largest_kib > 1.1 * 1000 * RECORD_MB:  # the file that is being written stays
+        report.fail(f"the recording grew to {largest_kib:.0f} KiB; its limit is {RECORD_MB} MB")
     report.data |= {
         "samples": {name: [[round(t, 1) for t in at_s], values] for name, (at_s, values) in samples.series.items()},
         "unexpected_log_lines": list(soak.plant.gateway.unexpected),

@@ -25,8 +25,11 @@ from gateway.modbus.exports.target import Target
 from gateway.modbus.reference import reaction_time, situations, timing_diagrams
 from gateway.modbus.reference import server as modbus_reference
 from gateway.ranger.hcsr04 import c_header, protocol
+from gateway.records import alarm_rates
 from gateway.sim import scenario
+from gateway.sinks import registry as sink_registry
 from gateway.sinks.mqtt import reference
+from gateway.sinks.postgresql import tables as historian_tables
 from gateway.sinks.sparkplug import metrics as sparkplug_metrics
 from gateway.vision.detect import reference as detection
 from gateway.vision.offline.evaluation import labels, requirements, scoring
@@ -63,14 +66,16 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
         "states": alarm_states.markdown,
         "designs": alarm_table.suppressions_markdown,
         "responses": alarm_table.responses_markdown,
+        "benchmarks": alarm_rates.markdown,
     },
     "commissioning-vision.md": {
         "labels": labels.markdown,
         "requirements": requirements.markdown,
         "verdicts": scoring.markdown,
     },
-    "config.md": {"keys": configdoc.markdown},
+    "config.md": {"keys": lambda: configdoc.markdown(sink_registry.sections())},
     "fmea.md": {"failure modes": lambda: failure_modes.markdown(marked_tests(DOCS.parent / "tests"))},
+    "historian.md": {"tables": historian_tables.markdown},
     "hmi-security.md": {"access": app.markdown},
     "modbus-server.md": modbus_reference.BLOCKS,
     "hmi-api.md": {"calls": openapi.markdown, "metrics": metrics.markdown},
@@ -107,6 +112,7 @@ def texts() -> Iterator[tuple[Path, str]]:
         yield path, page(path.read_text(encoding="utf-8"), blocks)
     for name, text in reference.schemas().items():
         yield DOCS / "schemas" / name, text
+    yield DOCS / "scada" / "postgresql.sql", historian_tables.sql_file()
     yield DOCS / "openapi.json", json.dumps(openapi.document(), indent=1, ensure_ascii=False) + "\n"
     for name in PLC_EXAMPLES:
         for file, text in export(name, (Target(writes=True),)).items():

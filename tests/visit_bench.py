@@ -7,7 +7,7 @@ frames when the marker is covered. The ranger is the simulated board, its wire, 
 
 import random
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from gateway.bay import Recorder
@@ -249,13 +249,8 @@ class MarkerSight:
         if circle is None:
             return Quality.COASTED if self.unseen <= COAST_FRAMES and not black else Quality.NO_TARGET, None
         noise = self._chance.gauss
-        shaken = replace(
-            circle,
-            u_px=circle.u_px + noise(0, 0.1),
-            v_px=circle.v_px + noise(0, 0.1),
-            radius_px=circle.radius_px + noise(0, 0.15),
-        )
-        return Quality.GOOD, shaken
+        u_px, v_px = circle.u_px + noise(0, 0.1), circle.v_px + noise(0, 0.1)
+        return Quality.GOOD, Circle(u_px, v_px, circle.radius_px + noise(0, 0.15))
 
     def _can_see(self, truth: Truth) -> bool:
         camera, radius = self.scenario.camera, truth.radius_px

@@ -13,6 +13,7 @@ import sys
 import threading
 import time
 from collections import Counter, deque
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -22,6 +23,7 @@ import psutil
 
 from bench.plant.poller import PLC_ADDRESS
 from gateway.config import GatewayConfig, load
+from gateway.records.names import PICTURES, SEGMENT
 from gateway.sim import scenario as scenarios
 from gateway.sim.scenario import Scenario
 from tests.e2e.brokers import free_port
@@ -29,6 +31,8 @@ from tests.e2e.processes import survivors
 
 ROOT = Path(__file__).resolve().parents[2]
 STATE_MB = 64
+RECORD_MB = 50  # limit of the recording
+RECORDED = (SEGMENT, PICTURES)
 STARTED_S = 60.0
 # By the beginning of the process's name, as `top` shows it.
 ROLES = {"gw-worker": "vision", "gw-hmi": "web", "gw-recorder": "recorder", "gw-template": "template"}
@@ -45,7 +49,7 @@ enabled = true
 port = {{hmi_port}}
 without_login = "technician"
 [records]
-max_mb = 50
+max_mb = {RECORD_MB}
 picture_mb_per_day = 40
 [camera]
 deadline_s = 1.0
@@ -243,15 +247,14 @@ class Simulated:
         return found
 
     def files(self) -> tuple[int, int]:
-        """Files of its own in its state folder and in shared memory, and their bytes."""
+        """Files of its own in its state folder and in shared memory, but for the recordings, and their bytes."""
         instance = str(self.started.get("instance"))
         own = [path for path in Path("/dev/shm").iterdir() if instance in path.name]
-        sizes = []
-        for path in (*self.disk.rglob("*"), *own):
-            with contextlib.suppress(OSError):
-                if path.is_file():
-                    sizes.append(path.stat().st_size)
-        return len(sizes), sum(sizes)
+        return _count(path for path in (*self.disk.rglob("*"), *own) if path.suffix not in RECORDED)
+
+    def recorded(self) -> tuple[int, int]:
+        """Files of the bay's recording, and their bytes."""
+        return _count(path for path in self.disk.glob("records/*/bay1/*") if path.suffix in RECORDED)
 
     # -- what it prints --------------------------------------------------------------------------------------------
 
@@ -294,3 +297,13 @@ def wait_until(true: Any, timeout_s: float, every_s: float = 0.05) -> float | No
             return None
         time.sleep(every_s)
     return time.monotonic() - begun_s
+
+
+def _count(paths: Iterable[Path]) -> tuple[int, int]:
+    """Regular files, and their bytes; what vanishes meanwhile is left out."""
+    sizes = []
+    for path in paths:
+        with contextlib.suppress(OSError):
+            if path.is_file():
+                sizes.append(path.stat().st_size)
+    return len(sizes), sum(sizes)

@@ -10,7 +10,11 @@ from typing import Any
 import psutil
 import pytest
 
-from gateway.records.recording import Missing, pictures, pictures_in
+from gateway.core.visit_summary import VisitEnd, VisitSummary
+from gateway.errors import LinkError
+from gateway.records.index_reader import IndexReader
+from gateway.records.record import VisitRecord
+from gateway.records.recording import Missing, pictures, pictures_in, records, segments_of
 from tests.e2e.plc import Plc
 from tests.e2e.processes import Gateway, command
 
@@ -118,3 +122,84 @@ def test_a_disk_that_refuses_is_reported_and_stops_nothing(tmp_path: Path) -> No
     assert "writes again" in gateway.stderr
     code, said = replay(tmp_path)
     assert (code, said["same"], said["missing"]) == (0, True, [])
+
+
+PATIENT = """
+instance = "{instance}"
+[fusion]  # a busy machine shall not make a sensor fall silent
+vision_deadline_s = 5.0
+range_deadline_s = 5.0
+"""
+
+
+@pytest.mark.failure_mode("G13")
+def test_an_index_that_cannot_be_written_is_reported_and_stops_no_recording(tmp_path: Path) -> None:
+    settings, instance = tmp_path / "settings.toml", f"index-{os.getpid()}"
+    settings.write_text(PATIENT.format(instance=instance))
+    (tmp_path / "records" / f"site1.{instance}" / "index.sqlite").mkdir(parents=True)
+    args = ("simulate", "--no-hmi", "--modbus-port", "0", "--state-dir", str(tmp_path), "--config", str(settings))
+    with Gateway(*args, "--json") as gateway:
+        port = gateway.started()["modbus_port"]
+        with Plc(port) as plc:
+            plc.wait_for(lambda image: True)
+            plc.wait_for_beats(150)
+        deadline = time.monotonic() + 20
+        while "index.sqlite" not in gateway.stderr and time.monotonic() < deadline:
+            time.sleep(0.05)
+        assert gateway.end() == 0
+    assert "recorder: index.sqlite: unable to open database file" in gateway.stderr
+    code, said = replay(tmp_path)
+    assert (code, said["same"], said["missing"]) == (0, True, [])
+
+
+STANDS = "seed = 5\nstart = { distance_cm = 28 }\n"
+LEAVES = (
+    "seed = 5\nstart = { distance_cm = 28 }\nlegs = [\n  { distance_cm = 28, speed_cm_s = 30, hold_s = 5 },\n"
+    "  { distance_cm = 150, speed_cm_s = 40, hold_s = 500 },\n]\n"
+)
+
+
+def test_a_visit_across_a_restart_is_one_visit_and_is_in_the_index_before_its_minute_is_over(tmp_path: Path) -> None:
+    settings, scenario, state = tmp_path / "settings.toml", tmp_path / "scenario.toml", tmp_path / "state"
+    settings.write_text(PATIENT.format(instance=f"visit-{os.getpid()}"))
+    bay = ("--scenario", str(scenario), "--config", str(settings), "--state-dir", str(state), "--method", "paper")
+    args = ("simulate", *bay, "--no-hmi", "--modbus-port", "0", "--json")
+    scenario.write_text(STANDS)
+    with Gateway(*args) as gateway:
+        gateway.wait_for(lambda row: row["type"] == "state" and row["in_place"])
+        gateway.wait_for(lambda row: row["type"] == "state" and bool(visits_recorded(state)))
+        os.kill(gateway.process.pid, signal.SIGKILL)
+        gateway.process.wait(10)
+    before = visits_recorded(state)[-1].visit
+    assert (before.end, before.interruptions) == (VisitEnd.OPEN, 0)
+
+    scenario.write_text(LEAVES)
+    with Gateway(*args) as gateway:
+        ended = gateway.wait_for(lambda row: row["type"] == "event" and row["kind"] == "visit", 60)
+        assert "interrupted by a restart" in ended["detail"]
+        deadline = time.monotonic() + 20  # the next minute's reading is later
+        while not (found := indexed(state)) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        assert gateway.end() == 0
+    assert [(visit.begun_ms, visit.end, visit.interruptions) for visit in found] == [
+        (before.begun_ms, VisitEnd.CLEAR, 1)
+    ]
+    (visit,) = found
+    assert visit.off_s > 0
+    assert visit.in_place_s >= before.in_place_s
+    assert visit.times_in_place >= before.times_in_place == 1
+    told = [row for row in gateway.rows if row["type"] == "event" and row["kind"] == "visit"]
+    assert len(told) == 1
+    assert [record.visit.end for record in visits_recorded(state)].count(VisitEnd.CLEAR) == 1
+
+
+def visits_recorded(state: Path) -> list[VisitRecord]:
+    found = records(segments_of([folder_in(state)])) if (state / "records").exists() else ()
+    return [item[1] for item in found if not isinstance(item, Missing) and isinstance(item[1], VisitRecord)]
+
+
+def indexed(state: Path) -> list[VisitSummary]:
+    try:
+        return IndexReader(folder_in(state).parent).visits("bay1", 0, 2**60, 10)
+    except LinkError:
+        return []

@@ -239,14 +239,21 @@ class TestTheTable:
             ("task_crashed", GatewayConditions(crashes=1)),
             ("recorder_fault", GatewayConditions(recorder_fault="no space left")),
             ("records_lost", GatewayConditions(records_lost=5)),
+            ("index_fault", GatewayConditions(index_fault="index.sqlite: database is locked")),
             ("bay_file_fault", GatewayConditions(bay_file_fault="no space left")),
             ("bay_file_damaged", GatewayConditions(bay_file_damaged="bay1: cut")),
         ],
     )
     def test_each_condition_raises_its_alarm_and_no_other(self, kind: str, conditions: GatewayConditions) -> None:
         alarms = new_engine()
-        changes = [*alarms.update_gateway(conditions, T0), *alarms.update_gateway(conditions, T0 + 31 * S)]
+        changes = [*alarms.update_gateway(conditions, T0), *alarms.update_gateway(conditions, T0 + 181 * S)]
         assert reached(changes) == [(kind, "unacknowledged")]
+
+    def test_an_index_that_catches_up_within_three_minutes_is_no_alarm(self) -> None:
+        alarms = new_engine()
+        locked = GatewayConditions(index_fault="index.sqlite: database is locked")
+        seconds = {0: locked, 60: locked, 120: locked, 179: locked, 185: GatewayConditions(), 360: locked, 530: locked}
+        assert [alarms.update_gateway(now, T0 + second * S) for second, now in seconds.items()] == [[]] * 7
 
     def test_a_gateway_without_broker_and_known_plcs_has_no_alarm(self) -> None:
         alarms = new_engine()

@@ -165,6 +165,26 @@ def test_function_23_writes_nothing_where_it_can_not_read() -> None:
     assert pair.words == WORDS
 
 
+def test_where_the_number_of_registers_is_known_function_23_reads_one_image_after_its_write() -> None:
+    done: list[str] = []
+
+    def read() -> list[int]:
+        done.append("read")
+        return WORDS
+
+    def write(address: int, words: Sequence[int], peer: Peer, mask: int = 0xFFFF) -> ModbusException | None:
+        done.append("write")
+        return None
+
+    unit = Unit(read, write, words=len(WORDS))
+    assert answer(unit, pdu(23, 98, 2, 80, 1) + b"\x02\x00\x01", ANYBODY)[:2] == b"\x17\x04"
+    assert done == ["write", "read"]
+    assert answer(unit, pdu(23, 99, 2, 80, 1) + b"\x02\x00\x01", ANYBODY) == b"\x97\x02"
+    assert answer(unit, pdu(23, 0, 2, 99, 2) + b"\x04\x00\x01\x00\x01", ANYBODY) == b"\x97\x02"
+    assert answer(unit, pdu(6, 100, 1), ANYBODY) == b"\x86\x02"
+    assert done == ["write", "read"]
+
+
 def test_the_exception_is_that_of_the_write() -> None:
     unit = Unit(lambda: WORDS, lambda address, words, peer, mask=0: ModbusException.ILLEGAL_VALUE)
     assert answer(unit, pdu(6, 80, 7), ANYBODY) == b"\x86\x03"
