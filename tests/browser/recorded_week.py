@@ -92,7 +92,8 @@ def _day(db: sqlite3.Connection, at: int, day: LocalDay, minutes: int, made: Wee
         stop_s = {reason: 60.0} if reason else {}
         texts = [msgspec.json.encode(of).decode() for of in (stop_s, {reason: 1} if begins_now else {})]
         placed_s = 60.0 * (reason == "target_reached")
-        row = ("bay1", first + n, 60.0, may_move_s, placed_s, *texts, 1800, 0, *[None] * 6, at + 1)
+        sensors = _sensors(n, approaching, standing) if n not in faulty else (None,) * 6
+        row = ("bay1", first + n, 60.0, may_move_s, placed_s, *texts, 1800, 0, *sensors, at + 1)
         db.execute(f"INSERT INTO minutes VALUES ({', '.join('?' * len(row))})", row)
         made.recorded_s += 60
         made.may_move_s += may_move_s
@@ -104,6 +105,17 @@ def _day(db: sqlite3.Connection, at: int, day: LocalDay, minutes: int, made: Wee
         if of == at:
             _alarm(db, at, day.begin_ms + begin * MINUTE_MS + 2000, f"bay1.{ALARMS[reason]}", length)
             made.alarms += 1
+
+
+def _sensors(n: int, approaching: set[int], standing: set[int]) -> tuple[float | None, ...]:
+    """R px and Z mm of a minute, each as least, mean and largest value; R times Z is 54,000."""
+    if n in standing:
+        z_mm = (302.0, 304.0, 306.0)
+    elif n in approaching:
+        z_mm = (1500.0, 2200.0, 3000.0) if n - 1 not in approaching else (304.0, 700.0, 1500.0)
+    else:
+        return (None,) * 6
+    return (*(54_000 / z for z in reversed(z_mm)), *z_mm)
 
 
 def _visit(db: sqlite3.Connection, at: int, begun_ms: int, made: Week, chance: random.Random) -> None:

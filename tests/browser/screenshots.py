@@ -14,6 +14,7 @@ from tests.browser.plant import first_visit
 from tests.browser.recorded_week import Pages, in_zone, prepared
 from tests.e2e.processes import Gateway
 
+NOON_MS = 1_794_999_600_000  # 2026-11-18 12:00 in Berlin: the day with most trucks
 WAIT_S = 90.0  # for the moment that is to be shown
 TREND_MS = 25_000.0  # so that a trend has something to show
 FREE_PORTS = ("--modbus-port", "0", "--hmi-port", "0")
@@ -82,7 +83,7 @@ SHOTS = (
     Shot("driver-ok", APPROACH, "/driver", of_code("OK"), 960, 540),
     Shot("login", APPROACH, "/login", at_once, 960, 540),
 )
-MANAGER = "manager"
+WEEK = {"manager": ("/manager", ".figure", 7), "history": (f"/history#bay1/{NOON_MS}/day", ".visits tbody tr", 41)}
 
 
 def take(browser: Browser, shots: list[Shot], folder: Path) -> None:
@@ -101,20 +102,21 @@ def take(browser: Browser, shots: list[Shot], folder: Path) -> None:
                 print(path)
 
 
-def take_manager(browser: Browser, path: Path) -> None:
+def take_week(browser: Browser, name: str, path: Path) -> None:
     """Of a week that is prepared: nobody waits for it."""
+    address, selector, count = WEEK[name]
     with in_zone(), TemporaryDirectory() as folder:
         prepared(Path(folder) / "north_works.gateway")
-        with Pages(Path(folder)) as pages, visited(browser, f"{pages.url}/manager", height_px=1000) as (page, watch):
-            expect(page.locator(".figure")).to_have_count(7)
-            page.screenshot(path=path, full_page=True)
+        with Pages(Path(folder)) as pages, visited(browser, pages.url + address, height_px=1000) as (page, watch):
+            expect(page.locator(selector)).to_have_count(count)
+            page.screenshot(path=path, full_page=name == "manager")
             assert watch.complaints == []
     print(path)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="./dev screenshots", description=__doc__)
-    known = [shot.name for shot in SHOTS] + [MANAGER]
+    known = [*(shot.name for shot in SHOTS), *WEEK]
     parser.add_argument("names", nargs="*", help=f"of: {', '.join(known)}; none: all")
     parser.add_argument("--folder", type=Path, default=Path("docs/images"))
     args = parser.parse_args()
@@ -123,8 +125,8 @@ def main() -> None:
         parser.error(f"no such picture: {', '.join(sorted(strangers))}")
     with chromium() as browser:
         take(browser, [shot for shot in SHOTS if not args.names or shot.name in args.names], args.folder)
-        if not args.names or MANAGER in args.names:
-            take_manager(browser, args.folder / f"hmi-{MANAGER}.png")
+        for name in (name for name in WEEK if not args.names or name in args.names):
+            take_week(browser, name, args.folder / f"hmi-{name}.png")
 
 
 if __name__ == "__main__":
