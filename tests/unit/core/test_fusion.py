@@ -14,6 +14,7 @@ from gateway.core.agreement import LARGEST
 from gateway.core.detection import Circle
 from gateway.core.fusion import RANGE_REASON, VISION_REASON, Observation, forced_stop, initial, step
 from gateway.core.readings import Quality, RangeReading, RangeStats, VisionReading, VisionStats
+from gateway.core.scale import ScaleSample, learned
 from gateway.core.state import Guidance, GuidanceCode, Moved, Reason, StateVector, Tick, Visit, VisitPhase
 from tests.examples import examples
 
@@ -237,6 +238,24 @@ def test_a_port_that_opens_again_lifts_no_fault(fault: Quality) -> None:
     state = after(seen(T0, 100.0), RangeReading(T0, fault), RangeReading(T0 + 9 * MS, Quality.WAITING))
     assert (state.range.quality, state.range.t_ns) == (fault, T0)
     assert after(heard(T0 + 10 * MS, 900.0), start=state).may_move
+
+
+def test_a_silence_while_it_recovers_begins_the_recovery_anew() -> None:
+    """Dead; alive for 0.9 of the second that it takes; silent for longer than its deadline; alive again."""
+    config = plain(cross_check=None).model_copy(update={"recovery_s": 1.0})
+    state = after(seen(T0, 100.0), heard(T0, 900.0), RangeReading(T0, Quality.LINK_DOWN), config=config)
+
+    def heard_until(last_ms: int, first_ms: int) -> Quality:
+        nonlocal state
+        for t_ms in range(first_ms, last_ms + 1, 100):
+            state = step(state, heard(T0 + t_ms * MS, 900.0), T0 + t_ms * MS, config)
+        return state.range.quality
+
+    assert heard_until(1000, 100) is Quality.LINK_DOWN
+    silent_ms = 1000 + round(1000 * config.range_deadline_s) + 1
+    state = step(state, TICK, T0 + silent_ms * MS, config)
+    assert heard_until(silent_ms + 999, silent_ms) is Quality.LINK_DOWN
+    assert heard_until(silent_ms + 1000, silent_ms + 1000) is Quality.GOOD
 
 
 def test_a_new_connection_withdraws_the_value_of_the_old_one() -> None:
@@ -541,6 +560,35 @@ def test_the_debounce_of_a_stop_ends_no_stop_of_a_fault() -> None:
         frame = VisionReading(now_ns, Quality.NO_TARGET) if n % 3 == 2 else seen(now_ns, 220.0)
         state = step(state, frame, now_ns, config)
         assert (state.stop, state.may_move) == (True, False)
+
+
+def test_a_moment_beyond_the_thresholds_before_d_was_1_holds_nothing() -> None:
+    """D = 1 is held until the truck has moved away; what was not D = 1 for raise_debounce_s yet is not."""
+    config = FusionConfig(raise_debounce_s=0.3, recovery_s=0, clear_hold_s=0)
+    state = after(seen(T0, 100.0), heard(T0, 900.0), config=config)
+    for n, (radius_px, distance_mm) in enumerate([(181.0, 299.0), *[(179.0, 301.0)] * 9]):
+        now_ns = T0 + (n + 1) * 100 * MS
+        state = after(seen(now_ns, radius_px), heard(now_ns, distance_mm), start=state, config=config)
+        assert state.d is False
+
+
+@pytest.mark.parametrize(
+    ("radius_px", "quality", "moves"),
+    [
+        (15.0, Quality.TOO_FAR, True),  # at exactly 3.6 m by R Z = 54,000
+        (15.0, Quality.NO_ECHO, True),
+        (15.01, Quality.TOO_FAR, False),
+        (15.0, Quality.TOO_NEAR, False),
+        (15.0, Quality.STUCK, False),
+    ],
+)
+def test_a_small_marker_beyond_the_ranger_is_d_0(radius_px: float, quality: Quality, moves: bool) -> None:
+    config = plain(arrive_by_camera=True)
+    start = initial("bay1", T0)
+    scale = learned((ScaleSample(0, 180.0, 300.0),) * 3, recipe=0)
+    start = replace(start, memory=replace(start.memory, scale=scale))
+    state = after(seen(T0, radius_px), RangeReading(T0, quality), start=start, config=config)
+    assert (state.d, state.stop, state.may_move) == ((False, False, True) if moves else (None, True, False))
 
 
 def test_a_turn_of_d_ends_its_wait() -> None:
