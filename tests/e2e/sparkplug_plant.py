@@ -80,14 +80,23 @@ class SparkPlant(Supervised):
     patience_s = 30.0
 
     def __init__(
-        self, port: int, *, group: str = "Plant 7", primary_host: str | None = None, start: int = 0, **settings: Any
+        self,
+        port: int,
+        *,
+        group: str = "Plant 7",
+        primary_host: str | None = None,
+        start: int = 0,
+        datatypes_in_data: bool = True,
+        **settings: Any,
     ) -> None:
         self.clock = SystemClock()
         self.hub = Hub(("bay1", "bay2"))
         self._next = start - 1
         config = MqttConfig(
             url=f"mqtt://127.0.0.1:{port}",
-            sparkplug=SparkplugConfig(group_id=group, primary_host_id=primary_host, period_s=0.05),
+            sparkplug=SparkplugConfig(
+                group_id=group, primary_host_id=primary_host, period_s=0.05, datatypes_in_data=datatypes_in_data
+            ),
             keepalive_s=4,
             **settings,
         )

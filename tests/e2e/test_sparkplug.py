@@ -113,7 +113,7 @@ async def hosted_life(tap: Tap, host: Host) -> None:
     """With a primary host that is offline first, comes, goes, and comes again."""
     topic = "spBv1.0/STATE/scada"
     host.say(topic, host_state(online=False, timestamp=1000), qos=1, retain=True)
-    plant = SparkPlant(tap.port, primary_host="scada", start=254, protocol="5")
+    plant = SparkPlant(tap.port, primary_host="scada", start=254, protocol="5", datatypes_in_data=False)
     async with plant.running():
         await plant.until(lambda: tap.sent("SUBSCRIBE"))
         await asyncio.sleep(0.5)  # a node that does not wait would have sent its births by now
@@ -476,7 +476,7 @@ hold(lambda a, b: [1_700_000_000_000 < m.timestamp <= p.timestamp for p in all_o
 # The decoder knows the field by its number and its type: another type would leave it out.
 hold(lambda a, b: [0 < datatype < 2**32 for datatype in datatypes(a).values()], "payloads-metric-datatype-value-type")
 hold(lambda a, b: [datatype in range(1, 35) for datatype in datatypes(a).values()], "payloads-metric-datatype-value")
-equal(lambda a, b: {m.HasField("datatype") for m in metrics_of(a, "DDATA")}, {False},
+equal(lambda a, b: {m.HasField("datatype") for m in metrics_of(b, "DDATA")}, {False},  # on request alone
       "payloads-metric-datatype-not-req")
 hold(lambda a, b: [len(s.keys) == len(s.values) for s in property_sets(a)], "payloads-propertyset-keys-array-size",
      "payloads-propertyset-values-array-size")
@@ -650,7 +650,7 @@ def _birth_after_death(life: Life, hosted: Life) -> None:
 def _values_of_their_datatypes(life: Life, hosted: Life) -> None:
     """And what is carried is of it, in data too."""
     assert all(m.HasField("datatype") for m in metrics_of(life, "NBIRTH", "DBIRTH"))
-    carried = {4: "long_value", 7: "int_value", 10: "double_value", 11: "boolean_value", 12: "string_value"}
+    carried = {3: "int_value", 4: "long_value", 10: "double_value", 11: "boolean_value", 12: "string_value"}
     types = datatypes(life)
     for packet in life.sent("NBIRTH", "DBIRTH", "DDATA"):
         for found in decode(packet.payload).metrics:
@@ -675,6 +675,13 @@ def test_what_changed_while_nobody_could_be_told_comes_as_historical(life: Life,
     assert all(m.timestamp <= p.timestamp for p in payloads for m in p.metrics)
     kept = next(decode(p.payload) for p in hosted.publishes(1) if kind(p) == "DDATA")
     assert [m.boolean_value for m in kept.metrics if m.name == "Stop" and m.is_historical] == [False, True]
+
+
+def test_data_carry_the_datatypes_of_the_birth(life: Life) -> None:
+    types = datatypes(life)
+    for packet in life.sent("DDATA"):
+        found = {(packet.topic.split("/")[-1], m.name): m.datatype for m in decode(packet.payload).metrics}
+        assert found == {key: types[key] for key in found}
 
 
 def test_the_sequence_number_goes_round(life: Life) -> None:

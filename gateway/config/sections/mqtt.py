@@ -22,6 +22,9 @@ class SparkplugConfig(Section):
         None, pattern=r"^[^#+/\x00-\x1f]{1,128}$", description="births wait until this host is online; absent: for none"
     )
     period_s: float = Field(0.5, ge=0.05, le=60, description="data at most so often; changes of stop at once")
+    datatypes_in_data: bool = Field(
+        True, description="DDATA carry datatypes, as births do; false: smaller, but many decoders need them"
+    )
     history: int = Field(1000, ge=0, le=100_000, description="changes of stop kept while there is no session")
 
 

@@ -85,7 +85,7 @@ def _d(state: StateVector) -> tuple[Value, QualityCode]:
     return state.d, QualityCode.BAD if state.d is None else QualityCode.GOOD
 
 
-_B, _D, _S, _U = DataType.BOOLEAN, DataType.DOUBLE, DataType.STRING, DataType.UINT32
+_B, _D, _S, _I = DataType.BOOLEAN, DataType.DOUBLE, DataType.STRING, DataType.INT32
 
 DEVICE: tuple[Row, ...] = (
     Row("Stop", _B, "the truck must stop; also on whenever D is unknown", _always(lambda s: s.stop)),
@@ -97,7 +97,7 @@ DEVICE: tuple[Row, ...] = (
     Row("Visit/Phase", _S, "phase of the visit", _always(lambda s: s.visit.phase.name)),
     Row("Permit", _B, "old name of `May Move`, for one version", _always(lambda s: s.may_move)),
     Row("D", _B, "D(t), equation 14; null: unknowable", _d),
-    Row("Reason/Code", _U, "why stop is on; 0 when it is off", _always(lambda s: int(s.reason))),
+    Row("Reason/Code", _I, "why stop is on; 0 when it is off", _always(lambda s: int(s.reason))),
     Row("Reason/Name", _S, "the same by name", _always(lambda s: s.reason.name)),
     Row("Reason/Text", _S, "the same in words", _always(lambda s: REASON_MEANING[s.reason])),
     Row("Marker/U", _D, "marker centre, to the right", _of_vision(lambda s, c: c.u_px), "px", 1),
@@ -119,7 +119,7 @@ DEVICE: tuple[Row, ...] = (
         _picture(lambda p: p.veil_proven),
         digits=2),
     Row("Picture/Shift", _D, "how far the fixed background has moved", _picture(lambda p: p.shift_px), "px", 0),
-    Row("Picture/Status", _U, "what is wrong with it, one bit each (register picture_status)",
+    Row("Picture/Status", _I, "what is wrong with it, one bit each (register picture_status)",
         _picture(lambda p: p.status)),
     Row("Ranger/Quality", _S, "may the distance be used", _always(lambda s: s.range.quality.name)),
     Row("Ranger/Rate", _D, "distances a second", _always(lambda s: s.range.stats.rate_hz), "Hz", 0),
@@ -135,8 +135,8 @@ VISIT: tuple[VisitRow, ...] = (
     VisitRow("Visit/Last/To Position", _D, "from its begin until it was first in place",
         lambda v: v.to_position_s, "s", 1),
     VisitRow("Visit/Last/In Place", _D, "how long it was in place, in all", lambda v: v.in_place_s, "s", 1),
-    VisitRow("Visit/Last/Times In Place", _U, "how often it was in place", lambda v: v.times_in_place),
-    VisitRow("Visit/Last/Corrections", _U, "reversals of the motion before it was in place", lambda v: v.corrections),
+    VisitRow("Visit/Last/Times In Place", _I, "how often it was in place", lambda v: v.times_in_place),
+    VisitRow("Visit/Last/Corrections", _I, "reversals of the motion before it was in place", lambda v: v.corrections),
     VisitRow("Visit/Last/Stop Latency", _D, "from the newest measurement that showed D = 1 to the decision",
         lambda v: v.stop_latency_ms, "ms", 1),
     VisitRow("Visit/Last/Halt", _D, "from this stop until the truck stood", lambda v: v.halt_s, "s", 1),
@@ -146,7 +146,7 @@ VISIT: tuple[VisitRow, ...] = (
     VisitRow("Visit/Last/Offset", _D, "marker minus aim point at that moment", lambda v: v.offset_mm, "mm", 0),
     VisitRow("Visit/Last/Moved", _S, "it left its place without release: NO, DISTANCE, MARKER",
         lambda v: v.moved.name),
-    VisitRow("Visit/Last/Faults", _U, "how often stop was on for a fault",
+    VisitRow("Visit/Last/Faults", _I, "how often stop was on for a fault",
         lambda v: sum(times for _, times, _ in v.faults)),
     VisitRow("Visit/Last/Interrupted", _B, "the gateway was restarted meanwhile", lambda v: v.interrupted),
 )  # fmt: skip

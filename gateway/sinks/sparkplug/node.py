@@ -72,6 +72,7 @@ class EdgeNode:
     version: str
     history_limit: int = 1000
     doubt_ms: int = 20_000  # a lost connection may have been dead for so long before it was noticed
+    typed_data: bool = True  # data carry datatypes, as births do
     stats: Stats = field(default_factory=Stats)
     _bd_seq: int = -1
     _seq: int = -1
@@ -275,4 +276,6 @@ class EdgeNode:
     def _sequenced(self, kind: str, bay: str, found: tuple[Metric, ...], now_ms: int) -> Message:
         self._seq = (self._seq + 1) % SEQ_MODULO
         payload = Payload(now_ms, found, self._seq)
-        return Message(self.identity.topic(kind, bay), encode(payload, typed=kind != "DDATA"), qos=0, text=False)
+        return Message(
+            self.identity.topic(kind, bay), encode(payload, typed=self.typed_data or kind != "DDATA"), qos=0, text=False
+        )

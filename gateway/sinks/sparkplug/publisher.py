@@ -61,7 +61,13 @@ class SparkplugPublisher:
             self._settings.primary_host_id or "",
         )
         doubt_ms = 2000 * config.keepalive_s  # a dead connection is noticed within 1.5 keepalives
-        self.node = EdgeNode(identity, __version__, history_limit=self._settings.history, doubt_ms=doubt_ms)
+        self.node = EdgeNode(
+            identity,
+            __version__,
+            history_limit=self._settings.history,
+            doubt_ms=doubt_ms,
+            typed_data=self._settings.datatypes_in_data,
+        )
         client_id = f"{config.client_id or f'gateway-{site}-{instance}'}-sparkplug"
         # A proper end publishes the NDEATH, too: section 6.4.25.
         self._session = BrokerSession(config, client_id, will_at_disconnect=True, connect=connect)

@@ -13,11 +13,13 @@ Value = bool | int | float | str | None
 
 
 class DataType(IntEnum):
-    """Section 6.4.16; the ones in use."""
+    """Section 6.4.16; the ones in use.
+
+    None is unsigned: the schema gives UInt32 the field `long_value`, and some decoders read `int_value`.
+    """
 
     INT32 = 3
     INT64 = 4
-    UINT32 = 7
     DOUBLE = 10
     BOOLEAN = 11
     STRING = 12
@@ -67,7 +69,7 @@ _INT, _LONG, _DOUBLE, _BOOL, _STRING = 10, 11, 13, 14, 15  # fields of Metric.va
 
 
 def encode(payload: Payload, *, typed: bool = True) -> bytes:
-    """The bytes on the wire. Not `typed`: without datatypes, which are in the birth."""
+    """The bytes on the wire. Not `typed`: without datatypes, for data whose birth has them."""
     out = bytearray(_number(1, payload.timestamp_ms))
     for metric in payload.metrics:
         out += _block(_METRIC, _metric(metric, typed=typed))
@@ -113,7 +115,7 @@ def _value(datatype: DataType, value: bool | int | float | str) -> bytes:
             return _block(_STRING, str(value).encode())
         case DataType.INT64 | DataType.DATETIME:
             return _number(_LONG, int(value) & 0xFFFF_FFFF_FFFF_FFFF)  # negative ones as their two's complement
-        case DataType.INT32 | DataType.UINT32:
+        case DataType.INT32:
             return _number(_INT, int(value) & 0xFFFF_FFFF)
     raise ValueError(f"a value needs a datatype: {value!r}")
 

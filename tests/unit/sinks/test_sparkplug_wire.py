@@ -16,7 +16,6 @@ TEXT = st.text(max_size=40)
 VALUES: dict[DataType, st.SearchStrategy[Any]] = {
     DataType.INT32: st.integers(-(2**31), 2**31 - 1),
     DataType.INT64: st.integers(-(2**63), 2**63 - 1),
-    DataType.UINT32: st.integers(0, 2**32 - 1),
     DataType.DOUBLE: st.floats(allow_nan=False),
     DataType.BOOLEAN: st.booleans(),
     DataType.STRING: TEXT,
