@@ -15,23 +15,24 @@ import logging
 import os
 import stat
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
 from gateway.bay_file import default_folder
-from gateway.clock import machine_ns
+from gateway.clock import NS_PER_S, machine_ns
 from gateway.errors import ConfigError
 from gateway.shared_state import folder
 from gateway.sinks.contract import StoreStatus
-from gateway.sinks.outbox.outbox import Entry, Limits, MemoryOutbox, Outbox
+from gateway.sinks.outbox.outbox import Entry, Limits, MemoryOutbox, Outbox, in_order
 from gateway.sinks.outbox.pace import AT_ONCE, WritePace
 from gateway.sinks.outbox.store import EventFile, StoreError, put_aside
 
 log = logging.getLogger(__name__)
 
 FIRST_RETRY_S, LAST_RETRY_S = 0.25, 30.0
+SHRINK_RETRY_S = 3600.0
 CLOSE_S = 1.0  # for the disk to take what is left at the end; the journal keeps the rest
 RELEASED_AT_ONCE = 20  # from the journal: there may be many, and a put must not wait for all
 JOURNAL_EVENTS = 1024  # twice what may wait for the disk by pace.AT_ONCE
@@ -179,6 +180,7 @@ class DurableOutbox:
         self._recovered = 0
         self._file: EventFile | None = None
         self._pace = WritePace()
+        self._shrink_ns = 0  # not before; the thread's own
         self._thread = threading.Thread(target=self._run, name="outbox", daemon=True)  # a dead disk holds up no exit
 
     def __enter__(self) -> Self:
@@ -210,6 +212,10 @@ class DurableOutbox:
         return self._memory.dropped
 
     @property
+    def unused_dropped(self) -> int:
+        return self._memory.unused_dropped
+
+    @property
     def store(self) -> StoreStatus:
         unwritten = len(self._memory) if self._stale else len(self._added) + self._in_flight
         return StoreStatus(self._fault, self._faults, self._recovered, unwritten)
@@ -225,15 +231,30 @@ class DurableOutbox:
         with self._changed:
             return self._memory.oldest()
 
-    def batch(self, limit: int) -> list[Entry]:
+    def batch(self, limit: int, without: Collection[str] = ()) -> list[Entry]:
         with self._changed:
-            return self._memory.batch(limit)
+            return self._memory.batch(limit, without)
 
     def acknowledge(self, entry_id: str) -> None:
         with self._changed:
             if (entry := self._memory.acknowledge(entry_id)) is not None:
                 self._forget([entry])
                 self._changed.notify()
+
+    def count(self, topics: Iterable[str]) -> int:
+        with self._changed:
+            return self._memory.count(topics)
+
+    def set_unused(self, topic: str, unused: bool) -> None:
+        with self._changed:
+            self._memory.set_unused(topic, unused)
+
+    def expire(self, topic: str, age_ms: int, now_ms: int, limit: int) -> list[Entry]:
+        with self._changed:
+            if gone := self._memory.expire(topic, age_ms, now_ms, limit):
+                self._forget(gone)
+                self._changed.notify()
+            return gone
 
     def __len__(self) -> int:
         return len(self._memory)
@@ -253,18 +274,20 @@ class DurableOutbox:
     # The thread.
 
     def _run(self) -> None:
-        retry_s = FIRST_RETRY_S
+        retry_s, first = FIRST_RETRY_S, True
         while True:
             with self._changed:
                 if self._fault:
                     self._changed.wait_for(lambda: self._closing, retry_s)
-                else:
+                elif not first:
                     self._wait_for_changes()
-                over = self._closing
+                over, first = self._closing, False
             try:
                 self._open()
                 if self._write():
                     self._pace.wrote()
+                if not over:
+                    self._shrink()
             except StoreError as error:
                 self._failed(error)
                 retry_s = min(LAST_RETRY_S, 2 * retry_s)
@@ -323,12 +346,12 @@ class DurableOutbox:
         with self._changed:
             stale = self._stale
             added = [entry for _, entry in self._added.values()]
-            everything = self._memory.copy() if stale else None
+            everything = self._memory.numbered() if stale else None
             removed = list(self._removed)
             self._added, self._removed, self._stale = {}, {}, False
-            self._in_flight = len(everything or added)
+            self._in_flight = len(self._memory) if stale else len(added)
         if everything is not None:
-            added = everything.waiting()
+            added = list(in_order(everything))
         elif not (added or removed):
             return False
         file.write(added, removed, instead=stale)
@@ -338,6 +361,18 @@ class DurableOutbox:
             with self._changed:
                 self._journal.release(entry.id for entry in added[n : n + RELEASED_AT_ONCE])
         return True
+
+    def _shrink(self) -> None:
+        """Puts do not wait for it. A disk without room for it is no fault: nothing is lost by a large file."""
+        if self._file is None or machine_ns() < self._shrink_ns:
+            return
+        try:
+            self._file.shrink()
+        except StoreError as error:
+            if error.corrupt:
+                raise
+            log.warning("%s; it is tried again later", error)
+            self._shrink_ns = machine_ns() + round(SHRINK_RETRY_S * NS_PER_S)
 
     def _failed(self, error: StoreError) -> None:
         with self._changed:

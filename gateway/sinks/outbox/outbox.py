@@ -5,8 +5,8 @@ a restart. Entries are opaque bytes under an id that is unique across restarts.
 """
 
 import heapq
-from collections import deque
-from collections.abc import Iterable
+from collections import OrderedDict
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import islice
 from typing import Protocol
@@ -51,7 +51,11 @@ class Outbox(Protocol):
 
     @property
     def dropped(self) -> int:
-        """Entries given up before they were acknowledged, since the start."""
+        """Entries given up before they were acknowledged, since the start; without those of unused topics."""
+
+    @property
+    def unused_dropped(self) -> int:
+        """Entries of unused topics given up since the start."""
 
     @property
     def store(self) -> StoreStatus | None:
@@ -63,96 +67,148 @@ class Outbox(Protocol):
     def oldest(self) -> Entry | None:
         """The entry to deliver next; it stays until it is acknowledged."""
 
-    def batch(self, limit: int) -> list[Entry]:
-        """The oldest entries, at most `limit`; they stay until they are acknowledged one by one, in this order."""
+    def batch(self, limit: int, without: Collection[str] = ()) -> list[Entry]:
+        """The oldest entries, at most `limit`, none of the topics `without`; they stay until they are acknowledged."""
 
     def acknowledge(self, entry_id: str) -> object:
-        """The other system has the entry. An id that is not the oldest any more is ignored: it was dropped."""
+        """The other system has the entry; in any order. An id that is not in here is ignored: it was dropped."""
+
+    def count(self, topics: Iterable[str]) -> int:
+        """How many entries of these topics wait."""
+
+    def set_unused(self, topic: str, unused: bool) -> None:
+        """Nobody has a use for the entries of an unused topic: where room is needed, they are dropped before all
+        others, and are counted apart."""
+
+    def expire(self, topic: str, age_ms: int, now_ms: int, limit: int) -> object:
+        """Drop the oldest entries of the topic that happened more than `age_ms` before `now_ms`, at most `limit`."""
 
     def __len__(self) -> int: ...
 
 
+Numbered = tuple[int, Entry]  # and its place in the order across all queues
+Queue = OrderedDict[str, Numbered]  # by id, the oldest first; unlike a dict's, its first one is found at once
+
+
 class MemoryOutbox:
-    """Everything in constant time, within `limits`."""
+    """Everything in constant time but for the number of topics, within `limits`."""
 
     store = None
 
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
-        self._count = 0  # entries ever put: their order across the two queues
-        self._last: deque[tuple[int, Entry]] = deque()
-        self._first: deque[tuple[int, Entry]] = deque()
+        self._count = 0  # entries ever put
+        self._kinds: tuple[Queue, Queue] = (OrderedDict(), OrderedDict())  # by drop_last: all entries are in one
+        self._topics: dict[str, Queue] = {}  # and in that of their topic; none is empty
+        self._unused: set[str] = set()
         self._bytes = 0
         self._dropped = 0
+        self._unused_dropped = 0
 
     @property
     def dropped(self) -> int:
         return self._dropped
 
+    @property
+    def unused_dropped(self) -> int:
+        return self._unused_dropped
+
     def put(self, entry: Entry) -> list[Entry]:
         """Returns what had to be dropped for it; that may be the entry itself."""
         self._count += 1
-        (self._last if entry.drop_last else self._first).append((self._count, entry))
+        self._kinds[entry.drop_last][entry.id] = self._count, entry
+        self._topics.setdefault(entry.topic, OrderedDict())[entry.id] = self._count, entry
         self._bytes += entry.size
         gone: list[Entry] = []
-        for queue in (self._first, self._last):
-            while queue and self._expired(queue[0][1], entry.unix_ms):
-                gone.append(self._take(queue))
+        for queue in self._kinds:
+            while queue and _expired(_first(queue), self._limits.age_ms, entry.unix_ms):
+                gone.append(self._drop(_first(queue)))
         while len(self) > self._limits.events or (self._bytes > self._limits.size_bytes and len(self) > 1):
-            gone.append(self._take(self._first or self._last))
-        self._dropped += len(gone)
+            gone.append(self._drop(self._least_needed()))
         return gone
 
     def prepend(self, entries: Iterable[Entry]) -> list[Entry]:
         """Entries, oldest first, that are older than all in here. Returns those dropped."""
-        waiting, dropped = self.waiting(), self._dropped
-        self._last.clear()
-        self._first.clear()
+        waiting = self.waiting()
+        self._kinds = (OrderedDict(), OrderedDict())
+        self._topics.clear()
         self._bytes = 0
-        gone = [lost for entry in (*entries, *waiting) for lost in self.put(entry)]
-        self._dropped = dropped + len(gone)
-        return gone
+        return [lost for entry in (*entries, *waiting) for lost in self.put(entry)]
 
     def append(self, other: "MemoryOutbox") -> list[Entry]:
-        """Append what waits in `other`; its drops count here, too. Returns what was dropped."""
-        self._dropped += other.dropped
+        """Append what waits in `other`; its drops and unused topics count here, too. Returns what was dropped."""
+        self._dropped += other._dropped
+        self._unused_dropped += other._unused_dropped
+        self._unused |= other._unused
         return [lost for entry in other.waiting() for lost in self.put(entry)]
 
     def oldest(self) -> Entry | None:
-        queue = self._next()
-        return queue[0][1] if queue else None
+        return next(iter(self.batch(1)), None)
 
-    def batch(self, limit: int) -> list[Entry]:
-        both = heapq.merge(self._last, self._first, key=lambda item: item[0])
-        return [entry for _, entry in islice(both, limit)]
+    def batch(self, limit: int, without: Collection[str] = ()) -> list[Entry]:
+        queues = [queue for topic, queue in self._topics.items() if topic not in without] if without else self._kinds
+        return list(islice(in_order(queue.values() for queue in queues), limit))
 
     def acknowledge(self, entry_id: str) -> Entry | None:
-        """The entry; None where the id is not the oldest one's."""
-        queue = self._next()
-        return self._take(queue) if queue and queue[0][1].id == entry_id else None
+        """The entry; None where there is none of this id any more."""
+        found = next((queue[entry_id][1] for queue in self._kinds if entry_id in queue), None)
+        if found is not None:
+            self._remove(found)
+        return found
 
-    def copy(self) -> "MemoryOutbox":
-        """A copy, made in microseconds; what is slow can be done with it."""
-        copy = MemoryOutbox(self._limits)
-        copy._last, copy._first = self._last.copy(), self._first.copy()
-        return copy
+    def count(self, topics: Iterable[str]) -> int:
+        return sum(len(self._topics[topic]) for topic in topics if topic in self._topics)
+
+    def set_unused(self, topic: str, unused: bool) -> None:
+        (self._unused.add if unused else self._unused.discard)(topic)
+
+    def expire(self, topic: str, age_ms: int, now_ms: int, limit: int) -> list[Entry]:
+        """Returns what was dropped."""
+        oldest = [entry for _, entry in islice(self._topics.get(topic, OrderedDict()).values(), limit)]
+        return [self._drop(entry) for entry in oldest if _expired(entry, age_ms, now_ms)]
+
+    def numbered(self) -> tuple[list[Numbered], list[Numbered]]:
+        """Everything, for `in_order`: taken in a fraction of a millisecond, so that what is slow is done without it."""
+        common, last = self._kinds
+        return list(common.values()), list(last.values())
 
     def waiting(self) -> list[Entry]:
         """Everything, oldest first."""
-        return [entry for _, entry in sorted([*self._last, *self._first], key=lambda item: item[0])]
+        return list(in_order(self.numbered()))
 
     def __len__(self) -> int:
-        return len(self._last) + len(self._first)
+        return sum(map(len, self._kinds))
 
-    def _take(self, queue: deque[tuple[int, Entry]]) -> Entry:
-        entry = queue.popleft()[1]
-        self._bytes -= entry.size
+    def _least_needed(self) -> Entry:
+        """The oldest of the unused topics; else the oldest that is not to be dropped last; else the oldest."""
+        unused = [next(iter(self._topics[topic].values())) for topic in self._unused if topic in self._topics]
+        return min(unused)[1] if unused else _first(self._kinds[0] or self._kinds[1])
+
+    def _drop(self, entry: Entry) -> Entry:
+        if entry.topic in self._unused:
+            self._unused_dropped += 1
+        else:
+            self._dropped += 1
+        self._remove(entry)
         return entry
 
-    def _expired(self, entry: Entry, now_ms: int) -> bool:
-        return entry.unix_ms >= CLOCK_SET_MS and now_ms - entry.unix_ms > self._limits.age_ms
+    def _remove(self, entry: Entry) -> None:
+        self._bytes -= entry.size
+        del self._kinds[entry.drop_last][entry.id]
+        queue = self._topics[entry.topic]
+        del queue[entry.id]
+        if not queue:
+            del self._topics[entry.topic]
 
-    def _next(self) -> deque[tuple[int, Entry]]:
-        if self._last and self._first:
-            return min(self._last, self._first, key=lambda queue: queue[0][0])
-        return self._last or self._first
+
+def in_order(queues: Iterable[Iterable[Numbered]]) -> Iterator[Entry]:
+    """The entries of queues that are in order each, oldest first."""
+    return (entry for _, entry in heapq.merge(*queues, key=lambda item: item[0]))
+
+
+def _first(queue: Queue) -> Entry:
+    return next(iter(queue.values()))[1]
+
+
+def _expired(entry: Entry, age_ms: int, now_ms: int) -> bool:
+    return entry.unix_ms >= CLOCK_SET_MS and now_ms - entry.unix_ms > age_ms

@@ -14,6 +14,8 @@ from pathlib import Path
 from gateway.sinks.outbox.outbox import Entry
 
 LAYOUT = 1  # PRAGMA user_version
+SPARE_BYTES = 1_000_000  # empty room in the file that is left there
+SPARE_SHARE = 0.75  # of the file is empty where it is made smaller: what is rewritten is never more than a quarter
 CORRUPT_FILES_KEPT = 3  # for inspection; older ones are removed
 _CREATE = """CREATE TABLE IF NOT EXISTS events (
     place INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE, topic TEXT NOT NULL, payload BLOB NOT NULL,
@@ -108,6 +110,20 @@ class EventFile:
                 with contextlib.suppress(sqlite3.Error):
                     db.execute("ROLLBACK")
                 raise
+
+    def shrink(self) -> None:
+        """Give back to the disk what a flood has taken, where most of the file is empty. What is left is rewritten.
+
+        VACUUM and not auto_vacuum: that costs every write a page more, and older files have to be rewritten for it.
+        """
+        with self._errors() as db:
+            pages, empty, size = (
+                db.execute(f"PRAGMA {name}").fetchone()[0] for name in ("page_count", "freelist_count", "page_size")
+            )
+            if empty * size > SPARE_BYTES and empty > SPARE_SHARE * pages:
+                db.execute("PRAGMA temp_store = MEMORY")
+                db.execute("VACUUM")
+                db.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
 
     def close(self) -> None:
         if self._db is not None:

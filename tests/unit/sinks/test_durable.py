@@ -9,6 +9,7 @@ import shutil
 import sqlite3
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
@@ -74,12 +75,13 @@ def test_what_was_not_acknowledged_is_there_at_the_next_start_in_order(name: str
         for number in range(1, 8):
             outbox.put(entry(number, drop_last=number in (2, 5), unix_ms=number))
         outbox.acknowledge("b-1")
-        outbox.acknowledge("b-3")  # not the oldest: ignored
+        outbox.acknowledge("b-3")  # before the one that is older
+        outbox.acknowledge("b-9")  # none of these
     with DurableOutbox(name, path, LIMITS) as outbox:
         assert outbox.oldest() == entry(2, drop_last=True, unix_ms=2)
-        assert (len(outbox), outbox.store.recovered, outbox.dropped) == (6, 6, 0)
+        assert (len(outbox), outbox.store.recovered, outbox.dropped) == (5, 5, 0)
         outbox.put(entry(8))
-        assert drained(outbox) == [f"b-{n}" for n in range(2, 9)]
+        assert drained(outbox) == ["b-2", "b-4", "b-5", "b-6", "b-7", "b-8"]
         until(lambda: written(outbox) and rows(path) == [])
     assert path.stat().st_mode & 0o077 == 0
     assert not journal_of(name).exists()
@@ -248,6 +250,88 @@ def test_what_is_dropped_is_dropped_on_disk_too(name: str, tmp_path: Path) -> No
             outbox.put(entry(number, drop_last=precious))
         assert outbox.dropped == 2
         until(lambda: written(outbox) and rows(path) == ["b-1", "b-3", "b-5"])
+
+
+def test_what_nobody_has_a_use_for_expires_on_disk_too(name: str, tmp_path: Path) -> None:
+    path, now_ms = tmp_path / "outbox.sqlite", 1_795_000_000_000
+    with DurableOutbox(name, path, LIMITS) as outbox:
+        for number in range(1, 6):
+            outbox.put(entry(number, unix_ms=now_ms + number))
+        until(lambda: written(outbox))
+        outbox.set_unused("loading/s/bay1/event", True)
+        assert outbox.count(["loading/s/bay1/event", "none"]) == 5
+        outbox.expire("loading/s/bay1/event", 10, now_ms + 13, limit=9)
+        assert (outbox.dropped, outbox.unused_dropped) == (0, 2)
+        until(lambda: written(outbox) and rows(path) == ["b-3", "b-4", "b-5"])
+        assert [e.id for e in outbox.batch(9)] == ["b-3", "b-4", "b-5"]
+        assert outbox.batch(9, {"loading/s/bay1/event"}) == []
+
+
+FLOOD = 3000  # events of 3 kB
+
+
+@pytest.mark.parametrize("older", [False, True], ids=["of this version", "of an older version"])
+def test_the_file_is_small_again_after_a_flood(name: str, tmp_path: Path, older: bool) -> None:
+    """Also one that an older version has left behind large and empty, where nothing is put any more."""
+    path = tmp_path / "outbox.sqlite"
+
+    def size() -> int:
+        return sum(file.stat().st_size for file in tmp_path.iterdir())
+
+    if older:
+        with closing(EventFile(path)) as file:
+            file.write([entry(number, size=3000) for number in range(FLOOD)], ())
+            file.write((), [f"b-{number}" for number in range(FLOOD - 1)])
+    with DurableOutbox(name, path, Limits(100_000)) as outbox:
+        if not older:
+            for number in range(FLOOD):
+                outbox.put(entry(number, size=3000))
+            until(lambda: written(outbox))
+            assert size() > 9_000_000
+            for number in range(FLOOD - 1):
+                outbox.acknowledge(f"b-{number}")
+        until(lambda: size() < 100_000)
+        assert rows(path) == [f"b-{FLOOD - 1}"]
+        outbox.put(entry(FLOOD))
+        until(lambda: rows(path) == [f"b-{FLOOD - 1}", f"b-{FLOOD}"])
+    assert path.stat().st_mode & 0o077 == 0
+
+
+def test_a_put_does_not_wait_while_the_file_is_made_smaller(name: str, tmp_path: Path) -> None:
+    begun, over = threading.Event(), threading.Event()
+
+    class Slow(EventFile):
+        def shrink(self) -> None:
+            begun.set()
+            assert over.wait(20)
+
+    with DurableOutbox(name, tmp_path / "outbox.sqlite", LIMITS, open_file=Slow) as outbox:
+        assert begun.wait(20)
+        outbox.put(entry(1))
+        outbox.acknowledge("b-1")
+        outbox.put(entry(2))
+        assert (len(outbox), outbox.store.unwritten) == (1, 1)
+        over.set()
+        until(lambda: written(outbox))
+
+
+def test_a_file_that_cannot_be_made_smaller_loses_nothing_and_is_no_fault(
+    name: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """On a full disk there may be no room for it."""
+
+    class Full(EventFile):
+        def shrink(self) -> None:
+            raise StoreError("no room to make it smaller")
+
+    path = tmp_path / "outbox.sqlite"
+    with DurableOutbox(name, path, LIMITS, open_file=Full) as outbox:
+        for number in range(1, 4):
+            outbox.put(entry(number))
+            until(lambda: written(outbox))
+        assert (outbox.store.fault, outbox.store.faults) == ("", 0)
+        assert rows(path) == ["b-1", "b-2", "b-3"]
+    assert [record.message for record in caplog.records] == ["no room to make it smaller; it is tried again later"]
 
 
 def test_killed_at_any_moment_nothing_that_happened_is_lost(name: str, tmp_path: Path) -> None:

@@ -57,28 +57,43 @@ def test_room_for_nothing_is_no_outbox() -> None:
         MemoryOutbox(Limits(0))
 
 
+MOVES = st.sampled_from(["common", "drop_last", "acknowledge", "acknowledge another", "late", "unused", "used"])
+
+
 @given(
     limit=st.integers(1, 6),
-    moves=st.lists(st.sampled_from(["common", "drop_last", "acknowledge", "late"]), max_size=60),
+    moves=st.lists(st.tuples(MOVES, st.integers(0, 2), st.integers(0, 5)), max_size=60),
+    without=st.sets(st.sampled_from(["t0", "t1", "t2"])),
 )
-def test_it_behaves_like_a_slow_list(limit: int, moves: list[str]) -> None:
+def test_it_behaves_like_a_slow_list(limit: int, moves: list[tuple[str, int, int]], without: set[str]) -> None:
     outbox = MemoryOutbox(Limits(limit))
     model: list[Entry] = []
-    dropped = 0
-    for number, move in enumerate(moves):
+    unused: set[str] = set()
+    dropped = [0, 0]
+    for number, (move, topic, place) in enumerate(moves):
         if move == "acknowledge" and model:
             outbox.acknowledge(model.pop(0).id)
+        elif move == "acknowledge another" and model:
+            outbox.acknowledge(model.pop(place % len(model)).id)
         elif move == "late":
             outbox.acknowledge("b-none")
+        elif move in ("unused", "used"):
+            outbox.set_unused(f"t{topic}", move == "unused")
+            (unused.add if move == "unused" else unused.discard)(f"t{topic}")
         elif move in ("common", "drop_last"):
-            new = entry(number, drop_last=move == "drop_last")
+            new = replace(entry(number, drop_last=move == "drop_last"), topic=f"t{topic}")
             outbox.put(new)
             model.append(new)
             if len(model) > limit:
-                model.remove(next((e for e in model if not e.drop_last), model[0]))
-                dropped += 1
+                choices = [[e for e in model if e.topic in unused], [e for e in model if not e.drop_last], model]
+                gone = next(found for found in choices if found)[0]
+                model.remove(gone)
+                dropped[gone.topic in unused] += 1
         assert outbox.oldest() == (model[0] if model else None)
-        assert (len(outbox), outbox.dropped) == (len(model), dropped)
+        assert (len(outbox), outbox.dropped, outbox.unused_dropped) == (len(model), *dropped)
+        assert outbox.batch(3, without) == [e for e in model if e.topic not in without][:3]
+        assert outbox.count(without) == sum(e.topic in without for e in model)
+    assert outbox.waiting() == model
     assert ids(outbox) == [e.id for e in model]
 
 
@@ -115,7 +130,7 @@ def test_older_entries_come_first() -> None:
     outbox.put(entry(8, drop_last=True))
     assert [e.id for e in outbox.prepend([entry(1), entry(2, drop_last=True), entry(3)])] == ["b-1", "b-3"]
     assert outbox.dropped == 2
-    assert [e.id for e in outbox.copy().waiting()] == ids(outbox) == ["b-2", "b-7", "b-8"]
+    assert [e.id for e in outbox.waiting()] == ids(outbox) == ["b-2", "b-7", "b-8"]
 
 
 def test_one_outbox_after_another_keeps_order_limit_and_counts() -> None:
@@ -130,3 +145,24 @@ def test_one_outbox_after_another_keeps_order_limit_and_counts() -> None:
     assert [e.id for e in lost] == ["b-2", "b-3", "b-4"]
     assert [e.id for e in first.waiting()] == ["b-6", "b-7", "b-8"]
     assert first.dropped == 1 + 1 + 3
+    third = MemoryOutbox(Limits(3))
+    first.set_unused("loading/s/bay1/event", True)
+    third.append(first)
+    assert [e.id for e in third.put(replace(entry(9), topic="used"))] == ["b-6"]
+    assert (third.dropped, third.unused_dropped) == (5, 1)  # unused there, unused here
+
+
+def test_what_nobody_has_a_use_for_expires_a_topic_at_a_time() -> None:
+    outbox = MemoryOutbox(Limits(100))
+    now_ms = 1_795_000_000_000
+    outbox.set_unused("t0", True)
+    for number in range(6):
+        outbox.put(replace(entry(number), topic=f"t{number % 2}", unix_ms=now_ms + 1000 * number))
+    outbox.put(replace(entry(6), topic="t0", unix_ms=5000))  # of a clock that was not set
+
+    assert outbox.expire("t0", 1000, now_ms + 3001, limit=1) == [replace(entry(0), topic="t0", unix_ms=now_ms)]
+    assert [e.id for e in outbox.expire("t0", 1000, now_ms + 3001, limit=10)] == ["b-2"]
+    assert outbox.expire("t0", 1000, now_ms + 3001, limit=10) == []
+    assert outbox.expire("t2", 1000, now_ms + 3001, limit=10) == []
+    assert (outbox.dropped, outbox.unused_dropped) == (0, 2)
+    assert ids(outbox) == ["b-1", "b-3", "b-4", "b-5", "b-6"]
