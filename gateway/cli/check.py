@@ -76,7 +76,8 @@ def main(args: argparse.Namespace) -> int:
     for line in modbus.warnings():
         print(f"  warning: {line}")
     others = "".join(f", {name}" for name, _ in sinks)
-    print(f"  MQTT {without_password(settings.mqtt.url) if settings.mqtt else 'not used'}{others}")
+    brokers = ", then ".join(map(without_password, settings.mqtt.brokers)) if settings.mqtt else "not used"
+    print(f"  MQTT {brokers}{others}")
     if settings.hmi.enabled:
         hmi = settings.hmi
         print(f"  pages on {hmi.host}:{hmi.port}, {'with' if hmi.tls else 'without'} TLS, {_access(hmi)}")

@@ -293,7 +293,7 @@ class _Simulation:
         return tasks
 
     def _started(self, now: app.Running) -> None:
-        broker = without_password(self._settings.mqtt.url) if self._settings.mqtt else None
+        broker = ", ".join(map(without_password, self._settings.mqtt.brokers)) if self._settings.mqtt else None
         if self._json:
             self._json.started(
                 modbus_host=now.modbus_host,

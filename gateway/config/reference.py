@@ -87,5 +87,7 @@ def flat(settings: BaseModel, prefix: str = "") -> Iterator[tuple[str, str]]:
             case tuple() if any(isinstance(item, BaseModel) for item in value):
                 for index, item in enumerate(value):
                     yield from flat(item, f"{key}[{index}].")
+            case tuple():
+                yield key, _toml([without_password(item) if isinstance(item, str) else item for item in value])
             case _:
                 yield key, _toml(without_password(value) if isinstance(value, str) else value)

@@ -79,7 +79,7 @@ class ComputedBays(Supervised):
 
 
 class Plant(ComputedBays):
-    def __init__(self, url: str, *bays: str, instance: str = "gw", **settings: Any) -> None:
+    def __init__(self, url: str | None, *bays: str, instance: str = "gw", **settings: Any) -> None:
         super().__init__(*bays)
         config = MqttConfig(url=url, root="loading", **settings)
         self.publisher = MqttPublisher(config, "site1", instance, self.hub, self.clock, "1.0")

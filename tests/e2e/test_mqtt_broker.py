@@ -26,10 +26,10 @@ from gateway.core.events import EventKind
 from gateway.core.state import Reason
 from gateway.errors import LinkError
 from gateway.sinks.mqtt import broker_link
-from gateway.sinks.mqtt.broker import parse
 from gateway.sinks.mqtt.topics import Message
 from tests.e2e.brokers import Mosquitto, Received, Subscriber, program
 from tests.e2e.mqtt_plant import Plant
+from tests.mqtt_endpoints import at
 from tests.mqtt_messages import checked
 
 pytestmark = pytest.mark.timeout(120)
@@ -303,9 +303,7 @@ def test_a_cancelled_delivery_makes_the_broker_say_offline(mosquitto: Mosquitto)
 @contextlib.asynccontextmanager
 async def linked(url: str) -> AsyncIterator[broker_link.BrokerLink]:
     will = Message("w", b"", retain=False)
-    async with broker_link.connect(
-        parse(url), client_id="c", will=will, keepalive_s=5, acknowledge_s=5, tls=None
-    ) as live:
+    async with broker_link.connect(at(url), client_id="c", will=will, keepalive_s=5, acknowledge_s=5, tls=None) as live:
         yield live
 
 

@@ -6,9 +6,9 @@ from asyncio import StreamReader, StreamWriter
 import pytest
 
 from gateway import event_loop
-from gateway.sinks.mqtt.broker import Broker
 from gateway.sinks.mqtt.broker_link import MAX_IN_FLIGHT, connect
 from gateway.sinks.mqtt.topics import Message
+from tests.mqtt_endpoints import at
 
 PUBLISH, DISCONNECT = 3, 14
 
@@ -60,7 +60,7 @@ def test_never_more_messages_are_on_their_way_than_the_broker_receive_maximum(re
             server,
             asyncio.timeout(30),
             connect(
-                Broker("127.0.0.1", port, tls=False),
+                at(f"mqtt://127.0.0.1:{port}"),
                 client_id="gateway",
                 will=Message("will", b"", retain=False),
                 keepalive_s=30,

@@ -1,12 +1,14 @@
 """`[mqtt]`: the broker, the outbox and the profiles. Pure."""
 
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
 from gateway.config.sections.common import ClientTls, Reconnect
 from gateway.config.strict.errors import FieldError
 from gateway.config.strict.section import Section
+
+BrokerUrl = Annotated[str, Field(pattern=r"^mqtts?://")]
 
 
 class SparkplugConfig(Section):
@@ -33,8 +35,17 @@ class MqttTls(ClientTls):
 
 
 class MqttConfig(Section):
-    url: str = Field(
-        pattern=r"^mqtts?://", description="mqtt[s]://[user[:password]@]host[:port]; without [mqtt] none is used"
+    url: BrokerUrl | None = Field(
+        None, description="the broker: mqtt[s]://[user[:password]@]host[:port]; every address of the host is tried"
+    )
+    urls: tuple[BrokerUrl, ...] = Field(
+        (), max_length=16, description="instead of `url`: several brokers, the preferred one first"
+    )
+    return_s: float = Field(
+        60.0,
+        ge=0.1,
+        le=86_400,
+        description="while a broker other than the first of `urls` is connected: how often those before it are checked",
     )
     root: str = Field("loading", pattern=r"^[^#+/\s][^#+\s]*$", description="first level of every topic")
     client_id: str | None = Field(None, max_length=64, description="default: gateway-<site>-<instance>")
@@ -67,6 +78,19 @@ class MqttConfig(Section):
         "users than root; empty: memory only",
     )
     reconnect: Reconnect = Field(default_factory=Reconnect)
+
+    @property
+    def brokers(self) -> tuple[str, ...]:
+        """The URLs of all brokers, the preferred one first."""
+        return self.urls if self.url is None else (self.url,)
+
+    @model_validator(mode="after")
+    def _url_or_urls(self) -> Self:
+        if not self.brokers:
+            raise FieldError("is missing; or urls, a list of several brokers", "url")
+        if self.url is not None and self.urls:
+            raise FieldError("url is given, too; keep one of them", "urls")
+        return self
 
     @model_validator(mode="after")
     def _one_password(self) -> Self:

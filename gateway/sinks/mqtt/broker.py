@@ -1,4 +1,4 @@
-"""The configured broker: its address, the user and password there, and the certificates. IO: reads small files.
+"""The configured brokers: their addresses, the user and password there, and the certificates. IO: reads small files.
 
 Secrets may be in the URL, in a file, or in an environment variable. No error here quotes one, and neither the text
 nor the repr of a `Broker` contains its password.
@@ -6,6 +6,7 @@ nor the repr of a `Broker` contains its password.
 
 import re
 import ssl
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from urllib.parse import unquote, urlsplit
 
@@ -25,32 +26,45 @@ class Broker:
     username: str | None = None
     password: str | None = field(default=None, repr=False)
 
+    @property
+    def reached_at(self) -> tuple[str, int]:
+        """Host and port of the TCP connection."""
+        return self.host, self.port
+
     def __str__(self) -> str:
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"{'mqtts' if self.tls else 'mqtt'}://{host}:{self.port}"
 
 
-def parse(url: str) -> Broker:
+def parse(url: str, key: str = "mqtt.url") -> Broker:
     """Raises SettingError, which never quotes the URL: a password may be anywhere in a damaged one."""
+    try:
+        return _parse(url)
+    except ValueError as error:
+        fault = f"{error}; expected {SHAPE}"
+    raise SettingError(key, fault)  # outside `except`: the chained error may quote the password
+
+
+def _parse(url: str) -> Broker:
     try:
         url.encode()  # an argument of the command line may not be text
         parts = urlsplit(url)
         scheme, host, port = parts.scheme, parts.hostname or "", parts.port
     except ValueError:  # its text may quote the password, as may its chained form
-        raise _url_error("not a URL with a host and a port from 1 to 65535") from None
+        raise _UrlError("not a URL with a host and a port from 1 to 65535") from None
     if scheme not in DEFAULT_PORT:
-        raise _url_error("must begin with mqtt:// or mqtts://")
+        raise _UrlError("must begin with mqtt:// or mqtts://")
     if parts.path not in ("", "/") or parts.query or parts.fragment or "?" in url or "#" in url:
-        raise _url_error("nothing may follow the port; write / ? # in a password as %2F %3F %23")
+        raise _UrlError("nothing may follow the port; write / ? # in a password as %2F %3F %23")
     if not host or host.startswith(".") or re.search(r"[\s\x00-\x1f\x7f]", url):
-        raise _url_error("names no host, or contains blanks")
+        raise _UrlError("names no host, or contains blanks")
     if port == 0:
-        raise _url_error("port 0 cannot be connected to")
+        raise _UrlError("port 0 cannot be connected to")
     username, password = _decoded(parts.username), _decoded(parts.password)
     if "\0" in (username or ""):
-        raise _url_error("a user name cannot contain %00")
+        raise _UrlError("a user name cannot contain %00")
     if password is not None and not username:
-        raise _url_error("a password needs a user name (MQTT 3.1.1)")
+        raise _UrlError("a password needs a user name (MQTT 3.1.1)")
     return Broker(host, port or DEFAULT_PORT[scheme], scheme == "mqtts", username or None, password)
 
 
@@ -60,36 +74,48 @@ def _decoded(text: str | None) -> str | None:
     try:
         decoded = unquote(text, errors="strict")
     except UnicodeDecodeError:
-        raise _url_error("user or password: the %-escapes are not UTF-8") from None
+        raise _UrlError("user or password: the %-escapes are not UTF-8") from None
     if len(decoded.encode()) > MAX_BYTES:
-        raise _url_error(f"user or password: longer than {MAX_BYTES} bytes")
+        raise _UrlError(f"user or password: longer than {MAX_BYTES} bytes")
     return decoded
 
 
-def _url_error(fault: str) -> SettingError:
-    return SettingError("mqtt.url", f"{fault}; expected {SHAPE}")
+class _UrlError(ValueError):
+    """What is wrong with a URL."""
 
 
-def broker_of(config: MqttConfig) -> Broker:
-    """The address with user and password. Raises SettingError naming the key, never the secret."""
-    broker = parse(config.url)
+def brokers_of(config: MqttConfig) -> tuple[Broker, ...]:
+    """The addresses with user and password, the preferred one first. Raises SettingError naming the key, never the
+    secret."""
+    secret = password("mqtt", config.password_file, config.password_env)
+    keys = ["mqtt.url"] if config.url is not None else [f"mqtt.urls.{n}" for n in range(len(config.urls))]
+    found = tuple(_broker_of(config, url, key, secret) for url, key in zip(config.brokers, keys, strict=True))
+    for key, broker in zip(keys, found, strict=True):
+        if broker.tls != found[0].tls:
+            raise SettingError(key, f"{found[0]} is encrypted and {broker} is not, or the reverse; all must be alike")
+        if found.index(broker) != keys.index(key):
+            raise SettingError(key, f"{broker} is in the list twice")
+    return found
+
+
+def _broker_of(config: MqttConfig, url: str, key: str, secret: str | None) -> Broker:
+    broker = parse(url, key)
     if config.username is not None:
         if broker.username is not None:
-            raise SettingError("mqtt.username", "mqtt.url names a user, too; keep one of them")
+            raise SettingError("mqtt.username", f"{key} names a user, too; keep one of them")
         broker = replace(broker, username=config.username)
-    secret = password("mqtt", config.password_file, config.password_env)
     if secret is None:
         return broker
     if broker.password is not None:
-        raise SettingError("mqtt.url", "holds a password beside password_file or password_env; keep one of them")
+        raise SettingError(key, "holds a password beside password_file or password_env; keep one of them")
     if broker.username is None:
         raise SettingError("mqtt.username", "is missing; a password needs a user name")
     return replace(broker, password=secret)
 
 
-def tls_context(config: MqttConfig, broker: Broker) -> ssl.SSLContext | None:
+def tls_context(config: MqttConfig, brokers: Sequence[Broker]) -> ssl.SSLContext | None:
     """None without TLS. Raises SettingError for a file that can't be used. Reads from disk."""
-    if not broker.tls:
+    if not brokers[0].tls:
         if config.tls is not None:
             raise SettingError("mqtt.tls", 'needs url = "mqtts://..."; with mqtt:// nothing is encrypted')
         return None

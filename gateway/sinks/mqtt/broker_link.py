@@ -20,7 +20,7 @@ import socket
 import ssl
 from collections.abc import AsyncIterator, Callable, Sequence
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 
 import aiomqtt
 from aiomqtt.exceptions import MqttConnectError
@@ -31,6 +31,7 @@ from paho.mqtt.reasoncodes import ReasonCode
 from gateway.errors import LinkError
 from gateway.sinks.mqtt.broker import Broker
 from gateway.sinks.mqtt.broker_socket import open_socket
+from gateway.sinks.mqtt.endpoints import Endpoint, Version
 from gateway.sinks.mqtt.topics import Message
 
 CONNECT_S = 5.0  # for the socket, and again for the CONNACK
@@ -43,8 +44,6 @@ UNSUPPORTED_PROTOCOL_VERSION = (1, 132)  # CONNACK of MQTT 3.1.1 and of MQTT 5
 
 _log = logging.getLogger("mqtt")
 
-
-Version = Literal["5", "3.1.1"]
 _VERSIONS: dict[Version, aiomqtt.ProtocolVersion] = {
     "5": aiomqtt.ProtocolVersion.V5,
     "3.1.1": aiomqtt.ProtocolVersion.V311,
@@ -63,10 +62,10 @@ class NotAcceptedError(LinkError):
 class BrokerLink:
     """A live connection. Real seconds, not the gateway's clock: the broker has no simulated time."""
 
-    def __init__(self, client: aiomqtt.Client, broker: Broker, acknowledge_s: float, version: Version) -> None:
+    def __init__(self, client: aiomqtt.Client, endpoint: Endpoint, acknowledge_s: float, version: Version) -> None:
         self.version = version
         self._client = client
-        self._broker = broker
+        self._broker = endpoint
         self._acknowledge_s = acknowledge_s
         self._in_flight = asyncio.Semaphore(MAX_IN_FLIGHT)
 
@@ -85,6 +84,11 @@ class BrokerLink:
             raise LinkError(f"{self._broker}: no acknowledgement within {self._acknowledge_s:g} s") from None
         except aiomqtt.MqttError as error:
             raise LinkError(f"{self._broker}: cannot publish: {error}") from error
+
+    async def quiet(self) -> None:
+        """Returns when no message waits for its acknowledgement; from then on none is sent."""
+        for _ in range(MAX_IN_FLIGHT):
+            await self._in_flight.acquire()
 
     async def subscribe(self, topics: Sequence[tuple[str, int]]) -> None:
         """Topics with their QoS; returns when the broker has granted them all. Raises LinkError."""
@@ -139,10 +143,10 @@ def _received(read: Callable[[int], bytes], size: int) -> bytes:
 
 @contextlib.asynccontextmanager
 async def connect(
-    broker: Broker,
+    endpoint: Endpoint,
     *,
     client_id: str,
-    will: Message,
+    will: Message | None,
     keepalive_s: int,
     acknowledge_s: float,
     tls: ssl.SSLContext | None,
@@ -154,10 +158,11 @@ async def connect(
     `will_at_disconnect`: an MQTT 5 broker publishes the will even when the connection ends properly.
     """
     try:
-        sock = await open_socket(broker.host, broker.port, tls, CONNECT_S)
+        sock = await open_socket(endpoint, tls, CONNECT_S)
     except LinkError as error:
-        raise LinkError(f"{broker}: {error}") from error
+        raise LinkError(f"{endpoint}: {error}") from error
     with contextlib.closing(sock):
+        broker = endpoint.broker
         client = _Client(sock, broker, client_id=client_id, will=will, keepalive_s=keepalive_s, version=version)
         try:
             try:
@@ -165,15 +170,15 @@ async def connect(
             except MqttConnectError as error:
                 if _code(error) not in UNSUPPORTED_PROTOCOL_VERSION:
                     raise
-                raise NotAcceptedError(f"{broker}: {error}", certain=True) from error
+                raise NotAcceptedError(f"{endpoint}: {error}", certain=True) from error
             except aiomqtt.MqttError as error:
-                raise NotAcceptedError(f"{broker}: {error}", certain=False) from error
-            yield BrokerLink(client, broker, acknowledge_s, version)
+                raise NotAcceptedError(f"{endpoint}: {error}", certain=False) from error
+            yield BrokerLink(client, endpoint, acknowledge_s, version)
             if will_at_disconnect and version == "5":
                 client.keep_will()
             await client.send_disconnect()  # skipped when the body raises: then the broker must publish the will
         except aiomqtt.MqttError as error:
-            raise LinkError(f"{broker}: {error}") from error
+            raise LinkError(f"{endpoint}: {error}") from error
         finally:
             await client.close()
 
@@ -187,7 +192,7 @@ class _Client(aiomqtt.Client):
         broker: Broker,
         *,
         client_id: str,
-        will: Message,
+        will: Message | None,
         keepalive_s: int,
         version: Version,
     ) -> None:
@@ -198,7 +203,7 @@ class _Client(aiomqtt.Client):
             password=broker.password,
             identifier=client_id,
             protocol=_VERSIONS[version],
-            will=aiomqtt.Will(will.topic, will.payload, qos=will.qos, retain=will.retain),
+            will=None if will is None else aiomqtt.Will(will.topic, will.payload, qos=will.qos, retain=will.retain),
             # Its own time limits lose a cancellation that arrives together with a reply (Python 3.11's wait_for).
             timeout=math.inf,
             keepalive=keepalive_s,

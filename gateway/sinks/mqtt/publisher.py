@@ -18,14 +18,13 @@ from typing import NoReturn
 from gateway import __version__
 from gateway.clock import NS_PER_S, Clock
 from gateway.config import GatewayConfig, MqttConfig
-from gateway.config.strict.errors import without_password
 from gateway.core.events import Event
 from gateway.core.readings import Quality
 from gateway.core.state import Moved, Reason, StateVector
 from gateway.errors import LinkError
 from gateway.sinks.contract import Bays, LinkStatus, SinkContext, SinkType
 from gateway.sinks.mqtt import home_assistant, messages, payloads
-from gateway.sinks.mqtt.broker import broker_of, tls_context
+from gateway.sinks.mqtt.broker import brokers_of, tls_context
 from gateway.sinks.mqtt.broker_link import BrokerLink
 from gateway.sinks.mqtt.session import BrokerSession, Connect
 from gateway.sinks.mqtt.topic_plan import PLAN, TopicKind
@@ -94,7 +93,7 @@ class MqttPublisher:
     def link(self) -> LinkStatus:
         stats, store = self.stats, self._outbox.store
         figures = {
-            "connected": int(self._session.connected),
+            **self._session.figures,
             "published": stats.published,
             "failed": stats.failed,
             "reconnects": stats.reconnects,
@@ -105,8 +104,7 @@ class MqttPublisher:
             figures |= {"store_ok": int(not store.fault), "store_faults": store.faults}
             figures["store_unwritten_events"] = store.unwritten
         detail = "connected" if self._session.connected else "no connection"
-        peer = without_password(self._config.url)
-        return LinkStatus("mqtt", self._session.connected, detail, peer, stats.dropped, figures, store)
+        return LinkStatus("mqtt", self._session.connected, detail, self._session.peer, stats.dropped, figures, store)
 
     @property
     def stats(self) -> messages.DeliveryPayload:
@@ -141,7 +139,7 @@ class MqttPublisher:
                         await self._publish_final(link)
         except TimeoutError:
             queued = self.stats.queued
-            log.warning("%s: no answer in %g s; %d events not delivered", self._session.broker, timeout_s, queued)
+            log.warning("%s: no answer in %g s; %d events not delivered", self._session.peer, timeout_s, queued)
         except LinkError as error:
             log.warning("%s; %d events not delivered", error, self.stats.queued)
         return self._final_published
@@ -292,7 +290,7 @@ def _checks(config: GatewayConfig) -> Sequence[Callable[[], object]]:
     if mqtt is None:
         return ()
     return (
-        lambda: tls_context(mqtt, broker_of(mqtt)),
+        lambda: tls_context(mqtt, brokers_of(mqtt)),
         partial(Topics, mqtt.root, config.site, config.instance),
     )
 

@@ -1,25 +1,34 @@
-"""One client's connections to the configured broker, one at a time: version, last will, loss and orderly end. IO.
+"""One client's connections to the configured brokers, one at a time: fail-over, last will, loss and orderly end. IO.
 
 Every publisher over MQTT has one `BrokerSession`. What may depend on the broker (its address, certificates and version
 of MQTT) is decided here; what is published, and when, is the publisher's.
 
-MQTT 5 is tried first. A broker that does not support it replies so, or closes the connection without an answer; 3.1.1
-is tried then. After a timeout the next attempt uses the other version, because the broker may only have been slow. A
-version that was accepted is kept.
+A connection is sought in one round through all addresses of all configured brokers (`endpoints`): one that does not
+answer, refuses, or loses a connection later is tried last from then on. While a broker other than the preferred one is
+connected, those before it in the configuration are checked by a connection under another client id; when one accepts,
+the connection is ended without DISCONNECT, so that its last will replaces the retained `online` there, and the next
+round begins with the preferred broker.
+
+MQTT 5 is tried first. A broker that does not support it replies so, and 3.1.1 is tried at once, or closes the
+connection without an answer; 3.1.1 is tried in the next round then. After a timeout the next attempt at that address
+uses the other version, because the broker may only have been slow. A version that was accepted is kept.
 """
 
 import asyncio
 import contextlib
 import logging
+import random
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
-from contextlib import AbstractAsyncContextManager
-from typing import Literal
+from contextlib import AbstractAsyncContextManager, AsyncExitStack, aclosing
+from typing import NoReturn
 
 from gateway.config import MqttConfig
 from gateway.errors import LinkError
 from gateway.sinks.mqtt import broker_link
-from gateway.sinks.mqtt.broker import broker_of, tls_context
-from gateway.sinks.mqtt.broker_link import BrokerLink, NotAcceptedError, Version
+from gateway.sinks.mqtt.broker import brokers_of, tls_context
+from gateway.sinks.mqtt.broker_link import BrokerLink, NotAcceptedError
+from gateway.sinks.mqtt.endpoints import Endpoint, Endpoints, ReturnPace
+from gateway.sinks.mqtt.lookup import Lookup
 from gateway.sinks.mqtt.topics import Message
 
 log = logging.getLogger(__name__)
@@ -28,26 +37,6 @@ log = logging.getLogger(__name__)
 ACKNOWLEDGE_SHARE = 0.75
 Connect = Callable[..., AbstractAsyncContextManager[BrokerLink]]  # parameters: see broker_link.connect
 Received = Callable[[BrokerLink, Message], Awaitable[None]]
-
-
-class VersionChoice:
-    """`next` is the version to connect with; report its result."""
-
-    def __init__(self, configured: Literal["auto", "5", "3.1.1"]) -> None:
-        self._fixed = configured != "auto"
-        self._accepted = False
-        self.next: Version = "5" if configured == "auto" else configured
-
-    def accepted(self) -> None:
-        """The broker has accepted `next`."""
-        self._accepted = True
-
-    def failed(self, *, certain: bool) -> None:
-        """It has not. `certain`: because it does not support that version."""
-        if self._fixed or (self._accepted and not certain):
-            return
-        self._accepted = False
-        self.next = "3.1.1" if self.next == "5" else "5"
 
 
 class BrokerSession:
@@ -60,17 +49,34 @@ class BrokerSession:
     def __init__(
         self, config: MqttConfig, client_id: str, *, will_at_disconnect: bool = False, connect: Connect | None = None
     ) -> None:
-        self.broker = broker_of(config)
         self.closing = asyncio.Event()  # set by `close`: end the connection there is, and begin no other
-        self.connected = False
         self.connections = 0  # since the start
+        self.failovers = 0  # of these, to another address than the one before
         self._config = config
         self._client_id = client_id
         self._will_at_disconnect = will_at_disconnect
-        self._tls = tls_context(config, self.broker)
-        self._versions = VersionChoice(config.protocol)
+        self._endpoints = Endpoints(brokers_of(config), Lookup().addresses, config.protocol)
+        self._tls = tls_context(config, self._endpoints.brokers)
         self._connect = connect or broker_link.connect
         self._lock = asyncio.Lock()  # one client id, one connection
+        self._connected: Endpoint | None = None
+        self._last: Endpoint | None = None  # the one connected before
+        self._pace = ReturnPace(config.return_s)
+
+    @property
+    def connected(self) -> bool:
+        return self._connected is not None
+
+    @property
+    def peer(self) -> str:
+        """The broker that is connected, or all that are configured; without user and password."""
+        return str(self._connected or ", ".join(map(str, self._endpoints.brokers)))
+
+    @property
+    def figures(self) -> dict[str, int]:
+        """Counters and gauges, as in LinkStatus."""
+        place = 0 if self._connected is None else self._connected.rank + 1
+        return {"connected": int(self.connected), "broker": place, "failovers": self.failovers}
 
     @contextlib.asynccontextmanager
     async def connection(self, will: Message, received: Received | None = None) -> AsyncIterator[BrokerLink]:
@@ -80,16 +86,13 @@ class BrokerSession:
         ends normally sends DISCONNECT; after any other end the broker publishes the will.
         """
         with _single_link_error():
-            async with self._lock, self._opened(will) as link, asyncio.TaskGroup() as group:
-                self.connections += 1
-                self.connected = True
-                log.info("%s: connected as %s", self.broker, self._client_id)
-                try:
-                    receiving = group.create_task(_receive(link, received))
-                    yield link
-                    receiving.cancel()
-                finally:
-                    self.connected = False
+            async with self._lock, self._opened(will) as (endpoint, link), asyncio.TaskGroup() as group:
+                watching = [group.create_task(_receive(link, received))]
+                if endpoint.rank:
+                    watching.append(group.create_task(self._until_return(endpoint, link)))
+                yield link
+                for task in watching:
+                    task.cancel()
 
     async def close(self) -> None:
         """Returns when the connection there is has ended; its body must watch `closing`."""
@@ -98,24 +101,103 @@ class BrokerSession:
             pass
 
     @contextlib.asynccontextmanager
-    async def _opened(self, will: Message) -> AsyncIterator[BrokerLink]:
-        """A refusal decides which version is tried next time."""
-        try:
-            async with self._connect(
-                self.broker,
-                client_id=self._client_id,
-                will=will,
-                keepalive_s=self._config.keepalive_s,
-                acknowledge_s=ACKNOWLEDGE_SHARE * self._config.keepalive_s,
-                tls=self._tls,
-                version=self._versions.next,
-                will_at_disconnect=self._will_at_disconnect,
-            ) as link:
-                self._versions.accepted()
-                yield link
-        except NotAcceptedError as error:
-            self._versions.failed(certain=error.certain)
-            raise
+    async def _opened(self, will: Message) -> AsyncIterator[tuple[Endpoint, BrokerLink]]:
+        async with AsyncExitStack() as stack:
+            endpoint, link = await self._first_that_accepts(stack, will)
+            begun_s = asyncio.get_running_loop().time()
+            self._note(endpoint)
+            try:
+                yield endpoint, link
+            except* _ReturnError:
+                self._pace.returned()
+                raise
+            except* LinkError:
+                self._endpoints.failed(endpoint)
+                self._pace.ended(asyncio.get_running_loop().time() - begun_s)
+                raise
+            finally:
+                self._connected = None
+
+    def _note(self, endpoint: Endpoint) -> None:
+        self._connected = endpoint
+        self.connections += 1
+        if self._last not in (None, endpoint):
+            self.failovers += 1
+        self._last = endpoint
+        self._pace.connected(endpoint.rank)
+        log.info("%s: connected as %s", endpoint, self._client_id)
+
+    async def _first_that_accepts(self, stack: AsyncExitStack, will: Message) -> tuple[Endpoint, BrokerLink]:
+        """One round. The connection is left with `stack`. Raises LinkError with what each has failed with."""
+        faults: list[LinkError] = []
+        async with aclosing(self._endpoints.in_order(faults)) as endpoints:
+            async for endpoint in endpoints:
+                try:
+                    link = await self._accepted(stack, endpoint, self._client_id, will)
+                except LinkError as error:
+                    self._endpoints.failed(endpoint)
+                    faults.append(error)
+                else:
+                    self._endpoints.accepted(endpoint)
+                    return endpoint, link
+        if len(faults) == 1:
+            raise faults[0]
+        raise LinkError("; ".join(map(str, faults)))
+
+    async def _accepted(
+        self, stack: AsyncExitStack, endpoint: Endpoint, client_id: str, will: Message | None
+    ) -> BrokerLink:
+        """A refusal decides which version is tried next time; that of a version, which is tried at once."""
+        versions = self._endpoints.versions(endpoint)
+        for last in (False, True):
+            try:
+                link = await stack.enter_async_context(
+                    self._connect(
+                        endpoint,
+                        client_id=client_id,
+                        will=will,
+                        keepalive_s=self._config.keepalive_s,
+                        acknowledge_s=ACKNOWLEDGE_SHARE * self._config.keepalive_s,
+                        tls=self._tls,
+                        version=versions.next,
+                        will_at_disconnect=self._will_at_disconnect and will is not None,
+                    )
+                )
+            except NotAcceptedError as error:
+                if last or not (versions.failed(certain=error.certain) and error.certain):
+                    raise
+            else:
+                break
+        versions.accepted()
+        return link
+
+    async def _until_return(self, endpoint: Endpoint, link: BrokerLink) -> NoReturn:
+        """Raises _ReturnError when a broker before that of `endpoint` accepts connections again."""
+        while True:
+            await asyncio.sleep(random.uniform(0.5, 1.5) * self._pace.wait_s)  # not all gateways at once
+            for rank in range(0 if self.closing.is_set() else endpoint.rank):
+                if (better := await self._checked(rank)) is not None:
+                    await link.quiet()
+                    raise _ReturnError(f"{endpoint}: left, because {better} accepts connections again")
+
+    async def _checked(self, rank: int) -> Endpoint | None:
+        """An address of this broker that accepts a connection with MQTT. The connection ends with DISCONNECT."""
+        with contextlib.suppress(LinkError):
+            for endpoint in await self._endpoints.of(rank):
+                self._endpoints.forget(endpoint)  # a version that was tried while it hung says nothing
+                try:
+                    async with AsyncExitStack() as stack:
+                        await self._accepted(stack, endpoint, f"{self._client_id}-check", None)
+                except LinkError as error:
+                    log.debug("%s: checked, and not returned to: %s", endpoint, error)
+                    self._endpoints.failed(endpoint)
+                else:
+                    return endpoint
+        return None
+
+
+class _ReturnError(LinkError):
+    """The connection is ended for the sake of a preferred broker."""
 
 
 async def _receive(link: BrokerLink, received: Received | None) -> None:

@@ -13,7 +13,6 @@ from typing import NoReturn
 from gateway import __version__
 from gateway.clock import NS_PER_S, Clock
 from gateway.config import MqttConfig
-from gateway.config.strict.errors import without_password
 from gateway.core.events import Event
 from gateway.core.state import Reason, StateVector
 from gateway.errors import LinkError
@@ -50,7 +49,6 @@ class SparkplugPublisher:
         if config.sparkplug is None:
             raise ValueError("no [mqtt.sparkplug] in the configuration")
         self.reconnect = config.reconnect
-        self._config = config
         self._settings = config.sparkplug
         self._hub = hub
         self._clock = clock
@@ -81,7 +79,7 @@ class SparkplugPublisher:
         """`connected`: births were sent in this session; not while the primary host is awaited."""
         stats, born = self.node.stats, self._session.connected and self.node.born
         figures = {
-            "connected": int(self._session.connected),
+            **self._session.figures,
             "born": int(self.node.born),
             "births": stats.births,
             "rebirths": stats.rebirths,
@@ -91,7 +89,7 @@ class SparkplugPublisher:
             "history_waiting": self.node.waiting,
         }
         detail = "session open" if born else "no session"
-        return LinkStatus("sparkplug", born, detail, without_password(self._config.url), stats.history_dropped, figures)
+        return LinkStatus("sparkplug", born, detail, self._session.peer, stats.history_dropped, figures)
 
     async def deliver(self) -> None:
         """One session, until the link breaks or the primary host is offline (LinkError), or after `close`."""

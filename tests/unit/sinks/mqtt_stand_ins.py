@@ -94,6 +94,9 @@ class Link(BrokerLink):
         if broker.lost.is_set():
             raise LinkError("connection lost")
 
+    async def quiet(self) -> None:
+        pass
+
     async def subscribe(self, topics: Sequence[tuple[str, int]]) -> None:
         pass
 
@@ -120,7 +123,7 @@ class Plant:
         self.hub = Hub(bays or ("bay1",))
         for bay in self.hub.bays:
             self.hub.publish(fusion.initial(bay, self.clock.now_ns()))
-        config = MqttConfig(**({"url": "mqtt://broker", "root": "r"} | settings))
+        config = MqttConfig(**({"url": "mqtt://192.0.2.1", "root": "r"} | settings))
         self.publisher = MqttPublisher(
             config, "site", "gw", self.hub, self.clock, "1.0", connect=self.broker.connect, plan=plan
         )

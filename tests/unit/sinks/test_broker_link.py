@@ -15,7 +15,9 @@ import pytest
 from gateway.errors import LinkError
 from gateway.sinks.mqtt import broker_link
 from gateway.sinks.mqtt.broker import parse
+from gateway.sinks.mqtt.endpoints import Version
 from gateway.sinks.mqtt.topics import Message
+from tests.mqtt_endpoints import at
 
 ROOT = Path(__file__).parents[3]
 SOURCE = Path(inspect.getfile(broker_link)).read_text()
@@ -76,7 +78,7 @@ def test_the_client_uses_the_socket_it_is_given() -> None:
 
 @pytest.mark.parametrize("version", ["5", "3.1.1"])
 def test_a_packet_that_a_broker_announces_as_huge_ends_the_connection_and_takes_no_memory(
-    version: broker_link.Version,
+    version: Version,
 ) -> None:
     """A hostile broker raised the process's memory by 90 MiB with each: it was kept until it was complete."""
 
@@ -99,9 +101,9 @@ def test_a_packet_that_a_broker_announces_as_huge_ends_the_connection_and_takes_
             writer.transport.abort()
 
         async def listen(port: int) -> None:
-            url = parse(f"mqtt://127.0.0.1:{port}")
+            endpoint = at(f"mqtt://127.0.0.1:{port}")
             about = {"client_id": "c", "will": Message("w", b""), "keepalive_s": 5, "acknowledge_s": 5, "tls": None}
-            async with broker_link.connect(url, version=version, **about) as link:  # type: ignore[arg-type]
+            async with broker_link.connect(endpoint, version=version, **about) as link:  # type: ignore[arg-type]
                 async for _ in link.incoming():
                     pass
 

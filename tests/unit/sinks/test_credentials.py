@@ -10,13 +10,18 @@ from pydantic import ValidationError
 
 from gateway.config import MqttConfig, MqttTls
 from gateway.sinks.contract import SettingError
-from gateway.sinks.mqtt.broker import broker_of, tls_context
+from gateway.sinks.mqtt.broker import Broker, brokers_of, tls_context
 
 SECRET = "p@ss/wörd"
 
 
 def config(**values: Any) -> MqttConfig:
     return MqttConfig(**{"url": "mqtt://broker", "username": "gw", **values})
+
+
+def broker_of(config: MqttConfig) -> Broker:
+    (broker,) = brokers_of(config)
+    return broker
 
 
 @pytest.mark.parametrize("end", ["", "\n", "\r\n"])
@@ -78,11 +83,34 @@ def test_a_secret_has_one_source(values: dict[str, Any], key: str) -> None:
     assert "hunter2" not in str(caught.value)
 
 
+def test_user_and_password_hold_for_every_broker(tmp_path: Path) -> None:
+    path = tmp_path / "secret"
+    path.write_text(SECRET)
+    found = brokers_of(config(url=None, urls=("mqtt://b1", "mqtt://b2:99"), password_file=str(path)))
+    assert found == (Broker("b1", 1883, False, "gw", SECRET), Broker("b2", 99, False, "gw", SECRET))
+
+
+@pytest.mark.parametrize(
+    ("urls", "place", "fault"),
+    [
+        (("mqtt://b1", "mqtt://joe:hunter2@"), ("mqtt", "urls", 1), "names no host"),
+        (("mqtt://b1", "mqtts://b2"), ("mqtt", "urls", 1), "all must be alike"),
+        (("mqtt://b1", "mqtt://b2", "mqtt://b1:1883"), ("mqtt", "urls", 2), "mqtt://b1:1883 is in the list twice"),
+        (("mqtt://b1", "mqtt://joe@b2"), ("mqtt", "username"), "mqtt.urls.1 names a user, too"),
+    ],
+)
+def test_a_list_of_brokers_is_checked(urls: tuple[str, ...], place: tuple[str | int, ...], fault: str) -> None:
+    with pytest.raises(SettingError, match=fault) as caught:
+        brokers_of(config(url=None, urls=urls))
+    assert caught.value.place == place
+    assert "hunter2" not in str(caught.value)
+
+
 def test_certificates_need_an_encrypted_url_and_each_other() -> None:
     plain = config(tls=MqttTls(ca_file="x"))
     with pytest.raises(SettingError, match="mqtts://"):
-        tls_context(plain, broker_of(plain))
-    assert tls_context(config(), broker_of(config())) is None
+        tls_context(plain, brokers_of(plain))
+    assert tls_context(config(), brokers_of(config())) is None
     with pytest.raises(ValidationError, match="key_file"):
         MqttTls(cert_file="x")
     with pytest.raises(ValidationError, match="keep one of them"):
@@ -98,7 +126,7 @@ def test_a_bad_certificate_file_is_named(tmp_path: Path, key: str, damage: bytes
     tls = MqttTls(ca_file=str(path)) if key == "ca_file" else MqttTls(cert_file=str(path), key_file=str(path))
     bad = config(url="mqtts://broker", tls=tls)
     with pytest.raises(SettingError) as caught:
-        tls_context(bad, broker_of(bad))
+        tls_context(bad, brokers_of(bad))
     assert caught.value.place == ("mqtt", "tls", key)
     assert str(path) in str(caught.value)
 
@@ -116,7 +144,7 @@ def test_a_pipe_is_no_place_for_a_secret(tmp_path: Path, key: str) -> None:
 
     def attempt() -> None:
         try:
-            tls_context(configured, broker_of(configured))
+            tls_context(configured, brokers_of(configured))
         except SettingError as error:
             found.append(error)
         done.set()

@@ -17,7 +17,7 @@ from tests.virtual_time import LoopClock
 
 def connected_to(broker: Broker, **settings: Any) -> SparkplugPublisher:
     broker.check = lambda topic, payload: {}
-    config = MqttConfig(url="mqtt://broker", sparkplug=SparkplugConfig(**settings))
+    config = MqttConfig(url="mqtt://192.0.2.1", sparkplug=SparkplugConfig(**settings))
     return SparkplugPublisher(
         config, "site", "gw", Hub(["bay1"]), LoopClock(), connect=broker.connect, bd_seq=lambda: 0
     )

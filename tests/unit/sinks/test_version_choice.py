@@ -4,7 +4,7 @@ from typing import Literal
 
 import pytest
 
-from gateway.sinks.mqtt.session import VersionChoice
+from gateway.sinks.mqtt.endpoints import VersionChoice
 
 
 @pytest.mark.parametrize(
