@@ -136,7 +136,7 @@ def _settings(args: argparse.Namespace, *, first: bool) -> GatewayConfig:
         over["hmi"] = {"port": args.hmi_port}
     if args.mqtt_url is not None:
         outbox = Path(args.state_dir) / "outbox.sqlite" if args.state_dir else ""
-        over["mqtt"] = {"url": args.mqtt_url, "outbox_file": str(outbox)}
+        over["mqtt"] = {"url": args.mqtt_url, "urls": [], "outbox_file": str(outbox)}
     if args.config is None:
         over["instance"] = "simulate" if first else f"simulate-{os.getpid()}"  # several may run side by side
     if args.method is not None:

@@ -24,6 +24,7 @@ from gateway.config import (
     VisionConfig,
     load,
     parse,
+    reference,
 )
 from gateway.config.strict.errors import explain, without_password
 from gateway.config.strict.section import Section, bounds_of, inner_model
@@ -248,7 +249,16 @@ def _bays(section: str, count: int) -> str:
         ('site = "a\\n"', "g.toml:1: site = \"a\\n\": String should match pattern '^[A-Za-z0-9_-]{1,64}$'"),
         ("[mqtt]\nurl = 'http://x'", "g.toml:2: mqtt.url = \"http://x\": String should match pattern '^mqtts?://'"),
         # Missing.
-        ("[mqtt]\nroot = 'a'\n", "g.toml:1: mqtt.url: is missing"),
+        ("[mqtt]\nroot = 'a'\n", "g.toml:1: mqtt.url: is missing; or urls, a list of several brokers"),
+        ("[mqtt]\nurls = []\n", "g.toml:1: mqtt.url: is missing; or urls, a list of several brokers"),
+        (
+            "[mqtt]\nurls = ['mqtt://a', 'http://x']",
+            "g.toml:2: mqtt.urls.1 = \"http://x\": String should match pattern '^mqtts?://'",
+        ),
+        (
+            "[mqtt]\nurl = 'mqtt://a'\nurls = ['mqtt://b']",
+            'g.toml:3: mqtt.urls = ["mqtt://b"]: url is given, too; keep one of them',
+        ),
         (
             "[fusion.cross_check]\nfocal_px = 600\n",
             "g.toml:1: fusion.cross_check.marker_radius_mm: is missing (allowed: > 0, <= 10000)",
@@ -530,6 +540,8 @@ SECRET = "hunter2/@:#"
         f"[mqtt]\nurl = 'mqtt:/admin:{SECRET}@broker'",
         f"[mqtt]\nurl = 'MQTT://admin:{SECRET}@broker'",
         f"[mqtt]\nurl = 'mqtt://admin:{SECRET}@broker'\nroot = '#'",
+        f"[mqtt]\nurls = ['mqtt://broker', 'MQTT://admin:{SECRET}@broker']",
+        f"[mqtt]\nurl = 'mqtt://broker'\nurls = ['mqtt://admin:{SECRET}@broker']",
         f"[mqtt]\nurl = 'mqtt://broker'\npassword = '{SECRET}'",
         f"[mqtt]\nurl = 'mqtt://broker'\nPASSWD = '{SECRET}'",
         f"mqtt_password = '{SECRET}'",
@@ -563,6 +575,12 @@ def test_no_password_appears_in_an_error_nor_behind_it(text: str) -> None:
 )
 def test_a_url_that_may_be_shown(url: str, shown: str) -> None:
     assert without_password(url) == shown
+
+
+def test_the_values_in_force_show_no_password_of_a_list_of_brokers() -> None:
+    text = f"[mqtt]\nurls = ['mqtt://broker', 'mqtt://admin:{SECRET}@broker']"
+    shown = dict(reference.flat(parse(tomllib.loads(text))))
+    assert shown["mqtt.urls"] == '["mqtt://broker", "mqtt://***@broker"]'
 
 
 # Every bound of every field, from the table of fields itself.

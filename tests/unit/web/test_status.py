@@ -94,7 +94,7 @@ async def test_links_hold_what_the_parts_say_and_no_password() -> None:
         gathered = parts(sinks=[publisher], tasks=tasks, modbus=lambda: (server(),))
         links = gathered.system_status(made.monitor)
         assert links.sinks == (publisher.link,)
-        assert links.sinks[0].peer == "mqtt://***@broker"
+        assert links.sinks[0].peer == "mqtt://broker:1883"
         assert "secret" not in repr(links)
         assert (links.tasks[0].name, links.tasks[0].running, len(links.tasks[0].last_error)) == (
             "bay1.control", True, MAX_ERROR,
