@@ -242,6 +242,8 @@ class StatedConditions:
         sure = d0 and known.contradiction_ns is None and (fitting or self.plain)
         # One marker has one R x Z. Without a cross-check, where it differs, the gateway may not take both for fitting.
         known_to_fit = self.fusion.cross_check is not None or known.place is None or self._fits(known.place, circle, mm)
+        if not known_to_fit:  # however short: the gateway may have taken that moment for a contradiction
+            known = replace(known, doubt_ns=now_ns)
         if released and sure and known_to_fit and now_ns - known.doubt_ns >= self.hold_ns and self._off_mark(mm):
             known = replace(known, released=False, place=None)  # from here on equation 14 alone decides
         if known.place is not None and known.watched and not known.released:
