@@ -64,7 +64,7 @@ def test_what_the_broker_delivers_is_understood(tmp_path: Path) -> None:
     once = run_function(function("lgb-once"), [(0, message) for message in [*events, *events]])
     passed = [out[0]["payload"]["id"] for out, _ in once if out[0] is not None]
     assert passed == [json.loads(message["payload"])["id"] for message in events]
-    assert once[-1][1] == f"{len(events)} repeated, 0 damaged"
+    assert once[-1][1] == f"{len(events)} repeated, 0 late, 0 damaged"
 
     for panel in PANELS:
         suffix = kind_of(panel).pattern.rsplit("/", 1)[1]

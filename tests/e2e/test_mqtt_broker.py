@@ -56,16 +56,12 @@ def mosquitto(tmp_path: Path) -> Iterator[Mosquitto]:
 
 
 def first_of_each(subscriber: Subscriber) -> list[dict[str, Any]]:
-    """The events, each once, by the rule of docs/mqtt.md: a count not above the highest of its boot is a repetition."""
-    highest: dict[str, int] = {}
-    events = []
+    """The events, each once, by the rule of docs/mqtt.md: one whose id has arrived before is a repetition."""
+    events: dict[str, dict[str, Any]] = {}
     for message in subscriber.on("/event"):
         event = checked(message.topic, message.text)
-        boot, count = event["id"].split("-")
-        if int(count) > highest.get(boot, 0):
-            highest[boot] = int(count)
-            events.append(event)
-    return events
+        events.setdefault(event["id"], event)
+    return list(events.values())
 
 
 def count_of(message: Received) -> int:

@@ -5,6 +5,7 @@ what was seen with it.
 """
 
 import json
+import random
 import re
 from pathlib import Path
 from typing import Any
@@ -222,45 +223,107 @@ def event(number: int, boot: str = "9f86d081884c7d65") -> dict[str, Any]:
     return {"topic": EVENT_TOPIC, "payload": json.dumps(EXAMPLES["event"] | {"id": f"{boot}-{number}"})}
 
 
-def passed(*messages: dict[str, Any]) -> tuple[list[str], list[Any], str]:
-    """Ids that came through, notices, and the last status."""
-    found = run_function(ONCE, [(0, message) for message in messages])
+def fed(*messages: tuple[int, dict[str, Any]]) -> tuple[list[str], list[dict[str, Any]], str]:
+    """Each message comes so many ms later: ids that came through, notices, and the last status."""
+    found = run_function(ONCE, list(messages))
     events = [out[0]["payload"]["id"] for out, _ in found if out[0] is not None]
-    return events, [out[1]["payload"] for out, _ in found if out[1] is not None], found[-1][1]
+    return events, [notice["payload"] for out, _ in found for notice in out[1] or []], found[-1][1]
+
+
+def passed(*messages: dict[str, Any]) -> tuple[list[str], list[dict[str, Any]], str]:
+    return fed(*((0, message) for message in messages))
+
+
+def counts(ids: list[str]) -> list[int]:
+    return [int(name.rsplit("-", 1)[1]) for name in ids]
+
+
+MINUTE_MS = 60_000
 
 
 def test_repetitions_are_dropped_and_order_is_kept() -> None:
     ids, missing, status = passed(event(1), event(2), event(1), event(2), event(3), event(3))
-    assert [name.rsplit("-", 1)[1] for name in ids] == ["1", "2", "3"]
-    assert (missing, status) == ([], "3 repeated, 0 damaged")
+    assert counts(ids) == [1, 2, 3]
+    assert (missing, status) == ([], "3 repeated, 0 late, 0 damaged")
+
+
+def test_what_a_cluster_delivers_late_is_passed_once() -> None:
+    """As three nats-servers did when a node was killed: 47 to 51 after 54, and what was on its way a second time."""
+    arrived = [*range(1, 47), 52, 53, 54, *range(47, 52), *range(52, 57), 60, 57, 58, 59, *range(57, 110)]
+    ids, missing, status = fed(*((1, event(n)) for n in arrived), (2 * MINUTE_MS, TICK))
+    assert counts(ids) == list(dict.fromkeys(arrived))
+    assert len(ids) == 109
+    assert (missing, status) == ([], "7 repeated, 8 late, 0 damaged")
+
+
+def test_each_of_any_sequence_is_passed_at_its_first_arrival() -> None:
+    randomly = random.Random(6)
+    for _ in range(20):
+        arrived = [min(max(1, n + randomly.randint(-9, 9)), 90) for n in range(100)]
+        ids, missing, _ = fed(*((0, event(n)) for n in arrived), (MINUTE_MS, TICK), (0, TICK))
+        assert counts(ids) == list(dict.fromkeys(arrived))
+        gone = {n for n in range(arrived[0] + 1, max(arrived)) if n not in arrived}
+        ends = [counts([gap["first"], gap["last"]]) for gap in missing]
+        assert sorted(n for first, last in ends for n in range(first, last + 1)) == sorted(gone)
+        assert [gap["missing"] for gap in missing] == [last - first + 1 for first, last in ends]
 
 
 def test_a_new_start_of_the_gateway_counts_from_the_beginning() -> None:
-    ids, missing, _ = passed(event(7, "a1"), event(1, "b2"), event(8, "a1"))
+    ids, missing, _ = fed((0, event(7, "a1")), (0, event(1, "b2")), (0, event(8, "a1")), (MINUTE_MS, TICK))
     assert ids == ["a1-7", "b2-1", "a1-8"]
     assert missing == []
 
 
-def test_a_gap_is_reported() -> None:
-    _, missing, _ = passed(event(4, "a1"), event(7, "a1"))
-    assert missing == [{"before": "a1-7", "missing": 2}]
+def test_events_from_before_the_flow_was_started_are_passed_and_are_not_missing() -> None:
+    ids, missing, _ = fed((0, event(7)), (0, event(5)), (0, event(5)), (MINUTE_MS, TICK))
+    assert (counts(ids), missing) == ([7, 5], [])
 
 
-@pytest.mark.parametrize("payload", ["", "no JSON", "{}", '{"id": 5}', '{"id": "a1-x"}', '{"id": "5"}', "null"])
+def test_a_gap_is_reported_once_when_it_is_still_there_after_a_minute() -> None:
+    messages = [(0, event(4, "a1")), (0, event(9, "a1")), (0, event(6, "a1"))]
+    assert fed(*messages, (MINUTE_MS - 1, TICK))[1] == []
+    ids, missing, _ = fed(*messages, (MINUTE_MS, TICK), (MINUTE_MS, TICK), (0, event(7, "a1")))
+    assert missing == [
+        {"first": "a1-5", "last": "a1-5", "missing": 1},
+        {"first": "a1-7", "last": "a1-8", "missing": 2},
+    ]
+    assert ids[-1] == "a1-7"  # it was reported, and is not lost when it comes all the same
+
+
+def test_a_clock_that_is_set_back_does_not_hide_a_gap() -> None:
+    assert fed((0, event(1, "a1")), (0, event(3, "a1")), (-1000, TICK))[1] == [
+        {"first": "a1-2", "last": "a1-2", "missing": 1}
+    ]
+
+
+@pytest.mark.parametrize(
+    "payload",
+    ["", "no JSON", "{}", '{"id": 5}', '{"id": "a1-x"}', '{"id": "a1-"}', '{"id": "a1-0"}', '{"id": "5"}', "null"],
+)
 def test_what_is_no_event_is_counted(payload: str) -> None:
-    assert passed({"topic": EVENT_TOPIC, "payload": payload}) == ([], [], "0 repeated, 1 damaged")
+    assert passed({"topic": EVENT_TOPIC, "payload": payload}) == ([], [], "0 repeated, 0 late, 1 damaged")
 
 
 def test_boots_do_not_fill_the_memory() -> None:
     few = ONCE.replace("MAX_BOOTS = 1000", "MAX_BOOTS = 3")
     assert few != ONCE
     boots = ["first", "b1", "b2", "first", "b3", "b1"]  # b1 was forgotten: the least recently received of four
-    found = run_function(few, [(0, event(n, boot)) for n, boot in enumerate(boots)])
-    assert [out[1] for out, _ in found] == [
-        None,
-        None,
-        None,
-        {"topic": "missing/site1/gateway", "payload": {"before": "first-3", "missing": 2}},
-        None,
-        None,
+    messages = [(0, event(n + 1, boot)) for n, boot in enumerate(boots)]
+    found = run_function(few, [*messages, (MINUTE_MS, TICK)])
+    assert [out[1] for out, _ in found[:-1]] == [None] * 6
+    assert found[-1][0][1] == [
+        {"topic": "missing/site1/gateway", "payload": {"first": "first-2", "last": "first-3", "missing": 2}}
     ]
+
+
+def test_gaps_do_not_fill_the_memory_and_lose_nothing() -> None:
+    few = ONCE.replace("MAX_GAPS = 200", "MAX_GAPS = 3")
+    assert few != ONCE
+    arrived = [1, 3, 5, 7, 9, 11, *range(1, 12)]
+    found = run_function(few, [(0, event(n)) for n in arrived])
+    ids = [int(out[0]["payload"]["id"].rsplit("-", 1)[1]) for out, _ in found if out[0] is not None]
+    assert set(ids) == set(range(1, 12))
+    assert ids[:6] == [1, 3, 5, 7, 9, 11]
+    assert sorted(n for n in ids if ids.count(n) > 1) == [3, 3, 5, 5]  # between gaps that became one
+    missing = [notice["payload"]["missing"] for out, _ in found for notice in out[1] or []]
+    assert missing == [1, 1, 1]
