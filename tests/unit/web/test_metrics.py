@@ -105,7 +105,7 @@ async def test_every_family_is_reported_and_parsed() -> None:
             name = PREFIX + family.name
             empty = not now.families[name].samples
             assert empty == (family.name in NOT_KNOWN), name
-        assert now.value("info", site="site1", instance="gateway") == 1
+        assert now.value("info", site="site1", gateway="gateway") == 1
         assert (now.value("bay_stop", bay="bay1"), now.value("bay_permit", bay="bay1")) == (0, 1)
         assert (now.value("bay_distance_meters", bay="bay1"), now.value("bay_radius_pixels", bay="bay1")) == (
             0.9,
@@ -139,6 +139,15 @@ async def test_every_family_is_reported_and_parsed() -> None:
         assert now.value("bay_picture_veil_ratio", bay="bay1") == 0.2
         assert now.value("bay_picture_fault", bay="bay1", fault="dusty") == 1
         assert now.value("bay_picture_fault", bay="bay1", fault="dark") == 0
+
+
+@in_virtual_time
+async def test_no_label_is_one_that_prometheus_adds() -> None:
+    """It would rename ours to `exported_instance`."""
+    async with plant(bays=1) as made:
+        labels = {k for f in (await scraped(made)).families.values() for sample in f.samples for k in sample.labels}
+    assert {"gateway", "site", "bay"} <= labels
+    assert labels & {"instance", "job"} == set()
 
 
 @in_virtual_time

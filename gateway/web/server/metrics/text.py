@@ -29,7 +29,7 @@ _METRICS: dict[Form, Any] = {
     "counter": CounterMetricFamily,
     "state set": StateSetMetricFamily,
 }
-INFO = ("info", "version, site and instance")
+INFO = ("info", "version, site, and the gateway's name (`instance`)")
 
 
 class Gateway(Collector):
@@ -40,7 +40,7 @@ class Gateway(Collector):
 
     def collect(self) -> Iterable[Metric]:
         config = self._known.client.about.config
-        about = {"version": __version__, "site": config.site, "instance": config.instance}
+        about = {"version": __version__, "site": config.site, "gateway": config.instance}
         yield InfoMetricFamily(PREFIX.rstrip("_"), INFO[1], value=about)
         for family in FAMILIES:
             yield _metric(family, self._known)
