@@ -6,22 +6,34 @@ import shutil
 import signal
 import socket
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self, TypeVar
+from typing import Any, Protocol, Self, TypeVar
 
 T = TypeVar("T")
-# Debian keeps the broker where a user's PATH may not look.
-SEARCH = os.pathsep.join([os.environ.get("PATH", os.defpath), "/usr/sbin", "/usr/local/sbin"])
+# Debian keeps the broker where a user's PATH may not look; programs of Python packages are beside the interpreter.
+SEARCH = os.pathsep.join(
+    [str(Path(sys.executable).parent), os.environ.get("PATH", os.defpath), "/usr/sbin", "/usr/local/sbin"]
+)
 
 
-def program(name: str) -> str:
+class Address(Protocol):
+    """Where a broker listens."""
+
+    @property
+    def host(self) -> str: ...
+    @property
+    def port(self) -> int: ...
+
+
+def program(name: str, source: str = "apt-get install mosquitto mosquitto-clients") -> str:
     found = shutil.which(name, path=SEARCH)
-    assert found is not None, f"{name} is missing: apt-get install mosquitto mosquitto-clients"
+    assert found is not None, f"{name} is missing: {source}"
     return found
 
 
@@ -32,6 +44,8 @@ class Mosquitto:
     message on before it acknowledges it. `users` (name -> password) shuts strangers out; `tls` is (certificate, key) in
     PEM files.
     """
+
+    host = "127.0.0.1"
 
     def __init__(
         self,
@@ -171,8 +185,8 @@ class Subscriber:
     With a `session` name the broker keeps what the subscriber misses. It connects again by itself.
     """
 
-    def __init__(self, broker: Mosquitto, *topics: str, session: str = "", args: tuple[str, ...] = ()) -> None:
-        command = [program("mosquitto_sub"), "-h", "127.0.0.1", "-p", str(broker.port), "-q", "1", "-d"]
+    def __init__(self, broker: Address, *topics: str, session: str = "", args: tuple[str, ...] = ()) -> None:
+        command = [program("mosquitto_sub"), "-h", broker.host, "-p", str(broker.port), "-q", "1", "-d"]
         command += ["-F", "| %r %q %t %p", *(["-c", "-i", session] if session else []), *args]
         for topic in topics or ("#",):
             command += ["-t", topic]

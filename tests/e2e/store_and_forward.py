@@ -10,6 +10,7 @@ message on before it acknowledges it, but a killed one forgets what it held for 
 """
 
 import asyncio
+import itertools
 import os
 import random
 import shutil
@@ -18,7 +19,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -87,9 +88,9 @@ async def child(deliver_of: SinkOf, name: str, file: str, per_s: float) -> None:
         await Supervisor(tasks, clock).run()
 
 
-def to_broker(url: str) -> SinkOf:
+def to_brokers(*urls: str) -> SinkOf:
     def deliver_of(hub: Hub, clock: SystemClock, outbox: Outbox, reconnect: Reconnect) -> Callable[[], Awaitable[None]]:
-        config = MqttConfig(url=url, keepalive_s=4, reconnect=reconnect)
+        config = MqttConfig(urls=urls, keepalive_s=4, reconnect=reconnect)
         return MqttPublisher(config, "site1", "gw", hub, clock, outbox=outbox).deliver
 
     return deliver_of
@@ -155,27 +156,39 @@ def _id_of(payload: bytes | bytearray) -> str:
 
 
 class RecordingSubscriber:
-    """A subscriber with a session; connects again at once."""
+    """A subscriber with a session; connects again at once, each time to the next of `hosts`."""
 
-    def __init__(self, port: int) -> None:
+    def __init__(self, port: int, hosts: Sequence[str] = ("127.0.0.1",), keepalive_s: int = 60) -> None:
         self.got: list[tuple[str, str]] = []  # id, bay
+        self.arrived_s: list[float] = []  # of each; time.monotonic()
         self.connected = threading.Event()
+        self._port, self._hosts, self._keepalive_s = port, itertools.cycle(hosts), keepalive_s
+        self._closing = False
         self._client = mqtt.Client(CallbackAPIVersion.VERSION2, "records", clean_session=False)
         self._client.on_connect = self._on_connect
-        self._client.on_disconnect = lambda *_: self.connected.clear()
+        self._client.on_connect_fail = lambda *_: self._next_host()
+        self._client.on_disconnect = lambda *_: self._next_host()
         self._client.on_subscribe = lambda *_: self.connected.set()
         self._client.on_message = self._on_message
         self._client.reconnect_delay_set(0.02, 0.05)  # type: ignore[arg-type]  # it only sleeps so long
-        self._client.connect("127.0.0.1", port)
+        self._next_host()
         self._client.loop_start()
 
-    def _on_connect(self, client: mqtt.Client, *_: Any) -> None:
-        client.subscribe("loading/+/+/event", qos=1)
+    def _next_host(self) -> None:
+        self.connected.clear()
+        if not self._closing:
+            self._client.connect_async(next(self._hosts), self._port, self._keepalive_s)
+
+    def _on_connect(self, client: mqtt.Client, _: Any, __: Any, reason: Any, ___: Any) -> None:
+        if not reason.is_failure:
+            client.subscribe("loading/+/+/event", qos=1)
 
     def _on_message(self, _: mqtt.Client, __: Any, message: mqtt.MQTTMessage) -> None:
         self.got.append((_id_of(message.payload), message.topic.split("/")[2]))
+        self.arrived_s.append(time.monotonic())
 
     def close(self) -> None:
+        self._closing = True
         self._client.disconnect()
         self._client.loop_stop()
 
@@ -230,14 +243,14 @@ def run(
             gateway[0].send_signal(signal.SIGKILL)
             wait(gateway)
             report.gateway_kills += 1
-            _deliver_the_rest(proxy.port, name, file, reported, records)
+            deliver_the_rest(MODULE, url, name, file, reported, records)
         finally:
             records.close()
             shutil.rmtree(
                 shared_state.folder() / f"loading-gateway-journal.{name}", ignore_errors=True
             )  # of a killed one
     report.seconds = time.monotonic() - begun
-    return _judge(report, reported, records.got, acknowledged_events.acknowledged)
+    return judge(report, reported, records.got, acknowledged_events.acknowledged)
 
 
 def _admit(records: RecordingSubscriber, proxy: Proxy) -> None:
@@ -278,9 +291,11 @@ def wait(gateway: Gateway) -> None:
     process.stdout.close()
 
 
-def _deliver_the_rest(port: int, name: str, file: Path, reported: ReportedEvents, records: RecordingSubscriber) -> None:
+def deliver_the_rest(
+    module: str, url: str, name: str, file: Path, reported: ReportedEvents, records: RecordingSubscriber
+) -> None:
     """One more start, which makes hardly any events, until nothing is missing or nothing gets better any more."""
-    gateway = start(MODULE, f"mqtt://127.0.0.1:{port}", name, file, 0.2, reported)
+    gateway = start(module, url, name, file, 0.2, reported)
     try:
         fewest, since = len(reported.ids) + 1, time.monotonic()
         while (missing := len({i for i, _, _ in reported.ids} - {i for i, _ in records.got})) and (
@@ -294,7 +309,7 @@ def _deliver_the_rest(port: int, name: str, file: Path, reported: ReportedEvents
         wait(gateway)
 
 
-def _judge(report: Report, reported: ReportedEvents, got: list[tuple[str, str]], acknowledged: set[str]) -> Report:
+def judge(report: Report, reported: ReportedEvents, got: list[tuple[str, str]], acknowledged: set[str]) -> Report:
     report.transitions, report.events = reported.transitions, len(reported.ids)
     seen = {name for name, _ in got}
     report.received, report.duplicates = len(seen), len(got) - len(seen)
@@ -317,4 +332,4 @@ def _judge(report: Report, reported: ReportedEvents, got: list[tuple[str, str]],
 
 
 if __name__ == "__main__":
-    asyncio.run(child(to_broker(sys.argv[1]), sys.argv[2], sys.argv[3], float(sys.argv[4])))
+    asyncio.run(child(to_brokers(sys.argv[1]), sys.argv[2], sys.argv[3], float(sys.argv[4])))

@@ -13,28 +13,11 @@ from paho.mqtt.enums import CallbackAPIVersion
 
 from gateway.core.events import EventKind
 from tests.e2e.brokers import Mosquitto, Subscriber
+from tests.e2e.fleet_bridge import PAGE, bridge_lines
 from tests.e2e.mqtt_plant import Plant
 from tests.e2e.sparkplug_plant import SparkPlant, host_state, rebirth_request
 
-PAGE = Path(__file__).parents[2] / "docs" / "fleet.md"
-NOT_HERE = ("bridge_cafile", "remote_username", "remote_password")  # no TLS and no users between these two
-OURS = ("persistence ", "persistence_location", "autosave_interval", "max_queued_messages")  # the helper's own
-
 pytestmark = pytest.mark.timeout(120)
-
-
-def bridge_lines(cluster_port: int, **changes: str) -> list[str]:
-    """What the page has an integrator add to mosquitto.conf. `changes`: other values of options."""
-    (block,) = re.findall(r"```conf\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
-    values = {"address": f"127.0.0.1:{cluster_port}", "restart_timeout": "1", **changes}
-    lines = []
-    for line in block.splitlines():
-        option = line.split("#")[0].strip() if not line.startswith("topic") else re.sub(r" +# .*", "", line)
-        name = option.split(" ")[0]
-        if not option or name in NOT_HERE or option.startswith(OURS):
-            continue
-        lines.append(f"{name} {values[name]}" if name in values else option)
-    return ["max_inflight_messages 20", *lines]  # as by default: the helper has no limit, which a bridge does not bear
 
 
 @pytest.fixture
