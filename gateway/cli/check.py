@@ -43,6 +43,7 @@ def main(args: argparse.Namespace) -> int:
     from gateway.config import reference
     from gateway.config.strict.errors import without_password
     from gateway.config.strict.toml_file import read_toml
+    from gateway.doctor import settings as doctor_settings
     from gateway.errors import ConfigError
     from gateway.net import tls
     from gateway.sinks import registry as sink_registry
@@ -73,7 +74,7 @@ def main(args: argparse.Namespace) -> int:
         roles = ", ".join(modbus.tls.write_roles) if modbus.tls else ""
         who = f"over TLS only, by role {roles}" if modbus.tls else f"by {', '.join(modbus.plc_addresses)}"
         print(f"  writes to the handshake block: {who}")
-    for line in modbus.warnings():
+    for line in (*modbus.warnings(), *doctor_settings.warnings(settings)):
         print(f"  warning: {line}")
     others = "".join(f", {name}" for name, _ in sinks)
     brokers = ", then ".join(map(without_password, settings.mqtt.brokers)) if settings.mqtt else "not used"

@@ -14,6 +14,7 @@ VERBS = (
     "run",
     "simulate",
     "check",
+    "doctor",
     "detect",
     "evaluate",
     "tune",
@@ -32,6 +33,7 @@ EPILOG = """\
 first steps:
   gateway simulate                  a loading bay with no hardware at all; poll it with any Modbus client
   gateway check config/gateway.toml check a configuration, list its faults
+  gateway doctor config/gateway.toml open and measure what it names, and say what is wrong
   gateway run config/gateway.toml   the real thing
 exit codes: 0 done, 1 failed, 2 a file or an argument must be edited
 """

@@ -1,0 +1,49 @@
+"""Examine the plant round the gateway: open, measure and ask for what a configuration names.
+
+One line for each: what was tried, what came back and, after ->, what to do. Nothing is changed, and nothing is sent to
+the PLC. Cameras and rangers are opened, which only works while no gateway has them; one that runs with this
+configuration is asked instead.
+
+examples:
+  gateway doctor config/gateway.toml
+  gateway doctor config/gateway.toml --seconds 30      sensors measured for longer
+  gateway doctor config/gateway.toml --json            an object a line, for programs
+exit codes: 0 no fault (there may be warnings), 1 a fault, 2 the configuration must be edited
+"""
+
+import argparse
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+NAME = "doctor"
+HELP = "examine cameras, rangers, ports, certificates, clock and disk"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("config", type=Path, metavar="CONFIG.toml")
+    parser.add_argument(
+        "--seconds", type=float, default=5.0, metavar="S", help="how long each sensor is measured (default 5)"
+    )
+    parser.add_argument("--json", action="store_true", help="one JSON object a line, for programs")
+
+
+def main(args: argparse.Namespace) -> int:
+    from gateway import app, config
+    from gateway.config.strict.toml_file import read_toml
+    from gateway.doctor.examine import findings
+    from gateway.doctor.finding import Verdict
+    from gateway.errors import ConfigError
+
+    if not 0.5 <= args.seconds <= 600:
+        raise ConfigError(f"--seconds {args.seconds:g}: must be from 0.5 to 600")
+    settings = config.load(args.config)
+    _, text = read_toml(args.config)
+    app.check(settings, source=str(args.config), text=text)
+    counts = dict.fromkeys(Verdict, 0)
+    for finding in findings(settings, args.seconds):
+        counts[finding.verdict] += 1
+        print(json.dumps(asdict(finding)) if args.json else finding.line, flush=True)
+    if not args.json:
+        print(f"{counts[Verdict.FAULT]} faults, {counts[Verdict.WARNING]} warnings, {counts[Verdict.OK]} well")
+    return 1 if counts[Verdict.FAULT] else 0

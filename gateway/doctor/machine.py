@@ -1,0 +1,136 @@
+"""The machine that the gateway runs on: versions, clock, disk, processors, priority. IO, and nothing is changed."""
+
+import ctypes
+import os
+import platform
+import resource
+import shutil
+from collections.abc import Callable, Iterator
+from importlib.metadata import version
+from pathlib import Path
+from tempfile import TemporaryFile
+
+import psutil
+
+from gateway import __version__, bay_file
+from gateway.config import GatewayConfig
+from gateway.doctor.finding import Finding, Verdict
+from gateway.records import service as records
+
+GB = 1e9
+STA_UNSYNC = 0x0040  # adjtimex(2): nobody keeps this clock right
+TIMEX_BYTES = 512  # more than struct timex takes on any machine
+STATUS_AT = {8: 40, 4: 20}  # offset of its field `status`, by the size of a long
+BUSY_SHARE = 0.7  # of all processors; above it, readings come late
+WORN = 8  # of 10: JEDEC's estimate of how much of an eMMC's life is used, in tenths
+WRITES_A_DAY_GB = 0.4  # of one bay's recording, at most (docs/records.md)
+
+
+def versions() -> Finding:
+    names = ("opencv-python-headless", "numpy", "pydantic", "aiomqtt")
+    parts = [f"gateway {__version__}", f"Python {platform.python_version()}", *(f"{n} {version(n)}" for n in names)]
+    system = f"{platform.system()} {platform.release()}, {platform.machine()}"
+    return Finding("versions", "", Verdict.OK, "read them", ", ".join([*parts, system]))
+
+
+def kernel_status() -> int:
+    """`status` of adjtimex(2). Raises OSError."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    timex = ctypes.create_string_buffer(TIMEX_BYTES)  # modes = 0: nothing is set
+    if libc.adjtimex(timex) < 0:
+        code = ctypes.get_errno()
+        raise OSError(code, os.strerror(code))
+    return ctypes.c_int.from_buffer(timex, STATUS_AT[ctypes.sizeof(ctypes.c_long)]).value
+
+
+def clock(status: Callable[[], int] = kernel_status) -> Finding:
+    tried = "ask the kernel whether it is kept right"
+    try:
+        unsynchronised = bool(status() & STA_UNSYNC)
+    except OSError as error:
+        return Finding("clock", "", Verdict.WARNING, tried, str(error.strerror))
+    if unsynchronised:
+        remedy = "timedatectl set-ntp true; times in records need it, decisions do not"
+        return Finding("clock", "", Verdict.WARNING, tried, "it is not synchronised", remedy)
+    return Finding("clock", "", Verdict.OK, tried, "synchronised")
+
+
+def folders(config: GatewayConfig) -> Iterator[Finding]:
+    """Of what is kept: can it be written, and is there room?"""
+    state = bay_file.folder_of(config)
+    if state is None:
+        yield Finding("disk", "", Verdict.WARNING, "state_dir", "empty: nothing is kept", "set state_dir")
+        return
+    yield _folder("state", state, 0.01, "state_dir")
+    recordings = records.folder_of(config)
+    if recordings is not None:
+        kept_gb = len(config.bays) * config.records.max_mb / 1000
+        yield _folder("records", recordings, kept_gb, "records.max_mb", config.records.min_free_percent)
+        yield from _wear(recordings, len(config.bays))
+
+
+def _folder(name: str, folder: Path, needed_gb: float, key: str, free_percent: float = 0.0) -> Finding:
+    there = next(path for path in (folder, *folder.parents) if path.exists())
+    tried = f"write a file to {there}"
+    try:
+        with TemporaryFile(dir=there) as file:
+            file.write(b"\0" * 4096)
+            file.flush()
+            os.fsync(file.fileno())
+        total, _, free = shutil.disk_usage(there)
+    except OSError as error:
+        remedy = "name a folder that this user may write to"
+        if there == folder:
+            remedy = f"give this user ({psutil.Process().username()}) the right to write there"
+        return Finding("disk", name, Verdict.FAULT, tried, str(error.strerror), remedy)
+    taken_gb = sum(f.stat().st_size for f in folder.rglob("*") if f.is_file()) / GB if there == folder else 0.0
+    usable_gb = (free - total * free_percent / 100) / GB
+    result = f"{free / GB:.1f} GB of {total / GB:.1f} GB are free"
+    if usable_gb + taken_gb < needed_gb:
+        result += f", up to {needed_gb:.1f} are to be kept"
+        return Finding("disk", name, Verdict.WARNING, tried, result, f"lower {key}, or free some space")
+    return Finding("disk", name, Verdict.OK, tried, result)
+
+
+def _wear(folder: Path, bays: int) -> Iterator[Finding]:
+    """Of the SD card or eMMC that holds `folder`; other disks do not say."""
+    there = next(path for path in (folder, *folder.parents) if path.exists())
+    number = there.stat().st_dev
+    device = Path(f"/sys/dev/block/{os.major(number)}:{os.minor(number)}").resolve()
+    for place in (device, device.parent):
+        kind, life = place / "device/type", place / "device/life_time"
+        if not kind.exists():
+            continue
+        what = kind.read_text().strip()
+        tried = f"ask {place.name} ({what}) how worn it is"
+        if not life.exists():
+            result = f"it does not say; recording writes up to {bays * WRITES_A_DAY_GB:.1f} GB a day"
+            remedy = "take a card made for recording, or a disk" if what == "SD" else ""
+            yield Finding("disk", "wear", Verdict.WARNING if remedy else Verdict.OK, tried, result, remedy)
+            return
+        tenths = max(int(word, 16) for word in life.read_text().split())
+        worn = tenths >= WORN
+        remedy = "replace it before it fails" if worn else ""
+        result = f"up to {10 * tenths} % of its life"
+        yield Finding("disk", "wear", Verdict.WARNING if worn else Verdict.OK, tried, result, remedy)
+
+
+def processors(load: float | None = None, cores: int | None = None) -> Finding:
+    """What others leave; what vision takes is in the findings of the cameras."""
+    cores = len(os.sched_getaffinity(0)) if cores is None else cores
+    load = os.getloadavg()[0] if load is None else load
+    result = f"load average {load:.1f} on {cores} processors"
+    if load > BUSY_SHARE * cores:
+        remedy = "end what else runs here, or give the gateway priority (docs/performance.md)"
+        return Finding("processor", "", Verdict.WARNING, "read its load", result, remedy)
+    return Finding("processor", "", Verdict.OK, "read its load", result)
+
+
+def priority() -> Finding:
+    """May a process of this user have a priority over others?"""
+    tried = "ask whether this user may have real-time priority"
+    allowed = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
+    if allowed or os.geteuid() == 0:
+        return Finding("priority", "", Verdict.OK, tried, "yes")
+    remedy = "start it as the systemd service, which gives it (docs/performance.md)"
+    return Finding("priority", "", Verdict.WARNING, tried, "no: other programs may delay it", remedy)

@@ -1,0 +1,272 @@
+"""A bay's camera and ranger, opened and measured for some seconds. IO; each may hang, which is a finding.
+
+Where the gateway runs it has them, and its shared state vector is asked instead.
+"""
+
+import resource
+import statistics
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+from gateway.clock import NS_PER_MS, NS_PER_S, Clock
+from gateway.config import BayConfig, RangerConfig
+from gateway.core.readings import FRESH_FRAME, QUALITY_MEANING, RANGE_FINE, Quality, RangeReading
+from gateway.doctor import settings
+from gateway.doctor.finding import Finding, Verdict
+from gateway.errors import ConfigError, GatewayError, LinkError
+from gateway.ranger.service import RangerService
+from gateway.shared_state import SharedVector
+from gateway.vision.detect import registry
+from gateway.vision.process.service import frame_rules
+from gateway.vision.source.checks import FrameChecks
+from gateway.vision.source.contract import Source
+from gateway.vision.source.specs import source_spec
+from gateway.vision.transport.messages import DetectorSpec
+
+HANG_S = 5.0  # beyond its own deadlines: whatever was tried does not come back
+HELLO_S = 6.0  # an Uno resets when its port is opened, and says who it is every 5 s
+SLOW_SHARE = 0.8  # of the frame rate that was asked for
+LATE_MS = 200.0  # a reading that is older loses half of the usual deadline before anything is computed
+NOISY_MM = 5.0  # standard deviation; an HC-SR04 on a flat wall has 1 to 3
+DAMAGED_SHARE = 0.02
+CORE_SHARE = 0.5  # of a core, for one bay's vision
+
+
+def running(bay: BayConfig, vector: SharedVector, now_ns: int) -> Iterator[Finding]:
+    """Both sensors of a bay as the running gateway sees them."""
+    age_ms = (now_ns - vector.t_vision_ns) / NS_PER_MS
+    seen = f"{QUALITY_MEANING[vector.vision_quality]}; frame {vector.frame_id}, {age_ms:.0f} ms old"
+    if vector.vision_quality is Quality.GOOD:
+        seen += f"; u {vector.u_px:.1f}, v {vector.v_px:.1f}, R {vector.radius_px:.1f} px"
+    yield _running("camera", bay.name, seen, well=vector.vision_quality in FRESH_FRAME)
+    age_ms = (now_ns - vector.t_range_ns) / NS_PER_MS
+    heard = f"{QUALITY_MEANING[vector.range_quality]}; {age_ms:.0f} ms old"
+    if vector.range_quality is Quality.GOOD:
+        heard += f"; Z {vector.distance_mm:.0f} mm"
+    well = vector.range_quality in RANGE_FINE or vector.range_quality in (Quality.NO_ECHO, Quality.TOO_FAR)
+    yield _running("ranger", bay.name, heard, well=well)
+
+
+def _running(part: str, bay: str, result: str, *, well: bool) -> Finding:
+    remedy = "" if well else "look at the alarms of the running gateway, or stop it and ask again"
+    verdict = Verdict.OK if well else Verdict.FAULT
+    return Finding(part, bay, verdict, "ask the running gateway, which has it", result, remedy)
+
+
+def _in_time(work: Callable[[], None], timeout_s: float) -> bool:
+    """False: `work` did not come back. Its thread is not waited for, and ends with the program."""
+    thread = threading.Thread(target=work, daemon=True)
+    thread.start()
+    thread.join(timeout_s)
+    return not thread.is_alive()
+
+
+@dataclass(slots=True)
+class CameraLook:
+    """What was seen of a camera. Times in ns."""
+
+    error: str = ""
+    opened_ns: int = 0
+    first_ns: int = 0
+    size_px: tuple[int, int] = (0, 0)
+    arrived_ns: list[int] = field(default_factory=list)
+    late_ns: list[int] = field(default_factory=list)  # from capture to arrival
+    fresh: int = 0  # frames that have proved to be new
+    radius_px: list[float] = field(default_factory=list)
+    detector_s: list[float] = field(default_factory=list)  # processor time
+    finite: bool = False
+
+
+def camera(bay: BayConfig, clock: Clock, seconds: float) -> Iterator[Finding]:
+    config, look = bay.camera, CameraLook()
+    try:
+        spec = source_spec(config)
+    except ConfigError as error:
+        yield Finding("camera", bay.name, Verdict.FAULT, "camera.url", str(error), "correct the configuration")
+        return
+    tried = f"open {spec.label}, read it for {seconds:g} s"
+
+    def work() -> None:
+        try:
+            look.opened_ns = clock.now_ns()
+            source = spec.open(clock)
+            try:
+                _read(source, bay, spec.label, clock, seconds, look)
+            finally:
+                source.close()
+        except GatewayError as error:
+            look.error = str(error).removeprefix(f"{spec.label}: ")
+
+    if not _in_time(work, config.open_deadline_s + seconds + HANG_S):
+        what = "it opened, then no frame came" if look.first_ns == 0 else "it stopped giving frames"
+        yield Finding("camera", bay.name, Verdict.FAULT, tried, f"no answer: {what}", "check cable, power and address")
+    elif (look.error and not (look.finite and look.fresh)) or not look.arrived_ns:  # a film may end
+        result = look.error or "it gave no frame"
+        yield Finding("camera", bay.name, Verdict.FAULT, tried, result, _camera_remedy(result))
+    else:
+        yield from _judged(bay, look, tried)
+
+
+def _processor_s() -> float:
+    """Of this thread so far."""
+    used = resource.getrusage(resource.RUSAGE_THREAD)
+    return used.ru_utime + used.ru_stime
+
+
+def _read(source: Source, bay: BayConfig, label: str, clock: Clock, seconds: float, look: CameraLook) -> None:
+    """Frames as the vision process would check and search them."""
+    checks = FrameChecks(label, frame_rules(bay.camera, bay.vision), None, may_repeat=source.may_repeat)
+    detect = DetectorSpec(bay.vision).build(clock.now_ns)
+    until_ns, look.finite = None, source.finite
+    while until_ns is None or clock.now_ns() < until_ns:
+        frame = source.read()
+        now_ns = clock.now_ns()
+        if until_ns is None:
+            look.first_ns, until_ns = now_ns, now_ns + round(seconds * NS_PER_S)
+            look.size_px = (frame.image.shape[1], frame.image.shape[0])
+        look.arrived_ns.append(now_ns)
+        look.late_ns.append(max(0, now_ns - frame.t_capture_ns))
+        if checks.passed(frame) is None:
+            continue
+        look.fresh += 1
+        begun_s = _processor_s()
+        found = detect(registry.given(bay.vision, frame.image, frame.deep), frame.t_capture_ns)
+        look.detector_s.append(_processor_s() - begun_s)
+        if found.circle is not None:
+            look.radius_px.append(found.circle.radius_px)
+
+
+def _judged(bay: BayConfig, look: CameraLook, tried: str) -> Iterator[Finding]:
+    frames = len(look.arrived_ns)
+    span_s = (look.arrived_ns[-1] - look.arrived_ns[0]) / NS_PER_S
+    rate_hz = (frames - 1) / span_s if span_s else 0.0
+    late_ms = statistics.median(look.late_ns) / NS_PER_MS
+    width_px, height_px = look.size_px
+    first_s = (look.first_ns - look.opened_ns) / NS_PER_S
+    result = (
+        f"{width_px} x {height_px} px, {rate_hz:.1f} frames/s, the first after {first_s:.1f} s, {late_ms:.0f} ms old "
+        f"when they arrive; {look.fresh} of {frames} proved to be new"
+    )
+    asked_hz = bay.camera.fps
+    problem = remedy = ""
+    if frames > 1 and not look.fresh:
+        problem, remedy = "equal pictures", "the camera repeats one picture: check it, or its encoder"
+    elif asked_hz is not None and rate_hz < SLOW_SHARE * asked_hz:
+        problem, remedy = (
+            f"camera.fps asks for {asked_hz:g}",
+            "more light, a shorter exposure, another format",
+        )
+    elif late_ms > LATE_MS:
+        problem, remedy = "late", "a camera or encoder with less delay; fewer key frames between; a wired network"
+    verdict = Verdict.WARNING if problem else Verdict.OK
+    yield Finding("camera", bay.name, verdict, tried, f"{result}; {problem}" if problem else result, remedy)
+    for line in settings.of_picture(bay, width_px, height_px):
+        yield Finding("camera", bay.name, Verdict.WARNING, "compare picture and configuration", line, "edit it")
+    yield from _marker(bay, look, rate_hz)
+
+
+def _marker(bay: BayConfig, look: CameraLook, rate_hz: float) -> Iterator[Finding]:
+    if not look.detector_s:
+        return
+    mean_ms = 1000 * statistics.fmean(look.detector_s)
+    share = 100 * mean_ms / 1000 * rate_hz
+    seen = f"in {len(look.radius_px)} of {look.fresh} frames"
+    if look.radius_px:
+        seen += f", R {statistics.median(look.radius_px):.1f} px"
+        if len(look.radius_px) > 1:
+            seen += f" ± {statistics.stdev(look.radius_px):.2f}"
+    result = f"{seen}; {mean_ms:.1f} ms of processor time a frame, {share:.0f} % of a core"
+    remedy = "a slower camera rate, a smaller picture, or a faster processor" if share > 100 * CORE_SHARE else ""
+    verdict = Verdict.WARNING if remedy else Verdict.OK
+    yield Finding("marker", bay.name, verdict, f'search for it, vision.method = "{bay.vision.method}"', result, remedy)
+
+
+def _camera_remedy(result: str) -> str:
+    if "cannot be opened" in result:
+        return "is it plugged in, is the address right, does another program have it, may this user open it?"
+    if "frames are" in result:
+        return "set the size that the camera gives, or set the camera to the size that is configured"
+    return "check cable, power and address"
+
+
+@dataclass(slots=True)
+class RangerLook:
+    error: str = ""
+    identity: str = ""
+    readings: list[RangeReading] = field(default_factory=list)
+
+
+def ranger(bay: BayConfig, clock: Clock, seconds: float) -> Iterator[Finding]:
+    config, look = bay.ranger, RangerLook()
+    tried = f"open {config.port}, listen for {seconds:g} s"
+
+    def work() -> None:
+        try:
+            _listen(config, clock, seconds, look)
+        except GatewayError as error:
+            look.error = str(error).removeprefix(f"ranger port {config.port}: ")
+
+    if not _in_time(work, seconds + 2 * HANG_S):
+        yield Finding("ranger", bay.name, Verdict.FAULT, tried, "no answer", "check cable, power and address")
+    elif look.error:
+        remedy = "is it plugged in, is the port right (ls -l /dev/serial/by-id), does another program have it?"
+        if "permission" in look.error:
+            remedy = "add this user to the port's group, often dialout: usermod -aG dialout USER, then log in anew"
+        yield Finding("ranger", bay.name, Verdict.FAULT, tried, look.error, remedy)
+    else:
+        yield _ranger_judged(bay.name, look, tried, seconds)
+
+
+def _listen(config: RangerConfig, clock: Clock, seconds: float, look: RangerLook) -> None:
+    """Raises LinkError, ConfigError."""
+    service = RangerService(config, clock, lambda reading: None)
+    session, connection = service.session, service.connect()
+    try:
+        look.readings += session.opened(clock.now_ns())
+        until_ns = clock.now_ns() + round(seconds * NS_PER_S)
+        while clock.now_ns() < until_ns:
+            if request := session.request(clock.now_ns()):
+                connection.write(request)
+            data = connection.read()
+            now_ns = clock.now_ns()
+            look.readings += session.feed(data, now_ns) + session.tick(now_ns)
+            look.identity = session.identity
+    finally:
+        connection.close()
+    if not look.readings:
+        raise LinkError("nothing was measured")
+
+
+def _ranger_judged(bay: str, look: RangerLook, tried: str, seconds: float) -> Finding:
+    last = look.readings[-1]
+    good = [reading.distance_mm for reading in look.readings if reading.distance_mm is not None]
+    noise_mm = statistics.stdev(good) if len(good) > 1 else 0.0
+    result = f"{look.identity or 'it does not say what it is'}; {last.stats.lines / seconds:.1f} lines/s"
+    result += f", {last.stats.damaged} damaged, {len(good)} distances"
+    if good:
+        result += f", Z {statistics.median(good):.0f} mm ± {noise_mm:.1f}"
+    verdict, remedy = Verdict.FAULT, ""
+    if not look.identity:
+        remedy = "is the firmware on the board (docs/firmware.md), is ranger.baud right, is this the right port?"
+    elif last.quality is Quality.WRONG_VERSION:
+        remedy = "put this version's firmware on the board (docs/firmware.md)"
+    elif last.quality in (Quality.STUCK, Quality.STALE, Quality.WAITING):
+        remedy = "check the sensor's four wires (docs/wiring.md)"
+    else:
+        verdict, remedy = Verdict.WARNING, _ranger_advice(last, good, noise_mm)
+    if not remedy:
+        return Finding("ranger", bay, Verdict.OK, tried, result)
+    if last.quality is not Quality.GOOD:
+        result += f"; {last.detail or QUALITY_MEANING[last.quality]}"
+    return Finding("ranger", bay, verdict, tried, result, remedy)
+
+
+def _ranger_advice(last: RangeReading, good: list[float], noise_mm: float) -> str:
+    if last.stats.damaged > DAMAGED_SHARE * last.stats.lines:
+        return "check baud rate, cable length and shielding"
+    if not good:
+        return "normal with nothing within 4 m; else point it at something flat"
+    if noise_mm > NOISY_MM:
+        return "something moves, or the sensor is loose or looks at a slope; with all still it has 1 to 3 mm"
+    return ""

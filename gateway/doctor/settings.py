@@ -1,0 +1,95 @@
+"""What is legal in a configuration, and makes no sense in a plant. Pure.
+
+One line each, with the key to edit: `gateway check` and `gateway doctor` print them. What can never work is a fault of
+the file (`gateway.config`, `app.check`), and is not repeated here.
+"""
+
+from collections.abc import Iterator
+
+from gateway.config import BayConfig, GatewayConfig
+from gateway.config.sections.common import is_loopback
+from gateway.ranger.hcsr04.protocol import PERIOD_MS
+
+FOCAL_SHARE = 0.1  # two focal lengths of one camera that differ more are not both right
+
+
+def warnings(config: GatewayConfig) -> list[str]:
+    found = [f"bay {bay.name}: {line}" for bay in config.bays for line in _of_bay(bay)]
+    if not config.state_dir:
+        found.append(
+            'state_dir = "": a truck in place, a function check and the learned R x Z are forgotten by a restart'
+        )
+    mqtt = config.mqtt
+    if mqtt is not None and mqtt.password_file is not None and mqtt.url.startswith("mqtt://"):
+        host = mqtt.url.removeprefix("mqtt://").rpartition("@")[2].partition(":")[0]
+        if not is_loopback(host):
+            found.append('mqtt.url: the password travels unencrypted; use "mqtts://..."')
+    return found
+
+
+def _of_bay(bay: BayConfig) -> Iterator[str]:
+    yield from _geometry(bay)
+    yield from _deadlines(bay)
+    fusion = bay.fusion
+    if not fusion.fail_safe:
+        yield "fusion.fail_safe = false: a blind gateway does not report stop; the PLC must watch the quality registers"
+    if fusion.cross_check is None and (fusion.decision == "plain" or not fusion.scale_tolerance):
+        key = 'decision = "plain"' if fusion.decision == "plain" else "scale_tolerance = 0"
+        yield f"fusion.{key} without [fusion.cross_check]: sensors that contradict each other go unnoticed"
+    if not bay.camera.frozen_s:
+        yield "camera.frozen_s = 0: a camera that repeats one picture for ever goes unnoticed"
+
+
+def _geometry(bay: BayConfig) -> Iterator[str]:
+    lens, check = bay.vision.intrinsics, bay.fusion.cross_check
+    if lens is not None and check is not None and abs(check.focal_px / lens.fx - 1) > FOCAL_SHARE:
+        yield (
+            f"fusion.cross_check.focal_px = {check.focal_px:g} and vision.intrinsics.fx = {lens.fx:g} are the same "
+            "camera's focal length, and differ by more than a tenth"
+        )
+    width_px = bay.camera.width_px or (None if lens is None else lens.width_px)
+    height_px = bay.camera.height_px or (None if lens is None else lens.height_px)
+    if width_px is None or height_px is None:
+        return
+    yield from of_picture(bay, width_px, height_px)
+
+
+def of_picture(bay: BayConfig, width_px: int, height_px: int) -> Iterator[str]:
+    """What does not fit a picture of that size."""
+    size, radius_px = f"a picture of {width_px} x {height_px} px", bay.fusion.radius_threshold_px
+    if 2 * radius_px > min(width_px, height_px):
+        yield f"fusion.radius_threshold_px = {radius_px:g}: a circle of that radius does not fit into {size}"
+    elif bay.vision.method == "robust":
+        largest_px = bay.vision.max_radius_share * (width_px**2 + height_px**2) ** 0.5
+        if radius_px > largest_px:
+            yield (
+                f"fusion.radius_threshold_px = {radius_px:g}: the search takes no circle above {largest_px:.0f} px "
+                f"(vision.max_radius_share = {bay.vision.max_radius_share:g}), so D is never 1"
+            )
+    for key, value_px, side_px in (
+        ("aim_u_px", bay.guidance.aim_u_px, width_px),
+        ("aim_v_px", bay.guidance.aim_v_px, height_px),
+    ):
+        if value_px is None:
+            continue
+        if not 0 <= value_px < side_px:
+            yield f"guidance.{key} = {value_px:g}: outside {size}"
+        elif 2 * radius_px <= side_px and not radius_px <= value_px <= side_px - radius_px:
+            yield f"guidance.{key} = {value_px:g}: a marker of R_th = {radius_px:g} px there is cut off by {size}"
+
+
+def _deadlines(bay: BayConfig) -> Iterator[str]:
+    fps, fusion = bay.camera.fps, bay.fusion
+    if fps is not None and fusion.vision_deadline_s < 2 / fps:
+        yield (
+            f"fusion.vision_deadline_s = {fusion.vision_deadline_s:g}: at camera.fps = {fps:g} a frame comes every "
+            f"{1 / fps:g} s, so that one lost frame is a stop; at least {2 / fps:g}"
+        )
+    if bay.ranger.type == "hcsr04":
+        # The median's middle reading is as old as half of the others; the next one is a period later.
+        least_s = (bay.ranger.median // 2 + 2) * PERIOD_MS / 1000
+        if fusion.range_deadline_s < least_s:
+            yield (
+                f"fusion.range_deadline_s = {fusion.range_deadline_s:g}: the ranger measures every {PERIOD_MS} ms, and "
+                f"the median of {bay.ranger.median} makes a reading older; at least {least_s:g}"
+            )
