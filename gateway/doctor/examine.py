@@ -6,6 +6,7 @@ from contextlib import suppress
 from gateway.clock import SystemClock
 from gateway.config import GatewayConfig
 from gateway.doctor import machine, network, sensors, settings
+from gateway.doctor.brokers import brokers
 from gateway.doctor.finding import Finding, Verdict
 from gateway.errors import LinkError
 from gateway.shared_state import SharedStateReader, SharedVector, attachable
@@ -26,6 +27,7 @@ def findings(config: GatewayConfig, seconds: float) -> Iterator[Finding]:
             yield from sensors.ranger(bay, clock, max(seconds, sensors.HELLO_S))
     yield from network.ports(config, running=bool(vectors))
     yield from network.routes(config)
+    yield from brokers(config)
     yield from network.certificates(config, clock.wall_ns())
     yield machine.clock()
     yield from machine.folders(config)

@@ -6,7 +6,8 @@ Where the gateway runs it has them, and its shared state vector is asked instead
 import resource
 import statistics
 import threading
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 
 from gateway.clock import NS_PER_MS, NS_PER_S, Clock
@@ -20,12 +21,13 @@ from gateway.shared_state import SharedVector
 from gateway.vision.detect import registry
 from gateway.vision.process.service import frame_rules
 from gateway.vision.source.checks import FrameChecks
-from gateway.vision.source.contract import Source
+from gateway.vision.source.contract import Frame, Source
 from gateway.vision.source.specs import source_spec
 from gateway.vision.transport.messages import DetectorSpec
 
 HANG_S = 5.0  # beyond its own deadlines: whatever was tried does not come back
 HELLO_S = 6.0  # an Uno resets when its port is opened, and says who it is every 5 s
+SEARCHED = 10  # frames, for the marker
 SLOW_SHARE = 0.8  # of the frame rate that was asked for
 LATE_MS = 200.0  # a reading that is older loses half of the usual deadline before anything is computed
 NOISY_MM = 5.0  # standard deviation; an HC-SR04 on a flat wall has 1 to 3
@@ -115,21 +117,29 @@ def _processor_s() -> float:
 
 
 def _read(source: Source, bay: BayConfig, label: str, clock: Clock, seconds: float, look: CameraLook) -> None:
-    """Frames as the vision process would check and search them."""
+    """Frames as the vision process would check them; the last ones are searched afterwards, which takes its time."""
     checks = FrameChecks(label, frame_rules(bay.camera, bay.vision), None, may_repeat=source.may_repeat)
-    detect = DetectorSpec(bay.vision).build(clock.now_ns)
+    newest: deque[Frame] = deque(maxlen=SEARCHED)
     until_ns, look.finite = None, source.finite
-    while until_ns is None or clock.now_ns() < until_ns:
-        frame = source.read()
-        now_ns = clock.now_ns()
-        if until_ns is None:
-            look.first_ns, until_ns = now_ns, now_ns + round(seconds * NS_PER_S)
-            look.size_px = (frame.image.shape[1], frame.image.shape[0])
-        look.arrived_ns.append(now_ns)
-        look.late_ns.append(max(0, now_ns - frame.t_capture_ns))
-        if checks.passed(frame) is None:
-            continue
-        look.fresh += 1
+    try:
+        while until_ns is None or clock.now_ns() < until_ns:
+            frame = source.read()
+            now_ns = clock.now_ns()
+            if until_ns is None:
+                look.first_ns, until_ns = now_ns, now_ns + round(seconds * NS_PER_S)
+                look.size_px = (frame.image.shape[1], frame.image.shape[0])
+            look.arrived_ns.append(now_ns)
+            look.late_ns.append(max(0, now_ns - frame.t_capture_ns))
+            if checks.passed(frame) is not None:
+                look.fresh += 1
+                newest.append(frame)
+    finally:
+        _search(newest, bay, clock, look)
+
+
+def _search(frames: Iterable[Frame], bay: BayConfig, clock: Clock, look: CameraLook) -> None:
+    detect = DetectorSpec(bay.vision).build(clock.now_ns)
+    for frame in frames:
         begun_s = _processor_s()
         found = detect(registry.given(bay.vision, frame.image, frame.deep), frame.t_capture_ns)
         look.detector_s.append(_processor_s() - begun_s)
@@ -169,14 +179,14 @@ def _judged(bay: BayConfig, look: CameraLook, tried: str) -> Iterator[Finding]:
 def _marker(bay: BayConfig, look: CameraLook, rate_hz: float) -> Iterator[Finding]:
     if not look.detector_s:
         return
-    mean_ms = 1000 * statistics.fmean(look.detector_s)
-    share = 100 * mean_ms / 1000 * rate_hz
-    seen = f"in {len(look.radius_px)} of {look.fresh} frames"
+    usual_ms = 1000 * statistics.median(look.detector_s)  # the first one takes longer
+    share = 100 * usual_ms / 1000 * rate_hz
+    seen = f"in {len(look.radius_px)} of {len(look.detector_s)} frames"
     if look.radius_px:
         seen += f", R {statistics.median(look.radius_px):.1f} px"
         if len(look.radius_px) > 1:
             seen += f" ± {statistics.stdev(look.radius_px):.2f}"
-    result = f"{seen}; {mean_ms:.1f} ms of processor time a frame, {share:.0f} % of a core"
+    result = f"{seen}; {usual_ms:.1f} ms of processor time a frame, {share:.0f} % of a core"
     remedy = "a slower camera rate, a smaller picture, or a faster processor" if share > 100 * CORE_SHARE else ""
     verdict = Verdict.WARNING if remedy else Verdict.OK
     yield Finding("marker", bay.name, verdict, f'search for it, vision.method = "{bay.vision.method}"', result, remedy)
@@ -258,7 +268,7 @@ def _ranger_judged(bay: str, look: RangerLook, tried: str, seconds: float) -> Fi
     if not remedy:
         return Finding("ranger", bay, Verdict.OK, tried, result)
     if last.quality is not Quality.GOOD:
-        result += f"; {last.detail or QUALITY_MEANING[last.quality]}"
+        result += f"; {QUALITY_MEANING[last.quality]}" + (f" ({last.detail})" if last.detail else "")
     return Finding("ranger", bay, verdict, tried, result, remedy)
 
 

@@ -5,6 +5,7 @@ the file (`gateway.config`, `app.check`), and is not repeated here.
 """
 
 from collections.abc import Iterator
+from urllib.parse import urlsplit
 
 from gateway.config import BayConfig, GatewayConfig
 from gateway.config.sections.common import is_loopback
@@ -19,10 +20,9 @@ def warnings(config: GatewayConfig) -> list[str]:
         found.append(
             'state_dir = "": a truck in place, a function check and the learned R x Z are forgotten by a restart'
         )
-    mqtt = config.mqtt
-    if mqtt is not None and mqtt.password_file is not None and mqtt.url.startswith("mqtt://"):
-        host = mqtt.url.removeprefix("mqtt://").rpartition("@")[2].partition(":")[0]
-        if not is_loopback(host):
+    if config.mqtt is not None and config.mqtt.password_file is not None:
+        plain = [url for url in (config.mqtt.url, *config.mqtt.urls) if url is not None and url.startswith("mqtt://")]
+        if any(not is_loopback(urlsplit(url).hostname or "") for url in plain):
             found.append('mqtt.url: the password travels unencrypted; use "mqtts://..."')
     return found
 

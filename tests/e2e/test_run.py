@@ -1,6 +1,5 @@
 """`gateway run` on a configuration file: a video file for a camera, a pty with real bytes for a ranger."""
 
-import asyncio
 import http.client
 import json
 import threading
@@ -12,18 +11,17 @@ from urllib.parse import urlsplit
 import cv2
 import pytest
 
-from gateway.clock import SystemClock
 from gateway.core.ne107 import Ne107
 from gateway.core.readings import Quality
 from gateway.core.state import Reason
 from gateway.sim import scenario as scenarios
-from gateway.sim.ranger import SimulatedRanger
 from gateway.sim.ranger_board import RangerFault
 from gateway.sim.render import Painter
 from gateway.sim.world import World
 from tests.e2e.conftest import Cli
 from tests.e2e.plc import Plc
 from tests.e2e.processes import Gateway
+from tests.e2e.sim_ranger import Ranger
 
 FPS = 25
 
@@ -42,42 +40,10 @@ def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-class Ranger:
-    """A simulated HC-SR04 in a thread of the test; its distance and faults are set by hand."""
-
-    def __init__(self) -> None:
-        self.distance_mm = 500.0
-        self.port = ""
-        self.forced: dict[RangerFault, float] = {}
-        self._ready = threading.Event()
-        self._end = threading.Event()
-        self._thread = threading.Thread(target=lambda: asyncio.run(self._run()), daemon=True)
-
-    def start(self) -> None:
-        self._thread.start()
-        assert self._ready.wait(10)
-
-    def stop(self) -> None:
-        self._end.set()
-        self._thread.join(10)
-
-    async def _run(self) -> None:
-        async with SimulatedRanger(lambda _: self.distance_mm, SystemClock()) as board:
-            self.port = board.port
-            self.forced = board.forced
-            self._ready.set()
-            async with asyncio.TaskGroup() as group:
-                work = group.create_task(board.run())
-                await asyncio.to_thread(self._end.wait)
-                work.cancel()
-
-
 @pytest.fixture
 def ranger() -> Iterator[Ranger]:
-    board = Ranger()
-    board.start()
-    yield board
-    board.stop()
+    with Ranger() as board:
+        yield board
 
 
 def config_file(folder: Path, video: Path, port: str) -> Path:

@@ -1,0 +1,73 @@
+"""Ports, routes and certificates: what comes back for each state of the machine."""
+
+import socket
+from contextlib import closing
+from datetime import timedelta
+from pathlib import Path
+
+import pytest
+
+from gateway.config import GatewayConfig
+from gateway.doctor import network
+from gateway.doctor.finding import Verdict
+from tests.plant_certs import NOW, Plant
+
+OK, WARNING, FAULT = Verdict.OK, Verdict.WARNING, Verdict.FAULT
+
+
+def config(**modbus: object) -> GatewayConfig:
+    return GatewayConfig.model_validate({"modbus": {"host": "127.0.0.1", "port": 0} | modbus})
+
+
+def test_a_free_port_is_taken_and_given_back() -> None:
+    with closing(socket.socket()) as sock:
+        sock.bind(("127.0.0.1", 0))
+        port = sock.getsockname()[1]
+    for _ in range(2):
+        assert [f.verdict for f in network.ports(config(port=port), running=False)] == [OK]
+
+
+def test_a_port_that_another_program_has() -> None:
+    with closing(socket.create_server(("127.0.0.1", 0))) as server:
+        port = server.getsockname()[1]
+        found = next(network.ports(config(port=port), running=False))
+        assert found.verdict is FAULT
+        assert "another program listens there" in found.result
+        assert "end that program" in found.remedy
+        assert [f.verdict for f in network.ports(config(port=port), running=True)] == [OK]
+    gone = next(network.ports(config(port=port), running=True))
+    assert (gone.verdict, "refused" in gone.result.lower()) == (FAULT, True)
+
+
+def test_an_address_that_this_machine_does_not_have() -> None:
+    found = next(network.ports(config(host="192.0.2.77"), running=False))
+    assert (found.verdict, found.remedy) == (FAULT, "correct modbus.host or modbus.port")
+    assert "does not have that address" in found.result
+
+
+def routed(*addresses: str, host: str = "127.0.0.1") -> list[tuple[Verdict, str]]:
+    found = network.routes(config(plc_addresses=addresses, host=host))
+    return [(f.verdict, f.remedy) for f in found]
+
+
+def test_a_plc_that_reaches_where_the_gateway_listens() -> None:
+    assert routed("127.0.0.2", host="127.0.0.1") == [(OK, "")]
+    assert routed("127.0.0.0/8", host="0.0.0.0") == [(OK, "")]
+
+
+def test_a_plc_that_would_connect_to_an_address_where_nothing_listens(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert routed("127.0.0.2", host="127.0.0.9") == [(WARNING, 'set modbus.host to "127.0.0.1", or to "0.0.0.0"')]
+
+    def no_route(*_: object) -> None:
+        raise OSError(101, "Network is unreachable")
+
+    monkeypatch.setattr(socket.socket, "connect", no_route)
+    assert routed("10.0.0.7")[0][0] is FAULT
+
+
+@pytest.mark.parametrize(("days", "verdict"), [(-1, OK), (1, WARNING), (31, FAULT)])
+def test_certificates_that_will_end(tmp_path: Path, days: int, verdict: Verdict) -> None:
+    certs = Plant(tmp_path)
+    made = config().model_copy(update={"modbus": config().modbus.model_copy(update={"tls": certs.config()})})
+    wall_ns = round((NOW + timedelta(days=days)).timestamp() * 1e9)
+    assert {f.verdict for f in network.certificates(made, wall_ns)} == {verdict}
