@@ -9,7 +9,7 @@ import os
 import re
 import secrets
 import socket
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
@@ -25,8 +25,9 @@ from gateway.config.strict.errors import located
 from gateway.core.readings import RangeReading
 from gateway.errors import ConfigError, GatewayError, LinkError
 from gateway.hub import Hub
+from gateway.modbus.protocol.answers import Unit
 from gateway.modbus.registers.bay_unit import unit_of
-from gateway.modbus.server.service import serving
+from gateway.modbus.server.service import Listening, serving
 from gateway.net import tls
 from gateway.net.listener import listening, url
 from gateway.net.tls import TlsFiles
@@ -37,6 +38,7 @@ from gateway.shared_state import SharedStateWriter
 from gateway.sinks import registry as sink_registry
 from gateway.sinks.contract import SettingError
 from gateway.supervisor import Supervisor, Task
+from gateway.systemd import Notifier, ServiceState
 from gateway.vision.detect import registry as detection_methods
 from gateway.vision.process.service import VisionService, vision_template
 from gateway.vision.source.contract import SourceSpec
@@ -149,12 +151,14 @@ async def run(
     on_started: Callable[[Running], None] = lambda _: None,
     extra_tasks: Callable[[Hub], Sequence[Task]] = lambda _: (),
     source: str = "",
+    notifier: Notifier | None = None,
 ) -> None:
     """Serve all bays until `stop` is set; leaves every register at stop before it returns.
 
+    `on_started` is called once the Modbus port is open: at the start, or later where its address is not there yet.
     `extra_tasks`: for the table (a terminal view, simulated rangers). `source`: the operator's own configuration file,
-    which the pages may write back; empty: there is none. Raises ConfigError, LinkError (the Modbus port), or what the
-    supervisor could not survive.
+    which the pages may write back; empty: there is none. `notifier`: to the service manager. Raises ConfigError, or
+    what the supervisor could not survive.
     """
     with ExitStack() as shared:
         hub = Hub(bay.name for bay in config.bays)
@@ -172,6 +176,9 @@ async def run(
             shared.callback(ring.close)
         for ring in readers.values():
             shared.callback(os.close, ring.fd)
+        service = ServiceState(
+            notifier or Notifier(), [bay.name for bay in config.bays], lambda: parts.summary(clock.now_ns())
+        )
         recorder = parts.recorder = RecorderService(config, clock, readers, parts.boot)
         hub.listen(recorder.on_event)
         tasks += [Task("bay-files", files.run), *recorder.tasks]
@@ -184,6 +191,7 @@ async def run(
                 config,
                 files.retained(bay.name),
                 recorder.collectors.get(bay.name),
+                service.on_tick,
             )
             for bay in config.bays
         }
@@ -241,25 +249,60 @@ async def run(
             pages, hmi_url = _pages(setup, handler, shared)
             tasks.append(pages)
         supervisor = Supervisor(tasks, clock)
-        parts.tasks = supervisor.records
+
+        def open_to_plc(bound: Listening) -> None:
+            on_started(Running(config.modbus.host, bound.first, hub, supervisor, bound.tls, hmi_url))
+            service.ready()
+
+        async def end() -> None:
+            service.stopping()
+            for control in controls.values():
+                control.shut_down()
+            await asyncio.gather(
+                asyncio.sleep(SHUTDOWN_SHOWN_S),
+                recorder.close(SINK_CLOSE_S),
+                *(sink.close(SINK_CLOSE_S) for sink in sinks),
+            )
+
+        server = Supervisor([Task("modbus", partial(_serve_modbus, parts, units, clock, open_to_plc))], clock)
+        parts.tasks = {**server.records, **supervisor.records}
+        await _run_tables(server, supervisor, stop, end)
+
+
+async def _run_tables(
+    server: Supervisor, supervisor: Supervisor, stop: asyncio.Event, end: Callable[[], Awaitable[None]]
+) -> None:
+    """Until `stop` is set, or one of them gives up; then `end`. The registers have a table of their own: a PLC can
+    still read the stop of a gateway whose other table has given up."""
+    try:
+        async with asyncio.TaskGroup() as serving_group:
+            served = serving_group.create_task(server.run(), name="modbus server")
+            try:
+                async with asyncio.TaskGroup() as group:
+                    supervised = group.create_task(supervisor.run(), name="supervisor")
+                    try:
+                        await stop.wait()
+                    finally:  # also when a task is past help: what the broker retains must not look good for ever
+                        await end()
+                    supervised.cancel()
+            finally:
+                served.cancel()
+    except BaseExceptionGroup as group_error:
+        raise _own_error(group_error) from group_error
+
+
+async def _serve_modbus(
+    parts: StatusCollector, units: Mapping[int, Unit], clock: SystemClock, opened: Callable[[Listening], None]
+) -> None:
+    """A row of a task table. Raises LinkError where the port can't be had yet, which is tried again: the bays, the
+    pages and the sinks do not wait for the PLC's network."""
+    async with serving(parts.config.modbus, units, clock) as bound:
+        parts.modbus = bound.now
         try:
-            async with serving(config.modbus, units, clock) as bound, asyncio.TaskGroup() as group:
-                parts.modbus = bound.now
-                supervised = group.create_task(supervisor.run(), name="supervisor")
-                on_started(Running(config.modbus.host, bound.first, hub, supervisor, bound.tls, hmi_url))
-                try:
-                    await stop.wait()
-                finally:  # also when a task is past help: what the broker retains must not look good for ever
-                    for control in controls.values():
-                        control.shut_down()
-                    await asyncio.gather(
-                        asyncio.sleep(SHUTDOWN_SHOWN_S),
-                        recorder.close(SINK_CLOSE_S),
-                        *(sink.close(SINK_CLOSE_S) for sink in sinks),
-                    )
-                supervised.cancel()
-        except BaseExceptionGroup as group_error:
-            raise _own_error(group_error) from group_error
+            opened(bound)
+            await asyncio.Event().wait()
+        finally:
+            parts.modbus = tuple
 
 
 def _of_pages(config: GatewayConfig) -> GatewayConfig:

@@ -43,6 +43,7 @@ class BayControl:
         gateway: GatewayConfig | None = None,  # for recipes and writes; without it there are none
         retained: RetainedState | None = None,  # from before the restart
         record: Recorder | None = None,
+        ticked: Callable[[str], None] = lambda bay: None,  # called with the bay's name after each control tick
     ) -> None:
         self.name = config.name
         self._config = config.fusion
@@ -50,6 +51,7 @@ class BayControl:
         self._clock = clock
         self._mirrors = mirrors
         self._record = record
+        self._ticked = ticked
         self._shut_down = False
         self._rules = interlock.Rules.of(config, gateway)
         self._buckets = {kind: rate_limit.Bucket() for kind in WRITE_EVENTS}
@@ -124,6 +126,8 @@ class BayControl:
         due_ns = self._clock.now_ns()
         while True:
             self._step(Tick())
+            if not self._shut_down:
+                self._ticked(self.name)
             now_ns = self._clock.now_ns()
             due_ns = max(due_ns + period_ns, now_ns - period_ns)  # keeps its pace; what was missed is not made up for
             await self._clock.sleep(max(0, due_ns - now_ns) / NS_PER_S)

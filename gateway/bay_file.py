@@ -20,6 +20,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NoReturn
 
+from gateway import systemd
 from gateway.bay_file_format import decoded, encoded
 from gateway.clock import Clock
 from gateway.config import BayConfig, GatewayConfig
@@ -30,18 +31,20 @@ from gateway.errors import LinkError
 log = logging.getLogger(__name__)
 
 MAX_BYTES = 100_000  # 60 visits take 6 kB
+SYSTEM_FOLDER = Path("/var/lib/loading-gateway")
 SLOW_S = 5.0  # a disk that takes longer is at fault, however it ends
 
 
 def default_folder() -> Path:
-    """The gateway's folder for what it keeps, where the configuration names none."""
-    if os.geteuid() == 0:
-        return Path("/var/lib/loading-gateway")
+    """The gateway's folder for what it keeps, where the configuration names none: the one that systemd made for the
+    service; the system's for root and for a user without a home; else the user's own."""
+    if (given := systemd.state_directory()) is not None:
+        return given
     try:
         home = Path.home()
-    except RuntimeError:  # a user unknown to the system: nothing can be written there, which is reported
-        home = Path("/")
-    return home / ".local" / "state" / "loading-gateway"
+    except RuntimeError:  # a user unknown to the system
+        return SYSTEM_FOLDER
+    return SYSTEM_FOLDER if os.geteuid() == 0 or not home.is_dir() else home / ".local" / "state" / "loading-gateway"
 
 
 def folder_of(config: GatewayConfig) -> Path | None:

@@ -59,6 +59,7 @@ class GatewayConditions:
 
     sinks_connected: Mapping[str, bool] = field(default_factory=dict)  # by name, of the configured ones
     plc_reads: bool | None = None  # does one of modbus.plc_addresses send requests? None: none is configured
+    modbus_fault: str = ""  # why the Modbus port can't be opened
     store_fault: str = ""  # of the file that keeps events
     events_lost: int = 0  # counter
     crashes: int = 0  # counter: tasks that failed with an unexpected error

@@ -3,6 +3,7 @@
 import asyncio
 import atexit
 import contextlib
+import faulthandler
 import logging
 import signal
 import sys
@@ -15,6 +16,7 @@ from gateway.clock import SystemClock
 from gateway.config import GatewayConfig
 from gateway.hub import Hub
 from gateway.supervisor import Task
+from gateway.systemd import Notifier
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
@@ -62,7 +64,19 @@ async def serve(
         return [*extra_tasks(hub), *([Task("lifetime", lifetime)] if duration_s is not None else [])]
 
     try:
-        await app.run(config, ports, clock, stop=stop, on_started=on_started, extra_tasks=table, source=source)
+        with Notifier.of_environment() as notifier:
+            if notifier.watchdog_ns is not None:
+                faulthandler.enable()  # the watchdog's SIGABRT then shows where every thread stands
+            await app.run(
+                config,
+                ports,
+                clock,
+                stop=stop,
+                on_started=on_started,
+                extra_tasks=table,
+                source=source,
+                notifier=notifier,
+            )
     finally:
         for number in SIGNALS:
             with contextlib.suppress(ValueError, RuntimeError):

@@ -104,8 +104,8 @@ class GatewayConfig(Section):
         "auto",
         description="folder of the bay files, which keep what outlives a restart: a function check, the learned R x Z, "
         "a truck in place; "
-        "auto: /var/lib/loading-gateway, or ~/.local/state/loading-gateway for other users than root; empty: nothing "
-        "is kept",
+        "auto: the folder of `StateDirectory=` under systemd, else ~/.local/state/loading-gateway, and for root or a "
+        "user without a home /var/lib/loading-gateway; empty: nothing is kept",
     )
     modbus: ModbusConfig = Field(default_factory=ModbusConfig)
     mqtt: MqttConfig | None = None

@@ -19,7 +19,7 @@ from gateway import bay_file
 from gateway.bay import BayControl
 from gateway.bay_file import BayFiles, default_folder, path_of, write_file
 from gateway.bay_file_format import decoded, encoded
-from gateway.config import BayConfig, CameraConfig, GatewayConfig
+from gateway.config import BayConfig, CameraConfig, GatewayConfig, MqttConfig
 from gateway.core.detection import Circle
 from gateway.core.events import EventKind
 from gateway.core.plc import Writer
@@ -28,6 +28,9 @@ from gateway.core.retained import RetainedState, RetainedTruck
 from gateway.core.scale import MAX_VISITS, ScaleSample
 from gateway.core.state import FunctionCheck, Moved, TruckPosition
 from gateway.hub import Hub
+from gateway.records.service import folder_of as recordings_of
+from gateway.sinks.outbox.durable import opened_outbox
+from gateway.sinks.outbox.outbox import Entry
 from gateway.supervisor import Supervisor, Task
 from tests.virtual_time import LoopClock, run
 
@@ -220,8 +223,8 @@ class TestFile:
         monkeypatch.setattr(os, "geteuid", lambda: 0)
         assert path_of(GatewayConfig(), "b") == Path("/var/lib/loading-gateway/bay.site1.gateway.b.json")
         monkeypatch.setattr(os, "geteuid", lambda: 1000)
-        monkeypatch.setenv("HOME", "/home/anna")
-        assert default_folder() == Path("/home/anna/.local/state/loading-gateway")
+        monkeypatch.setenv("HOME", str(tmp_path))
+        assert default_folder() == tmp_path / ".local/state/loading-gateway"
 
     def test_a_user_without_a_home_is_no_reason_not_to_start(self, monkeypatch: pytest.MonkeyPatch) -> None:
         def none() -> Path:
@@ -229,7 +232,24 @@ class TestFile:
 
         monkeypatch.setattr(os, "geteuid", lambda: 1000)
         monkeypatch.setattr(Path, "home", none)
-        assert default_folder() == Path("/.local/state/loading-gateway")
+        assert default_folder() == Path("/var/lib/loading-gateway")
+        monkeypatch.setattr(Path, "home", lambda: Path("/nonexistent"))
+        assert default_folder() == Path("/var/lib/loading-gateway")
+
+    @pytest.mark.parametrize("user", [0, 1000])
+    def test_the_folder_that_systemd_made_comes_before_all_others_but_the_configured_one(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, user: int
+    ) -> None:
+        monkeypatch.setattr(os, "geteuid", lambda: user)
+        given = tmp_path / "given"
+        monkeypatch.setenv("STATE_DIRECTORY", str(given))
+        assert default_folder() == given
+        assert path_of(GatewayConfig(), "b") == given / "bay.site1.gateway.b.json"
+        assert recordings_of(GatewayConfig()) == given / "records/site1.gateway"
+        with opened_outbox(MqttConfig(url="mqtt://x"), f"test-{os.getpid()}-{user}", "outbox.sqlite") as outbox:
+            outbox.put(Entry("1", "topic", b"payload", drop_last=False))
+        assert (given / "outbox.sqlite").is_file(), "events are kept on disk, whatever home the service's user has"
+        assert path_of(config(tmp_path), "bay1") == tmp_path / "bay.site1.gateway.bay1.json"
 
     def test_the_old_file_or_the_new_one_and_never_a_part(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

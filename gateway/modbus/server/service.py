@@ -41,8 +41,6 @@ async def serving(config: ModbusConfig, units: Mapping[int, Unit], clock: Clock)
 
     Where there is TLS, plain TCP only reads: a client that writes must have a certificate.
     """
-    for line in config.warnings():
-        log.warning("%s", line)
     async with AsyncExitStack() as stack:
         plain: int | None = None
         secure: int | None = None
@@ -54,6 +52,8 @@ async def serving(config: ModbusConfig, units: Mapping[int, Unit], clock: Clock)
         if config.plain:
             servers.append(await stack.enter_async_context(ModbusServer(config, units, peer_of=plain_peers(config))))
             plain = servers[-1].port
+        for line in config.warnings():  # once there is a port: it may be tried again and again
+            log.warning("%s", line)
         yield Listening(plain, secure, tuple(servers))
 
 

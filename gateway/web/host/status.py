@@ -10,6 +10,7 @@ from gateway.bay_file import BayFiles
 from gateway.clock import NS_PER_S
 from gateway.config import GatewayConfig
 from gateway.core.readings import FRESH_FRAME, VisionReading
+from gateway.core.state import StateVector
 from gateway.hub import Hub
 from gateway.modbus.server.traffic import ServerNow
 from gateway.records.service import RecorderService
@@ -65,6 +66,12 @@ def _note(rows: dict[str, list[int]], stage: str, took_ns: int) -> None:
     row[-1] += took_ns
 
 
+def _in_words(state: StateVector) -> str:
+    if state.may_move:
+        return "may move"
+    return "in place" if state.in_place else f"stop, reason {state.reason.name.lower()}"
+
+
 @dataclass(slots=True)
 class StatusCollector:
     """`modbus` and `tasks` are set once there are any. `boot`: a random number of this start, in the events' ids."""
@@ -105,6 +112,7 @@ class StatusCollector:
         return GatewayConditions(
             sinks_connected={sink.sink: sink.connected for sink in sinks},
             plc_reads=self._plc_reads(),
+            modbus_fault=self._modbus_fault()[:MAX_ERROR],
             store_fault=next((sink.store.fault for sink in sinks if sink.store is not None and sink.store.fault), ""),
             events_lost=self.hub.dropped + sum(sink.events_lost for sink in sinks),
             crashes=sum(row.crashes for row in crashed.values()),
@@ -117,6 +125,21 @@ class StatusCollector:
             if self.bay_files is None
             else ", ".join(f"{bay}: {why}" for bay, why in self.bay_files.damaged.items())[:MAX_ERROR],
         )
+
+    def summary(self, now_ns: int) -> str:
+        """In one line: which ports are open to the PLC, and each bay's outputs as they may be shown at `now_ns`."""
+        ports = [f"{'Modbus/TCP Security' if one.tls else 'Modbus TCP'} on port {one.port}" for one in self.modbus()]
+        return "; ".join(
+            [
+                " and ".join(ports) or self._modbus_fault() or "Modbus TCP not open yet",
+                *(f"{bay}: {_in_words(self.hub.shown(bay, now_ns))}" for bay in self.hub.bays),
+            ]
+        )
+
+    def _modbus_fault(self) -> str:
+        """Why no PLC can read; empty: one can, or the first try has not ended."""
+        task = self.tasks.get("modbus")
+        return "" if task is None or self.modbus() else task.last_error
 
     def _plc_reads(self) -> bool | None:
         if not self.config.modbus.plc_addresses:

@@ -231,6 +231,7 @@ class TestTheTable:
         ("kind", "conditions"),
         [
             ("plc_not_reading", GatewayConditions(plc_reads=False)),
+            ("modbus_not_served", GatewayConditions(modbus_fault="this machine does not have that address (yet)")),
             ("broker_lost", GatewayConditions(sinks_connected={"mqtt": False})),
             ("sparkplug_lost", GatewayConditions(sinks_connected={"sparkplug": False})),
             ("sink_lost", GatewayConditions(sinks_connected={"mqtt": True, "historian": False})),

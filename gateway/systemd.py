@@ -1,0 +1,111 @@
+"""What systemd gives a service: a folder for its state, and a socket on which it reports its own. IO.
+
+sd_notify(3), systemd.exec(5). Started otherwise, a gateway has neither, and nothing here has any effect.
+"""
+
+import os
+import socket
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Self
+
+from gateway.clock import machine_ns
+
+FEEDS = 4  # of the watchdog within its time: three may be lost
+STATUS_NS = 2_000_000_000  # between two looks at the status where there is no watchdog
+US_NS = 1000
+
+
+def state_directory() -> Path | None:
+    """`StateDirectory=` of the unit, of several the first; None: there is none."""
+    first = os.environ.get("STATE_DIRECTORY", "").split(":")[0]
+    return Path(first) if first else None
+
+
+class Notifier:
+    """Sends this process's state to the service manager. Never waits, never raises.
+
+    `address`: of the manager's datagram socket, a path or, with a leading `@`, an abstract name; empty: there is no
+    manager. `watchdog_ns`: within it the manager must be told WATCHDOG=1 again; None: it does not ask for that.
+    `lost`: messages that the manager did not take.
+    """
+
+    def __init__(self, address: str = "", watchdog_ns: int | None = None) -> None:
+        self.watchdog_ns = watchdog_ns if address else None
+        self.lost = 0
+        self._address = f"\0{address[1:]}" if address.startswith("@") else address
+        self._socket: socket.socket | None = None
+
+    @classmethod
+    def of_environment(cls) -> Self:
+        """As systemd says. Children must not speak for the gateway: the variables are removed."""
+        address = os.environ.pop("NOTIFY_SOCKET", "")
+        time_us, pid = os.environ.pop("WATCHDOG_USEC", ""), os.environ.pop("WATCHDOG_PID", "")
+        meant = time_us.isascii() and time_us.isdigit() and pid in ("", str(os.getpid()))
+        return cls(address, int(time_us) * US_NS if meant else None)
+
+    def __enter__(self) -> Self:
+        if self._address:
+            self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+            self._socket.setblocking(False)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def send(self, **variables: str) -> None:
+        """One datagram, `NAME=value` on each line."""
+        if self._socket is None or not variables:
+            return
+        text = "\n".join(f"{name}={' '.join(value.split())}" for name, value in variables.items())
+        try:
+            self._socket.sendto(text.encode(errors="backslashreplace"), self._address)
+        except OSError:
+            self.lost += 1
+
+
+@dataclass(slots=True)
+class ServiceState:
+    """The gateway's state as the service manager sees it: READY=1 once outputs are served, STATUS= in words.
+
+    The watchdog is fed by the control ticks of the bays and by nothing else: each bay must have ticked since it was fed
+    last. A gateway whose event loop, or one bay's control task, does not run is ended and started again.
+    """
+
+    notifier: Notifier
+    bays: Sequence[str]
+    status: Callable[[], str] = lambda: ""
+    now_ns: Callable[[], int] = machine_ns  # the manager's time is the machine's, not that of a simulation
+    _waiting_for: set[str] = field(default_factory=set)
+    _due_ns: int = 0
+    _told: str = ""
+
+    def __post_init__(self) -> None:
+        self._waiting_for = set(self.bays)
+
+    def on_tick(self, bay: str) -> None:
+        """A control tick of this bay has been calculated."""
+        self._waiting_for.discard(bay)
+        if self._waiting_for or (now_ns := self.now_ns()) < self._due_ns:
+            return
+        time_ns = self.notifier.watchdog_ns
+        self._due_ns = now_ns + (STATUS_NS if time_ns is None else time_ns // FEEDS)
+        self._waiting_for = set(self.bays)
+        self.notifier.send(**({} if time_ns is None else {"WATCHDOG": "1"}), **self._changed_status())
+
+    def ready(self) -> None:
+        """The outputs are served."""
+        self.notifier.send(READY="1", **self._changed_status())
+
+    def stopping(self) -> None:
+        self.notifier.send(STOPPING="1", STATUS="ends: stop is on in every register")
+
+    def _changed_status(self) -> dict[str, str]:
+        status = self.status()
+        if status == self._told:
+            return {}
+        self._told = status
+        return {"STATUS": status}
