@@ -246,10 +246,16 @@ class TestFile:
         assert default_folder() == given
         assert path_of(GatewayConfig(), "b") == given / "bay.site1.gateway.b.json"
         assert recordings_of(GatewayConfig()) == given / "records/site1.gateway"
-        with opened_outbox(MqttConfig(url="mqtt://x"), f"test-{os.getpid()}-{user}", "outbox.sqlite") as outbox:
-            outbox.put(Entry("1", "topic", b"payload", drop_last=False))
-        assert (given / "outbox.sqlite").is_file(), "events are kept on disk, whatever home the service's user has"
         assert path_of(config(tmp_path), "bay1") == tmp_path / "bay.site1.gateway.bay1.json"
+
+    def test_events_are_kept_there_whatever_home_the_user_has(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(Path, "home", lambda: Path("/nonexistent"))
+        monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
+        with opened_outbox(MqttConfig(url="mqtt://x"), f"test-{os.getpid()}", "outbox.sqlite") as outbox:
+            outbox.put(Entry("1", "topic", b"payload", drop_last=False))
+        assert (tmp_path / "outbox.sqlite").stat().st_size > 0
 
     def test_the_old_file_or_the_new_one_and_never_a_part(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
