@@ -58,6 +58,8 @@ class GatewayConditions:
     """The input of the gateway's alarms. None: there is no such part."""
 
     sinks_connected: Mapping[str, bool] = field(default_factory=dict)  # by name, of the configured ones
+    sink_faults: Mapping[str, str] = field(default_factory=dict)  # by name: why it has no connection
+    sink_alarms: Mapping[str, str] = field(default_factory=dict)  # by an alarm's id: its detail, as a sink reports it
     plc_reads: bool | None = None  # does one of modbus.plc_addresses send requests? None: none is configured
     modbus_fault: str = ""  # why the Modbus port can't be opened
     store_fault: str = ""  # of the file that keeps events

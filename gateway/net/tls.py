@@ -2,7 +2,7 @@
 
 import logging
 import ssl
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -116,8 +116,7 @@ def warnings(files: TlsFiles | None, wall_ns: int) -> list[str]:
                 found.append(f"{key}: {path} can be read by others; chmod 600")
             if not key.endswith(("cert", "ca")):
                 continue
-            for certificate in x509.load_pem_x509_certificates(Path(path).read_bytes()):
-                end = certificate.not_valid_after_utc
+            for end in ends(path):
                 if end < now:
                     found.append(f"{key}: {path} expired on {end:%Y-%m-%d}: no client will connect; renew it")
                 elif (end - now).days < WARN_DAYS:
@@ -125,6 +124,11 @@ def warnings(files: TlsFiles | None, wall_ns: int) -> list[str]:
         except (OSError, ValueError) as error:
             found.append(f"{key}: {path}: can't be read: {error}")
     return found
+
+
+def ends(path: str) -> list[datetime]:
+    """The last valid moments of the certificates in this PEM file. Raises OSError, or ValueError: there is none."""
+    return [found.not_valid_after_utc for found in x509.load_pem_x509_certificates(Path(path).read_bytes())]
 
 
 class ReloadingContext:
@@ -141,7 +145,7 @@ class ReloadingContext:
         self._clock = clock
         self.initial = server_context(files)
         self._context, self.revoked = self.initial, _revoked(files)
-        self._stamps = _stamps(files)
+        self._stamps = _stamps_of(files)
         self._looked_ns = self._warned_ns = clock.now_ns()
         self._warn()
 
@@ -162,7 +166,7 @@ class ReloadingContext:
             self.current()
 
     def _reload(self) -> None:
-        stamps = _stamps(self.files)
+        stamps = _stamps_of(self.files)
         if stamps == self._stamps:
             return
         self._stamps = stamps
@@ -197,10 +201,14 @@ def _check_readable(key: str, path: str) -> None:
         raise ConfigError(f"{key}: cannot read {path}: {error.strerror}") from error
 
 
-def _stamps(files: TlsFiles) -> list[tuple[int, int] | None]:
+def _stamps_of(files: TlsFiles) -> list[tuple[int, int] | None]:
+    return stamps(path for _, path in files.named())
+
+
+def stamps(paths: Iterable[str]) -> list[tuple[int, int] | None]:
     """Other than before: a file was written, replaced, put there or taken away."""
     found: list[tuple[int, int] | None] = []
-    for _, path in files.named():
+    for path in paths:
         try:
             stat = Path(path).stat()
             found.append((stat.st_mtime_ns, stat.st_ino))

@@ -77,6 +77,8 @@ class LinkStatus:
     events_lost: int = 0  # given up before the other system had them
     figures: dict[str, int] = field(default_factory=dict)  # counters and gauges by name, for /metrics
     store: StoreStatus | None = None  # None: the sink keeps events in memory only
+    fault: str = ""  # why there is no connection, for the detail of an alarm; without a password
+    alarms: dict[str, str] = field(default_factory=dict)  # of the gateway that it raises: id -> detail
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,14 +5,14 @@ nor the repr of a `Broker` contains its password.
 """
 
 import re
-import ssl
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from urllib.parse import unquote, urlsplit
 
 from gateway.config import MqttConfig
+from gateway.sinks.client_tls import ClientCertificates
 from gateway.sinks.contract import SettingError
-from gateway.sinks.credentials import MAX_BYTES, client_context, password
+from gateway.sinks.credentials import MAX_BYTES, password
 
 DEFAULT_PORT = {"mqtt": 1883, "mqtts": 8883}
 SHAPE = "mqtt[s]://[user[:password]@]host[:port]"
@@ -113,10 +113,10 @@ def _broker_of(config: MqttConfig, url: str, key: str, secret: str | None) -> Br
     return replace(broker, password=secret)
 
 
-def tls_context(config: MqttConfig, brokers: Sequence[Broker]) -> ssl.SSLContext | None:
+def certificates_of(config: MqttConfig, brokers: Sequence[Broker]) -> ClientCertificates | None:
     """None without TLS. Raises SettingError for a file that can't be used. Reads from disk."""
     if not brokers[0].tls:
         if config.tls is not None:
             raise SettingError("mqtt.tls", 'needs url = "mqtts://..."; with mqtt:// nothing is encrypted')
         return None
-    return client_context("mqtt.tls", config.tls)
+    return ClientCertificates("mqtt.tls", config.tls)

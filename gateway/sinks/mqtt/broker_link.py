@@ -24,14 +24,16 @@ from typing import Any
 
 import aiomqtt
 from aiomqtt.exceptions import MqttConnectError
+from paho.mqtt.client import MQTT_ERR_SUCCESS
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
 from gateway.errors import LinkError
 from gateway.sinks.mqtt.broker import Broker
-from gateway.sinks.mqtt.broker_socket import open_socket
+from gateway.sinks.mqtt.broker_socket import fault_of, open_socket
 from gateway.sinks.mqtt.endpoints import Endpoint, Version
+from gateway.sinks.mqtt.takeovers import End
 from gateway.sinks.mqtt.topics import Message
 
 CONNECT_S = 5.0  # for the socket, and again for the CONNACK
@@ -39,10 +41,17 @@ MAX_INCOMING = 100  # messages received and not fetched yet
 MAX_PACKET_BYTES = 65_536  # one of more ends the connection: MQTT allows 256 MB, which would be memory
 MAX_IN_FLIGHT = 8  # messages without acknowledgement at once; more wait their turn
 
+CERTIFICATE_HINT = (
+    "; a broker that requires a client certificate, or refuses ours, does so: mqtt.tls.cert_file and mqtt.tls.key_file"
+)
 REFUSED_SUBSCRIPTION = 128  # SUBACK codes from here on are failures
 UNSUPPORTED_PROTOCOL_VERSION = (1, 132)  # CONNACK of MQTT 3.1.1 and of MQTT 5
 
+SESSION_TAKEN_OVER = 0x8E
+KEEP_ALIVE_TIMEOUT = 0x8D
+
 _log = logging.getLogger("mqtt")
+_log.addFilter(lambda record: "on socket" not in str(record.msg))  # with each attempt; `End.text` has the reason
 
 _VERSIONS: dict[Version, aiomqtt.ProtocolVersion] = {
     "5": aiomqtt.ProtocolVersion.V5,
@@ -61,6 +70,8 @@ class NotAcceptedError(LinkError):
 
 class BrokerLink:
     """A live connection. Real seconds, not the gateway's clock: the broker has no simulated time."""
+
+    end: End | None = None  # how the other side has ended it
 
     def __init__(self, client: aiomqtt.Client, endpoint: Endpoint, acknowledge_s: float, version: Version) -> None:
         self.version = version
@@ -83,7 +94,7 @@ class BrokerLink:
         except TimeoutError:
             raise LinkError(f"{self._broker}: no acknowledgement within {self._acknowledge_s:g} s") from None
         except aiomqtt.MqttError as error:
-            raise LinkError(f"{self._broker}: cannot publish: {error}") from error
+            raise LinkError(f"{self._broker}: cannot publish: {self._why(error)}") from error
 
     async def quiet(self) -> None:
         """Returns when no message waits for its acknowledgement; from then on none is sent."""
@@ -98,7 +109,7 @@ class BrokerLink:
         except TimeoutError:
             raise LinkError(f"{self._broker}: no answer to a subscription within {self._acknowledge_s:g} s") from None
         except aiomqtt.MqttError as error:
-            raise LinkError(f"{self._broker}: cannot subscribe: {error}") from error
+            raise LinkError(f"{self._broker}: cannot subscribe: {self._why(error)}") from error
         if any(int(code if isinstance(code, int) else code.value) >= REFUSED_SUBSCRIPTION for code in granted):
             raise LinkError(f"{self._broker}: refuses a subscription to {', '.join(topic for topic, _ in topics)}")
 
@@ -109,8 +120,11 @@ class BrokerLink:
                 payload = message.payload if isinstance(message.payload, bytes) else str(message.payload).encode()
                 yield Message(str(message.topic), payload)
         except aiomqtt.MqttError as error:
-            raise LinkError(f"{self._broker}: connection lost: {error.__cause__ or error}") from error
+            raise LinkError(f"{self._broker}: connection lost: {self._why(error)}") from error
         raise LinkError(f"{self._broker}: connection lost")
+
+    def _why(self, error: aiomqtt.MqttError) -> object:
+        return error.__cause__ or error if self.end is None else self.end.text
 
 
 def _code(error: MqttConnectError) -> int | None:
@@ -132,6 +146,18 @@ def _packet_limit() -> Properties:
     properties = Properties(PacketTypes.CONNECT)  # type: ignore[no-untyped-call]
     properties.MaximumPacketSize = MAX_PACKET_BYTES
     return properties
+
+
+def _end(reason: ReasonCode, fault: OSError | None, *, by_packet: bool) -> End:
+    """paho's own text for a connection that was closed without a reason is `Unspecified error`, code 128."""
+    if by_packet:
+        taken_over = reason.value == SESSION_TAKEN_OVER
+        return End(f"ended by the broker: {reason}{' by another client' if taken_over else ''}", taken_over=taken_over)
+    if fault is not None and not isinstance(fault, ssl.SSLEOFError | ConnectionResetError):
+        return End(fault_of(fault))
+    if reason.value == KEEP_ALIVE_TIMEOUT:
+        return End("no answer to a PINGREQ")
+    return End("closed by the broker, or on the way to it, without a reason", bare=True)
 
 
 def _received(read: Callable[[int], bytes], size: int) -> bytes:
@@ -172,8 +198,9 @@ async def connect(
                     raise
                 raise NotAcceptedError(f"{endpoint}: {error}", certain=True) from error
             except aiomqtt.MqttError as error:
-                raise NotAcceptedError(f"{endpoint}: {error}", certain=False) from error
-            yield BrokerLink(client, endpoint, acknowledge_s, version)
+                hint = CERTIFICATE_HINT if tls is not None and client.end is not None and client.end.bare else ""
+                raise NotAcceptedError(f"{endpoint}: {error}{hint}", certain=False) from error
+            yield client.link(endpoint, acknowledge_s, version)
             if will_at_disconnect and version == "5":
                 client.keep_will()
             await client.send_disconnect()  # skipped when the body raises: then the broker must publish the will
@@ -196,6 +223,9 @@ class _Client(aiomqtt.Client):
         keepalive_s: int,
         version: Version,
     ) -> None:
+        self.end: End | None = None  # how the other side has ended the connection
+        self._link: BrokerLink | None = None
+        self._fault: OSError | None = None  # of the last read
         super().__init__(
             broker.host,
             broker.port,
@@ -214,12 +244,17 @@ class _Client(aiomqtt.Client):
         for future in (self._connected, self._disconnected):  # its result may not be needed any more
             future.add_done_callback(lambda ended: ended.cancelled() or ended.exception())
         self._client._create_socket_connection = lambda: sock  # type: ignore[method-assign]  # it would open its own
-        self._client._sock_recv = partial(_received, self._client._sock_recv)  # type: ignore[method-assign]
+        self._client._sock_recv = partial(self.received, self._client._sock_recv)  # type: ignore[method-assign]
         # Nothing in it blocks on an open socket, so it needs no thread; it only queues the CONNECT.
         super()._client_connect()
 
     def _client_connect(self) -> None:
         """Called by aiomqtt in a thread; done already."""
+
+    def _on_socket_open(self, client: Any, userdata: Any, sock: Any) -> None:
+        """At once, as below: a socket whose first write fails is closed before a moment later."""
+        self._loop.add_reader(sock.fileno(), self.read)
+        self._misc_task = self._loop.create_task(self._misc_loop())
 
     def _on_socket_register_write(self, client: Any, userdata: Any, sock: Any) -> None:
         """At once. aiomqtt's own does it a moment later, when the socket may be closed and its number another's."""
@@ -241,9 +276,34 @@ class _Client(aiomqtt.Client):
 
     def _on_disconnect(self, client: Any, userdata: Any, flags: Any, reason_code: Any, properties: Any = None) -> None:
         """Also before the CONNACK, which aiomqtt would wait for all the same."""
+        if reason_code.is_failure and self.end is None:
+            self.end = _end(reason_code, self._fault, by_packet=flags.is_disconnect_packet_from_server)
+            if self._link is not None:
+                self._link.end = self.end
         if not self._connected.done():
-            self._connected.set_exception(aiomqtt.MqttError("the connection was closed before a CONNACK arrived"))
+            why = "closed" if self.end is None else self.end.text
+            self._connected.set_exception(aiomqtt.MqttError(f"{why}, before a CONNACK arrived"))
         super()._on_disconnect(client, userdata, flags, reason_code, properties)
+
+    def link(self, endpoint: Endpoint, acknowledge_s: float, version: Version) -> BrokerLink:
+        self._link = BrokerLink(self, endpoint, acknowledge_s, version)
+        return self._link
+
+    def read(self) -> None:
+        """All that has arrived: of TLS and of WebSockets, some may be in memory and make no socket readable."""
+        while self._client.loop_read() == MQTT_ERR_SUCCESS:
+            pending = getattr(self._client.socket(), "pending", None)
+            if pending is None or pending() == 0:
+                break
+
+    def received(self, read: Callable[[int], bytes], size: int) -> bytes:
+        try:
+            return _received(read, size)
+        except BlockingIOError:
+            raise
+        except OSError as error:
+            self._fault = error
+            raise
 
     async def open(self) -> None:
         """Returns when the broker has accepted the connection. Raises MqttError."""

@@ -22,7 +22,27 @@ async def open_socket(endpoint: Endpoint, tls: ssl.SSLContext | None, timeout_s:
     except ssl.SSLCertVerificationError as error:
         raise LinkError(f"its certificate is not trusted: {error.verify_message}") from error
     except OSError as error:
-        raise LinkError(str(error) or repr(error)) from error
+        raise LinkError(fault_of(error)) from error
+
+
+def fault_of(error: OSError) -> str:
+    """Why a connection failed, for the operator."""
+    if isinstance(error, ssl.SSLError) and error.reason in _TLS_FAULTS:
+        return _TLS_FAULTS[error.reason]
+    return str(error) or repr(error)
+
+
+_TLS_FAULTS = {
+    "TLSV13_ALERT_CERTIFICATE_REQUIRED": "it requires a client certificate: mqtt.tls.cert_file and mqtt.tls.key_file",
+    "SSLV3_ALERT_HANDSHAKE_FAILURE": "it ended the TLS handshake: it may require a client certificate "
+    "(mqtt.tls.cert_file and mqtt.tls.key_file), or a version or a cipher that is not offered",
+    "TLSV1_ALERT_UNKNOWN_CA": "it does not trust the authority of our certificate (mqtt.tls.cert_file)",
+    "SSLV3_ALERT_CERTIFICATE_EXPIRED": "our certificate has expired (mqtt.tls.cert_file)",
+    "SSLV3_ALERT_CERTIFICATE_REVOKED": "our certificate was revoked (mqtt.tls.cert_file)",
+    "SSLV3_ALERT_CERTIFICATE_UNKNOWN": "it refuses our certificate (mqtt.tls.cert_file)",
+    "SSLV3_ALERT_BAD_CERTIFICATE": "it refuses our certificate (mqtt.tls.cert_file)",
+    "WRONG_VERSION_NUMBER": "it does not use TLS at this port (mqtts:// instead of mqtt://?)",
+}
 
 
 async def _connect(endpoint: Endpoint) -> socket.socket:

@@ -24,7 +24,7 @@ from gateway.core.state import Moved, Reason, StateVector
 from gateway.errors import LinkError
 from gateway.sinks.contract import Bays, LinkStatus, SinkContext, SinkType
 from gateway.sinks.mqtt import home_assistant, messages, payloads
-from gateway.sinks.mqtt.broker import brokers_of, tls_context
+from gateway.sinks.mqtt.broker import brokers_of, certificates_of
 from gateway.sinks.mqtt.broker_link import BrokerLink
 from gateway.sinks.mqtt.session import BrokerSession, Connect
 from gateway.sinks.mqtt.topic_plan import PLAN, TopicKind
@@ -75,7 +75,9 @@ class MqttPublisher:
         self._topics = Topics(config.root, site, instance)
         self._gateway = Gateway(self._topics, hub.bays, version, boot or secrets.token_hex(8))
         self._state_topics = [(kind, kind.build) for kind in plan if kind.build is not None]
-        self._session = BrokerSession(config, config.client_id or f"gateway-{site}-{instance}", connect=connect)
+        self._session = BrokerSession(
+            config, config.client_id or f"gateway-{site}-{instance}", connect=connect, clock=clock
+        )
         will = payloads.status_payload(self._gateway, "connection lost")
         self._will = Message(self._topics.status, payloads.encode(will), retain=True)
         self._event_expiry_s = round(config.event_expiry_h * 3600)
@@ -104,7 +106,18 @@ class MqttPublisher:
             figures |= {"store_ok": int(not store.fault), "store_faults": store.faults}
             figures["store_unwritten_events"] = store.unwritten
         detail = "connected" if self._session.connected else "no connection"
-        return LinkStatus("mqtt", self._session.connected, detail, self._session.peer, stats.dropped, figures, store)
+        session = self._session
+        return LinkStatus(
+            "mqtt",
+            session.connected,
+            detail,
+            session.peer,
+            stats.dropped,
+            figures,
+            store,
+            fault=session.fault,
+            alarms=session.alarms,
+        )
 
     @property
     def stats(self) -> messages.DeliveryPayload:
@@ -290,7 +303,7 @@ def _checks(config: GatewayConfig) -> Sequence[Callable[[], object]]:
     if mqtt is None:
         return ()
     return (
-        lambda: tls_context(mqtt, brokers_of(mqtt)),
+        lambda: certificates_of(mqtt, brokers_of(mqtt)),
         partial(Topics, mqtt.root, config.site, config.instance),
     )
 

@@ -18,21 +18,26 @@ import asyncio
 import contextlib
 import logging
 import random
+import ssl
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, aclosing
 from typing import NoReturn
 
+from gateway.clock import NS_PER_S, Clock, SystemClock
 from gateway.config import MqttConfig
 from gateway.errors import LinkError
 from gateway.sinks.mqtt import broker_link
-from gateway.sinks.mqtt.broker import brokers_of, tls_context
+from gateway.sinks.mqtt.broker import brokers_of, certificates_of
 from gateway.sinks.mqtt.broker_link import BrokerLink, NotAcceptedError
 from gateway.sinks.mqtt.endpoints import Endpoint, Endpoints, ReturnPace
-from gateway.sinks.mqtt.lookup import Lookup
+from gateway.sinks.mqtt.lookup import Lookup, in_daemon_thread
+from gateway.sinks.mqtt.takeovers import Takeovers
 from gateway.sinks.mqtt.topics import Message
 
 log = logging.getLogger(__name__)
 
+CERTIFICATES_S = 60.0  # how often it is looked whether they were renewed on disk, while there is a connection
+READ_S = 5.0  # for reading them, from a disk that may hang
 # A hung broker is noticed within 1.25 keepalives: a message every half, three quarters for its acknowledgement.
 ACKNOWLEDGE_SHARE = 0.75
 Connect = Callable[..., AbstractAsyncContextManager[BrokerLink]]  # parameters: see broker_link.connect
@@ -42,12 +47,18 @@ Received = Callable[[BrokerLink, Message], Awaitable[None]]
 class BrokerSession:
     """Under one client id. Raises SettingError for an address, a password or certificates that can't be used.
 
-    Certificates are read once, here: from disk, and not while a bay is being watched.
+    Certificates are read here, and in a thread when they have changed on disk: the next connection uses those.
     `will_at_disconnect`: an MQTT 5 broker publishes the last will even when the connection ends properly.
     """
 
     def __init__(
-        self, config: MqttConfig, client_id: str, *, will_at_disconnect: bool = False, connect: Connect | None = None
+        self,
+        config: MqttConfig,
+        client_id: str,
+        *,
+        will_at_disconnect: bool = False,
+        connect: Connect | None = None,
+        clock: Clock | None = None,
     ) -> None:
         self.closing = asyncio.Event()  # set by `close`: end the connection there is, and begin no other
         self.connections = 0  # since the start
@@ -56,12 +67,16 @@ class BrokerSession:
         self._client_id = client_id
         self._will_at_disconnect = will_at_disconnect
         self._endpoints = Endpoints(brokers_of(config), Lookup().addresses, config.protocol)
-        self._tls = tls_context(config, self._endpoints.brokers)
+        self._certificates = certificates_of(config, self._endpoints.brokers)
+        self._reading: asyncio.Future[ssl.SSLContext] | None = None
+        self._clock = clock or SystemClock()
+        self._takeovers = Takeovers(client_id)
         self._connect = connect or broker_link.connect
         self._lock = asyncio.Lock()  # one client id, one connection
         self._connected: Endpoint | None = None
         self._last: Endpoint | None = None  # the one connected before
         self._pace = ReturnPace(config.return_s)
+        self.fault = ""  # why there is no connection
 
     @property
     def connected(self) -> bool:
@@ -76,7 +91,18 @@ class BrokerSession:
     def figures(self) -> dict[str, int]:
         """Counters and gauges, as in LinkStatus."""
         place = 0 if self._connected is None else self._connected.rank + 1
-        return {"connected": int(self.connected), "broker": place, "failovers": self.failovers}
+        found = {"connected": int(self.connected), "broker": place, "failovers": self.failovers}
+        if self._certificates is not None:
+            days = self._certificates.days_left(self._clock.wall_ns())
+            found |= {} if days is None else {"certificate_days": days}
+        return found
+
+    @property
+    def alarms(self) -> dict[str, str]:
+        """As in LinkStatus."""
+        expiring = "" if self._certificates is None else self._certificates.warning(self._clock.wall_ns())
+        found = {"certificate_expiring": expiring, "client_id_shared": self._takeovers.detail(self._clock.now_ns())}
+        return {alarm: detail for alarm, detail in found.items() if detail}
 
     @contextlib.asynccontextmanager
     async def connection(self, will: Message, received: Received | None = None) -> AsyncIterator[BrokerLink]:
@@ -87,7 +113,7 @@ class BrokerSession:
         """
         with _single_link_error():
             async with self._lock, self._opened(will) as (endpoint, link), asyncio.TaskGroup() as group:
-                watching = [group.create_task(_receive(link, received))]
+                watching = [group.create_task(_receive(link, received)), group.create_task(self._watch_certificates())]
                 if endpoint.rank:
                     watching.append(group.create_task(self._until_return(endpoint, link)))
                 yield link
@@ -104,22 +130,27 @@ class BrokerSession:
     async def _opened(self, will: Message) -> AsyncIterator[tuple[Endpoint, BrokerLink]]:
         async with AsyncExitStack() as stack:
             endpoint, link = await self._first_that_accepts(stack, will)
-            begun_s = asyncio.get_running_loop().time()
+            begun_ns = self._clock.now_ns()
             self._note(endpoint)
             try:
                 yield endpoint, link
             except* _ReturnError:
                 self._pace.returned()
                 raise
-            except* LinkError:
+            except* LinkError as lost:
+                self.fault = str(_first(lost))
                 self._endpoints.failed(endpoint)
-                self._pace.ended(asyncio.get_running_loop().time() - begun_s)
+                lasted_ns = self._clock.now_ns() - begun_ns
+                self._pace.ended(lasted_ns / NS_PER_S)
+                if news := self._takeovers.lost(self._clock.now_ns(), lasted_ns, link.end):
+                    log.warning("%s: %s", endpoint, news)
                 raise
             finally:
                 self._connected = None
 
     def _note(self, endpoint: Endpoint) -> None:
         self._connected = endpoint
+        self.fault = ""
         self.connections += 1
         if self._last not in (None, endpoint):
             self.failovers += 1
@@ -130,22 +161,28 @@ class BrokerSession:
     async def _first_that_accepts(self, stack: AsyncExitStack, will: Message) -> tuple[Endpoint, BrokerLink]:
         """One round. The connection is left with `stack`. Raises LinkError with what each has failed with."""
         faults: list[LinkError] = []
+        tls = await self._tls()
         async with aclosing(self._endpoints.in_order(faults)) as endpoints:
             async for endpoint in endpoints:
                 try:
-                    link = await self._accepted(stack, endpoint, self._client_id, will)
+                    link = await self._accepted(stack, endpoint, tls, self._client_id, will)
                 except LinkError as error:
                     self._endpoints.failed(endpoint)
+                    self._takeovers.refused()
                     faults.append(error)
                 else:
                     self._endpoints.accepted(endpoint)
                     return endpoint, link
-        if len(faults) == 1:
-            raise faults[0]
-        raise LinkError("; ".join(map(str, faults)))
+        self.fault = "; ".join(map(str, faults))
+        raise faults[0] if len(faults) == 1 else LinkError(self.fault)
 
     async def _accepted(
-        self, stack: AsyncExitStack, endpoint: Endpoint, client_id: str, will: Message | None
+        self,
+        stack: AsyncExitStack,
+        endpoint: Endpoint,
+        tls: ssl.SSLContext | None,
+        client_id: str,
+        will: Message | None,
     ) -> BrokerLink:
         """A refusal decides which version is tried next time; that of a version, which is tried at once."""
         versions = self._endpoints.versions(endpoint)
@@ -158,7 +195,7 @@ class BrokerSession:
                         will=will,
                         keepalive_s=self._config.keepalive_s,
                         acknowledge_s=ACKNOWLEDGE_SHARE * self._config.keepalive_s,
-                        tls=self._tls,
+                        tls=tls,
                         version=versions.next,
                         will_at_disconnect=self._will_at_disconnect and will is not None,
                     )
@@ -171,6 +208,21 @@ class BrokerSession:
         versions.accepted()
         return link
 
+    async def _tls(self) -> ssl.SSLContext | None:
+        """With the certificates that are on disk now. A disk that hangs holds up nothing: the last ones are used."""
+        if self._certificates is None:
+            return None
+        if self._reading is None or self._reading.done():
+            self._reading = in_daemon_thread(self._certificates.current, "mqtt-tls")
+        await asyncio.wait([self._reading], timeout=READ_S)
+        return self._certificates.newest
+
+    async def _watch_certificates(self) -> NoReturn:
+        """So that the days left are those of the files on disk."""
+        while True:
+            await asyncio.sleep(CERTIFICATES_S)
+            await self._tls()
+
     async def _until_return(self, endpoint: Endpoint, link: BrokerLink) -> NoReturn:
         """Raises _ReturnError when a broker before that of `endpoint` accepts connections again."""
         while True:
@@ -182,12 +234,13 @@ class BrokerSession:
 
     async def _checked(self, rank: int) -> Endpoint | None:
         """An address of this broker that accepts a connection with MQTT. The connection ends with DISCONNECT."""
+        tls = await self._tls()
         with contextlib.suppress(LinkError):
             for endpoint in await self._endpoints.of(rank):
                 self._endpoints.forget(endpoint)  # a version that was tried while it hung says nothing
                 try:
                     async with AsyncExitStack() as stack:
-                        await self._accepted(stack, endpoint, f"{self._client_id}-check", None)
+                        await self._accepted(stack, endpoint, tls, f"{self._client_id}-check", None)
                 except LinkError as error:
                     log.debug("%s: checked, and not returned to: %s", endpoint, error)
                     self._endpoints.failed(endpoint)

@@ -68,7 +68,7 @@ class SparkplugPublisher:
         )
         client_id = f"{config.client_id or f'gateway-{site}-{instance}'}-sparkplug"
         # A proper end publishes the NDEATH, too: section 6.4.25.
-        self._session = BrokerSession(config, client_id, will_at_disconnect=True, connect=connect)
+        self._session = BrokerSession(config, client_id, will_at_disconnect=True, connect=connect, clock=clock)
         self._urgent = asyncio.Event()
         self._over = asyncio.Event()  # this session is to end in order: `close`, or the primary host is offline
         self._send_lock = asyncio.Lock()  # messages go out in the order of their sequence numbers
@@ -89,7 +89,17 @@ class SparkplugPublisher:
             "history_waiting": self.node.waiting,
         }
         detail = "session open" if born else "no session"
-        return LinkStatus("sparkplug", born, detail, self._session.peer, stats.history_dropped, figures)
+        session = self._session
+        return LinkStatus(
+            "sparkplug",
+            born,
+            detail,
+            session.peer,
+            stats.history_dropped,
+            figures,
+            fault=session.fault,
+            alarms=session.alarms,
+        )
 
     async def deliver(self) -> None:
         """One session, until the link breaks or the primary host is offline (LinkError), or after `close`."""

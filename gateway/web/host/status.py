@@ -1,7 +1,7 @@
 """The status of the gateway's parts, collected in the main process for the pages and for the alarms. Never waits."""
 
 from bisect import bisect_left
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from gateway.alarms.definition import GatewayConditions
@@ -111,6 +111,8 @@ class StatusCollector:
         crashed = {name: row for name, row in self.tasks.items() if row.crashes}
         return GatewayConditions(
             sinks_connected={sink.sink: sink.connected for sink in sinks},
+            sink_faults={sink.sink: sink.fault for sink in sinks if sink.fault},
+            sink_alarms=_together([sink.alarms for sink in sinks]),
             plc_reads=self._plc_reads(),
             modbus_fault=self._modbus_fault()[:MAX_ERROR],
             store_fault=next((sink.store.fault for sink in sinks if sink.store is not None and sink.store.fault), ""),
@@ -146,3 +148,9 @@ class StatusCollector:
             return None
         quiet = [server.plc_quiet_s for server in self.modbus()]
         return any(quiet_s is not None and quiet_s < PLC_QUIET_S for quiet_s in quiet)
+
+
+def _together(alarms: Sequence[Mapping[str, str]]) -> dict[str, str]:
+    """The details of each alarm, each once."""
+    ids = dict.fromkeys(alarm for one in alarms for alarm in one)
+    return {alarm: "; ".join(dict.fromkeys(one[alarm] for one in alarms if alarm in one)) for alarm in ids}

@@ -234,6 +234,8 @@ class TestTheTable:
             ("modbus_not_served", GatewayConditions(modbus_fault="this machine does not have that address (yet)")),
             ("broker_lost", GatewayConditions(sinks_connected={"mqtt": False})),
             ("sparkplug_lost", GatewayConditions(sinks_connected={"sparkplug": False})),
+            ("client_id_shared", GatewayConditions(sink_alarms={"client_id_shared": "our client id gw"})),
+            ("certificate_expiring", GatewayConditions(sink_alarms={"certificate_expiring": "ends soon"})),
             ("sink_lost", GatewayConditions(sinks_connected={"mqtt": True, "historian": False})),
             ("events_lost", GatewayConditions(events_lost=1)),
             ("event_store_fault", GatewayConditions(store_fault="disk full")),

@@ -26,6 +26,7 @@ OVERRIDDEN = {  # of aiomqtt.Client, with their parameters
     "_on_connect": ["self", "client", "userdata", "flags", "reason_code", "properties"],
     "_on_disconnect": ["self", "client", "userdata", "flags", "reason_code", "properties"],
     "_on_publish": ["self", "client", "userdata", "mid", "reason_code", "properties"],
+    "_on_socket_open": ["self", "client", "userdata", "sock"],
     "_on_socket_register_write": ["self", "client", "userdata", "sock"],
 }
 USED_OF_PAHO = ["_create_socket_connection", "_max_inflight_messages", "_sock_close", "_sock_recv"]

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from gateway.config import MqttConfig, MqttTls
 from gateway.sinks.contract import SettingError
-from gateway.sinks.mqtt.broker import Broker, brokers_of, tls_context
+from gateway.sinks.mqtt.broker import Broker, brokers_of, certificates_of
 
 SECRET = "p@ss/wörd"
 
@@ -109,8 +109,8 @@ def test_a_list_of_brokers_is_checked(urls: tuple[str, ...], place: tuple[str | 
 def test_certificates_need_an_encrypted_url_and_each_other() -> None:
     plain = config(tls=MqttTls(ca_file="x"))
     with pytest.raises(SettingError, match="mqtts://"):
-        tls_context(plain, brokers_of(plain))
-    assert tls_context(config(), brokers_of(config())) is None
+        certificates_of(plain, brokers_of(plain))
+    assert certificates_of(config(), brokers_of(config())) is None
     with pytest.raises(ValidationError, match="key_file"):
         MqttTls(cert_file="x")
     with pytest.raises(ValidationError, match="keep one of them"):
@@ -126,7 +126,7 @@ def test_a_bad_certificate_file_is_named(tmp_path: Path, key: str, damage: bytes
     tls = MqttTls(ca_file=str(path)) if key == "ca_file" else MqttTls(cert_file=str(path), key_file=str(path))
     bad = config(url="mqtts://broker", tls=tls)
     with pytest.raises(SettingError) as caught:
-        tls_context(bad, brokers_of(bad))
+        certificates_of(bad, brokers_of(bad))
     assert caught.value.place == ("mqtt", "tls", key)
     assert str(path) in str(caught.value)
 
@@ -144,7 +144,7 @@ def test_a_pipe_is_no_place_for_a_secret(tmp_path: Path, key: str) -> None:
 
     def attempt() -> None:
         try:
-            tls_context(configured, brokers_of(configured))
+            certificates_of(configured, brokers_of(configured))
         except SettingError as error:
             found.append(error)
         done.set()

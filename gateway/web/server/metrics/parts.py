@@ -109,6 +109,7 @@ PARTS: tuple[Family, ...] = (
     _figure("mqtt_connected", "gauge", "1: there is a connection to the broker"),
     _figure("mqtt_broker", "gauge", "place of the connected broker in mqtt.urls; 1: the preferred one; 0: none"),
     _figure("mqtt_failovers", "counter", "connections to another broker or address than the one before"),
+    _figure("mqtt_certificate_days", "gauge", "until the first of mqtt.tls.cert_file and ca_file ends"),
     _figure("mqtt_published", "counter", "messages the broker has acknowledged"),
     _figure("mqtt_failed", "counter", "messages it has not"),
     _figure("mqtt_reconnects", "counter", "connections after the first"),
