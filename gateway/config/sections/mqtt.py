@@ -9,6 +9,7 @@ from gateway.config.strict.errors import FieldError
 from gateway.config.strict.section import Section
 
 BrokerUrl = Annotated[str, Field(pattern=r"^mqtts?://")]
+Level = Annotated[str, Field(pattern=r"^[^#+/$\s\x00-\x1f][^#+/\x00-\x1f]{0,63}$")]
 
 
 class SparkplugConfig(Section):
@@ -48,6 +49,8 @@ class MqttConfig(Section):
         description="while a broker other than the first of `urls` is connected: how often those before it are checked",
     )
     root: str = Field("loading", pattern=r"^[^#+/\s][^#+\s]*$", description="first level of every topic")
+    area: Level | None = Field(None, description="topic level after the site (ISA-95); default: none")
+    line: Level | None = Field(None, description="topic level after the area, or the site; default: none")
     client_id: str | None = Field(None, max_length=64, description="default: gateway-<site>-<instance>")
     username: str | None = Field(None, min_length=1, max_length=1000, description="instead of one in the url")
     password_file: str | None = Field(None, min_length=1, description="file whose one line is the password")
@@ -64,6 +67,12 @@ class MqttConfig(Section):
     )
     sparkplug: SparkplugConfig | None = Field(None, description="absent: no Sparkplug")
     tls: MqttTls | None = Field(None, description="certificates for mqtts://")
+    values: bool = Field(
+        False, description="each value of a bay also on a topic of its own, <bay>/value/..., for unified namespaces"
+    )
+    values_period_s: float = Field(
+        5.0, ge=0.5, le=3600, description="changed values are published at once, all of them this often"
+    )
     state_period_s: float = Field(
         0.5, ge=0.02, le=60, description="retained state at most so often; changes of stop at once"
     )

@@ -16,7 +16,7 @@ async def probe(config: MqttConfig, site: str, instance: str, url: str) -> str:
     """What was achieved with this one of the configured brokers. Raises LinkError with what the broker refuses, and
     SettingError as BrokerSession does."""
     alone = config.model_copy(update={"url": url, "urls": ()})
-    topic = Topics(config.root, site, instance).of(instance, TOPIC)
+    topic = Topics.of_config(config, site, instance).of(instance, TOPIC)
     payload = secrets.token_hex(8).encode()
     nothing = Message(topic, b"", retain=True)  # which deletes the retained message
     session = BrokerSession(alone, f"gateway-{site}-{instance}-doctor")

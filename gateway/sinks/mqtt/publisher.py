@@ -27,8 +27,9 @@ from gateway.sinks.mqtt import home_assistant, messages, payloads
 from gateway.sinks.mqtt.broker import brokers_of, certificates_of
 from gateway.sinks.mqtt.broker_link import BrokerLink
 from gateway.sinks.mqtt.session import BrokerSession, Connect
-from gateway.sinks.mqtt.topic_plan import PLAN, TopicKind
+from gateway.sinks.mqtt.topic_plan import PLAN, STATE, TopicKind
 from gateway.sinks.mqtt.topics import Gateway, Message, Topics
+from gateway.sinks.mqtt.value_topics import ValueTopics
 from gateway.sinks.outbox.durable import limits, opened_outbox
 from gateway.sinks.outbox.outbox import Entry, MemoryOutbox, Outbox
 
@@ -72,9 +73,10 @@ class MqttPublisher:
         self._config = config
         self._hub = hub
         self._clock = clock
-        self._topics = Topics(config.root, site, instance)
+        self._topics = Topics.of_config(config, site, instance)
         self._gateway = Gateway(self._topics, hub.bays, version, boot or secrets.token_hex(8))
         self._state_topics = [(kind, kind.build) for kind in plan if kind.build is not None]
+        self._values = {bay: ValueTopics(self._topics, bay, config.values_period_s) for bay in hub.bays}
         self._session = BrokerSession(
             config, config.client_id or f"gateway-{site}-{instance}", connect=connect, clock=clock
         )
@@ -205,8 +207,11 @@ class MqttPublisher:
         expiry_s = None if state.reason is Reason.SHUTDOWN else math.ceil(self._stale_after_ms / 1000)
         found = []
         for kind, build in self._state_topics:
-            payload = payloads.encode(build(state, self._gateway, self._offset_ns(), self._stale_after_ms))
-            found.append(Message(self._topics.of(state.bay, kind.name), payload, kind.retained, expiry_s, kind.qos))
+            built = build(state, self._gateway, self._offset_ns(), self._stale_after_ms)
+            topic = self._topics.of(state.bay, kind.name)
+            found.append(Message(topic, payloads.encode(built), kind.retained, expiry_s, kind.qos))
+            if kind is STATE and self._config.values:
+                found += self._values[state.bay].messages(built, self._clock.now_ns())
         return found
 
     async def _publish_all(self, link: BrokerLink, found: Sequence[Message]) -> None:
@@ -304,7 +309,7 @@ def _checks(config: GatewayConfig) -> Sequence[Callable[[], object]]:
         return ()
     return (
         lambda: certificates_of(mqtt, brokers_of(mqtt)),
-        partial(Topics, mqtt.root, config.site, config.instance),
+        partial(Topics.of_config, mqtt, config.site, config.instance),
     )
 
 

@@ -8,6 +8,7 @@ a gateway that serves a single bay may carry the bay's name (then `<bay>/status`
 import re
 from dataclasses import dataclass
 
+from gateway.config import MqttConfig
 from gateway.sinks.contract import SettingError
 
 MAX_ROOT_BYTES = 1000  # MQTT allows 65,535 bytes for a complete topic
@@ -35,6 +36,11 @@ class Topics:
     root: str
     site: str
     instance: str
+    levels: tuple[str, ...] = ()  # between site and bay: area and line, as in ISA-95
+
+    @staticmethod
+    def of_config(config: MqttConfig, site: str, instance: str) -> "Topics":
+        return Topics(config.root, site, instance, tuple(level for level in (config.area, config.line) if level))
 
     def __post_init__(self) -> None:
         if fault := _fault_of(self.root):
@@ -52,7 +58,7 @@ class Topics:
 
     def of(self, level: str, name: str) -> str:
         """`level`: a bay, or the instance."""
-        return f"{self.root}/{self.site}/{level}/{name}"
+        return "/".join((self.root, self.site, *self.levels, level, name))
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,7 @@
 """The publisher against a broker made of memory, in virtual time: hours of outage cost nothing."""
 
 import asyncio
+import json
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -15,6 +16,7 @@ from gateway.errors import ConfigError
 from gateway.hub import Hub
 from gateway.sinks.mqtt.publisher import MqttPublisher
 from tests import virtual_time
+from tests.mqtt_messages import checked
 from tests.unit.sinks.mqtt_stand_ins import Plant, in_virtual_time, now_s
 from tests.virtual_time import LoopClock
 
@@ -42,6 +44,19 @@ async def test_a_state_without_urgent_changes_is_published_once_a_period() -> No
     times = [message.at_s for message in plant.broker.on("/state")]
     assert len(times) == 21
     assert {round(b - a, 6) for a, b in pairwise(times)} == {0.5}
+
+
+@in_virtual_time
+async def test_each_value_has_a_topic_of_its_own_where_that_is_configured() -> None:
+    plant = Plant(state_period_s=60, values=True, values_period_s=5, area="packing")
+    plant.broker.check = lambda topic, text: {"": json.loads(text)} if "/value/" in topic else checked(topic, text)
+    async with plant.running():
+        await asyncio.sleep(1)
+        plant.change(stop=False)
+        await asyncio.sleep(1)
+    stops = plant.broker.on("/value/stop")
+    assert [message.json[""] for message in stops] == [True, False]
+    assert {(message.topic, message.retain) for message in stops} == {("r/site/packing/bay1/value/stop", False)}
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,9 @@ from urllib.parse import quote
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
+from gateway.config import MqttConfig
 from gateway.errors import ConfigError
 from gateway.sinks.mqtt.broker import Broker, parse
 from gateway.sinks.mqtt.topic_plan import PLAN, markdown
@@ -21,6 +23,26 @@ def test_the_topics_of_a_gateway() -> None:
 
 def test_a_root_may_have_several_levels() -> None:
     assert Topics("acme/cement/loading", "s", "g").status == "acme/cement/loading/s/g/status"
+
+
+@pytest.mark.parametrize(
+    ("keys", "topic"),
+    [
+        ({}, "loading/s/bay1/state"),
+        ({"area": "packing"}, "loading/s/packing/bay1/state"),
+        ({"line": "line 2"}, "loading/s/line 2/bay1/state"),
+        ({"area": "packing", "line": "line2"}, "loading/s/packing/line2/bay1/state"),
+    ],
+)
+def test_area_and_line_stand_between_site_and_bay(keys: dict[str, str], topic: str) -> None:
+    config = MqttConfig.model_validate({"url": "mqtt://b"} | keys)
+    assert Topics.of_config(config, "s", "g").state("bay1") == topic
+
+
+@pytest.mark.parametrize("level", ["", "a/b", "a+", "#", "$a", " a", "x" * 65])
+def test_a_level_that_is_none_is_refused(level: str) -> None:
+    with pytest.raises(ValidationError, match="area"):
+        MqttConfig.model_validate({"url": "mqtt://b", "area": level})
 
 
 def test_two_gateways_of_one_site_have_different_wills() -> None:

@@ -1,0 +1,74 @@
+"""Each value of a bay on a topic of its own, for unified namespaces and clients that read no JSON objects. Pure.
+
+`<bay>/value/<path>`: the path of the field in the state payload, the JSON scalar as payload. What changed is published
+at once, everything once a period. Nothing is retained: a value that a broker keeps for a gateway that is dead would
+look like one of now.
+"""
+
+import json
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from pydantic import BaseModel
+
+from gateway.clock import NS_PER_S
+from gateway.sinks.mqtt.topics import Message, Topics
+
+LEVEL = "value"
+TIME = "timestamp_ms"  # the last one of what is published together
+# The same in every message, or in one for people; `permit` is an old name.
+OMITTED = frozenset(
+    {"schema_version", "site", "bay", "instance", "seq", "timestamp", "permit", "status_topic", "stale_after_ms"}
+)
+# They change all the time and are no reason to publish by themselves.
+PERIODIC = frozenset(
+    {"heartbeat", "frame_id", "vision/age_ms", "range/age_ms", "plc/age_ms", "plc/writes", "in_place_ms", "held_ms"}
+)
+PERIODIC_GROUPS = ("rates/", "counters/", "picture/", "exposure/")
+
+
+class ValueTopics:
+    """One bay's. `period_s`: how often all values are published."""
+
+    def __init__(self, topics: Topics, bay: str, period_s: float) -> None:
+        self._prefix = topics.of(bay, LEVEL)
+        self._period_ns = round(period_s * NS_PER_S)
+        self._sent: dict[str, str] = {}
+        self._all_ns: int | None = None  # when all were published last
+
+    def messages(self, payload: BaseModel, now_ns: int) -> list[Message]:
+        """What is to be published of this state. A value that is not there any more is null."""
+        every = self._all_ns is None or now_ns - self._all_ns >= self._period_ns
+        values = dict.fromkeys(self._sent, "null") | dict(_flat(payload.model_dump(mode="json")))
+        time = values.pop(TIME)
+        chosen = {
+            path: value
+            for path, value in values.items()
+            if every or (value != self._sent.get(path) and not _is_periodic(path))
+        }
+        if every:
+            self._all_ns = now_ns
+        if not chosen:
+            return []
+        self._sent |= chosen
+        return [
+            Message(f"{self._prefix}/{path}", value.encode(), qos=0) for path, value in (chosen | {TIME: time}).items()
+        ]
+
+
+def _is_periodic(path: str) -> bool:
+    return path in PERIODIC or path.startswith(PERIODIC_GROUPS)
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Path and JSON of each scalar; a list is one value. An object that is null has no values of its own."""
+    for name, value in values.items():
+        path = prefix + name
+        if path in OMITTED:
+            continue
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{path}/")
+        elif not isinstance(value, list | tuple):
+            yield path, json.dumps(value, ensure_ascii=False)
+        else:
+            yield path, json.dumps(list(value), ensure_ascii=False)
