@@ -22,6 +22,7 @@ from gateway.sinks.sparkplug.wire import DataType, Metric, Payload, WireError, b
 NAMESPACE = "spBv1.0"
 SEQ_MODULO = 256
 HISTORY_PER_MESSAGE = 50  # changes
+REBIRTH_MS = 5000  # from one rebirth to the next; several hosts often ask at once
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +52,7 @@ class Stats:
     births: int = 0
     data: int = 0
     rebirths: int = 0  # requested by a host
+    rebirths_deferred: int = 0  # of them, so soon after a rebirth that one birth sequence answers all that came
     refused: int = 0  # commands that were none, or that nothing here obeys
     history_dropped: int = 0
 
@@ -77,6 +79,8 @@ class EdgeNode:
     _bd_seq: int = -1
     _seq: int = -1
     _born: bool = False
+    _rebirth_ms: int | None = None  # when a request was answered last in this session
+    _rebirth_due: bool = False  # one was deferred
     _host_ms: int = -1  # timestamp of the newest STATE believed in this session
     _sent_values: dict[str, dict[str, Reading]] = field(default_factory=dict)  # by device with a birth
     _history: deque[BayChange] = field(default_factory=deque)
@@ -98,6 +102,7 @@ class EdgeNode:
     def will(self, bd_seq: int, now_ms: int) -> Message:
         """The NDEATH for the next CONNECT; begins its session. `bd_seq`: 0 to 255, one more with every CONNECT."""
         self._bd_seq, self._seq = bd_seq % SEQ_MODULO, -1
+        self._rebirth_ms, self._rebirth_due = None, False
         self._host_ms = -1  # retained messages arrive again; a clock that was wrong once has no lasting effect
         self._born = False
         self._sent_values.clear()
@@ -134,7 +139,7 @@ class EdgeNode:
             return self._host_state(payload, states, now_ms)
         if topic == self.identity.topic("NCMD") and self._is_rebirth(payload):
             self.stats.rebirths += 1
-            return (self._birth(states, now_ms) if self._born else []), False
+            return (self._requested_rebirth(states, now_ms) if self._born else []), False
         self.stats.refused += 1
         return [], False
 
@@ -160,6 +165,23 @@ class EdgeNode:
             return [], False
         return [self.death(now_ms)], True
 
+    def _requested_rebirth(self, states: Mapping[str, StateVector | None], now_ms: int) -> list[Message]:
+        """At once, or by `states` where the last one was too short a time ago; data go on meanwhile."""
+        if self._rebirth_may_wait(now_ms):
+            self.stats.rebirths_deferred += 1
+            self._rebirth_due = True
+            return []
+        self._rebirth_ms = now_ms
+        return self._birth(states, now_ms)
+
+    def _rebirth_may_wait(self, now_ms: int) -> bool:
+        """A clock that was set back makes nothing wait."""
+        return self._rebirth_ms is not None and 0 <= now_ms - self._rebirth_ms < REBIRTH_MS
+
+    def rebirth_due(self, now_ms: int) -> bool:
+        """Must a deferred request be answered, by `states`, now?"""
+        return self._born and self._rebirth_due and not self._rebirth_may_wait(now_ms)
+
     def _is_rebirth(self, payload: bytes) -> bool:
         try:
             return (NODE_REBIRTH, True) in booleans(payload)
@@ -173,6 +195,8 @@ class EdgeNode:
         self._forget(now_ms)
         if not self._born:
             return []
+        if self.rebirth_due(now_ms):
+            return self._requested_rebirth(states, now_ms)
         out: list[Message] = []
         since, self._since = self._since, []
         for bay, state in states.items():
@@ -250,7 +274,7 @@ class EdgeNode:
 
     def _birth(self, states: Mapping[str, StateVector | None], now_ms: int) -> list[Message]:
         """NBIRTH with sequence number 0, then a DBIRTH for every bay that lives, then what was kept."""
-        self._seq, self._born = -1, True
+        self._seq, self._born, self._rebirth_due = -1, True, False
         self._sent_values.clear()
         self.stats.births += 1
         node = (

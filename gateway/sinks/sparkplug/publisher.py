@@ -83,6 +83,7 @@ class SparkplugPublisher:
             "born": int(self.node.born),
             "births": stats.births,
             "rebirths": stats.rebirths,
+            "rebirths_deferred": stats.rebirths_deferred,
             "data_messages": stats.data,
             "commands_refused": stats.refused,
             "history_dropped": stats.history_dropped,
@@ -152,7 +153,7 @@ class SparkplugPublisher:
                 with contextlib.suppress(TimeoutError):
                     async with self._clock.timeout(min(left_ns / NS_PER_S, POLL_S)):
                         await self._urgent.wait()
-                if self._urgent_values() != published:
+                if self._urgent_values() != published or self.node.rebirth_due(self._now_ms()):
                     break
 
     def _urgent_values(self) -> list[tuple[object, ...] | None]:

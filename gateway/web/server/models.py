@@ -149,6 +149,9 @@ class SparkplugView(View):
     born: bool = Field(description="false: waiting for the primary host, or not connected")
     births: Count
     rebirths: Count = Field(description="requested by a host")
+    rebirths_deferred: Count = Field(
+        0, description="of them, shortly after another; one birth sequence answers all of these"
+    )
     data: Count = Field(validation_alias="data_messages", description="DDATA and NDATA made")
     refused: Count = Field(
         validation_alias="commands_refused", description="commands that were none, or that nothing obeys"

@@ -9,7 +9,7 @@ from gateway.core.state import StateVector
 from gateway.core.visit_summary import VisitEnd, VisitSummary
 from gateway.sinks.mqtt.topics import Message
 from gateway.sinks.sparkplug.node import EdgeNode, Identity
-from tests.e2e.sparkplug_plant import schema
+from tests.e2e.sparkplug_plant import rebirth_request, schema
 
 T0 = 1_700_000_000_000
 STATES = {"bay1": StateVector(bay="bay1", stop=True)}
@@ -172,6 +172,68 @@ def test_nothing_grows_while_a_link_hangs() -> None:
     session(edge, 0)
     change(edge, *range(1, 50))
     assert historical_stops(edge.states(STATES, T0 + 50)) == [47, 48, 49]
+
+
+def ask_for_rebirth(edge: EdgeNode, at_ms: int) -> list[str]:
+    """The kinds of what is sent at once."""
+    return kinds(edge.received("spBv1.0/group/NCMD/node", rebirth_request(), STATES, T0 + at_ms)[0])
+
+
+def kinds(messages: list[Message]) -> list[str]:
+    return [message.topic.split("/")[2] for message in messages]
+
+
+BIRTHS = ["NBIRTH", "DBIRTH"]
+
+
+def test_twenty_rebirth_requests_are_answered_by_two_birth_sequences() -> None:
+    edge = node()
+    session(edge, 0)
+    assert [ask_for_rebirth(edge, 100 + n) for n in range(20)] == [BIRTHS] + [[]] * 19
+    assert not edge.rebirth_due(T0 + 5099)
+    assert edge.states(STATES, T0 + 5099) == []
+    assert edge.rebirth_due(T0 + 5100)
+    assert kinds(edge.states(STATES, T0 + 5100)) == BIRTHS
+    assert not edge.rebirth_due(T0 + 60_000)
+    assert edge.states(STATES, T0 + 60_000) == []
+    assert (edge.stats.births, edge.stats.rebirths, edge.stats.rebirths_deferred) == (3, 20, 19)
+
+
+def test_requests_that_never_end_get_a_birth_sequence_every_five_seconds() -> None:
+    edge = node()
+    session(edge, 0)
+    births = []
+    for at_ms in range(0, 60_000, 100):
+        births += [at_ms] * ("NBIRTH" in ask_for_rebirth(edge, at_ms) + kinds(edge.states(STATES, T0 + at_ms)))
+    assert births == list(range(0, 60_000, 5000))
+
+
+def test_a_change_of_stop_does_not_wait_for_a_deferred_rebirth() -> None:
+    edge = node()
+    session(edge, 0)
+    ask_for_rebirth(edge, 100)
+    ask_for_rebirth(edge, 200)
+    released = {"bay1": replace(STATES["bay1"], stop=False)}
+    assert kinds(edge.states(released, T0 + 300)) == ["DDATA"]
+    assert kinds(edge.states(released, T0 + 5100)) == BIRTHS
+
+
+def test_a_deferred_rebirth_ends_with_its_session_and_with_any_other_birth() -> None:
+    edge = node()
+    session(edge, 0)
+    ask_for_rebirth(edge, 100)
+    ask_for_rebirth(edge, 200)
+    edge.lost()
+    assert kinds(session(edge, 300)) == BIRTHS
+    assert edge.states(STATES, T0 + 10_000) == []
+    assert ask_for_rebirth(edge, 10_100) == BIRTHS
+
+
+def test_a_clock_set_back_defers_no_rebirth() -> None:
+    edge = node()
+    session(edge, 0)
+    ask_for_rebirth(edge, 100_000)
+    assert ask_for_rebirth(edge, 50) == BIRTHS
 
 
 def visit(n: int) -> VisitSummary:

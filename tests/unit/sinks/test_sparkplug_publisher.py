@@ -11,6 +11,7 @@ from gateway.hub import Hub
 from gateway.sinks.mqtt.topics import Message
 from gateway.sinks.sparkplug.publisher import SparkplugPublisher
 from tests import virtual_time
+from tests.e2e.sparkplug_plant import rebirth_request
 from tests.unit.sinks.mqtt_stand_ins import Broker, Link, in_virtual_time
 from tests.virtual_time import LoopClock
 
@@ -61,3 +62,20 @@ def test_after_closing_nothing_is_connected_and_no_message_is_answered(closed: b
         assert (broker.connections, len(broker.received)) == (0, 0 if closed else 1)
 
     virtual_time.run(scenario())
+
+
+@in_virtual_time
+async def test_a_deferred_rebirth_is_sent_when_it_is_due_and_not_a_period_later() -> None:
+    broker = Broker()
+    publisher = connected_to(broker, period_s=60)
+    async with asyncio.TaskGroup() as group:
+        delivering = group.create_task(publisher.deliver())
+        await asyncio.sleep(1)
+        for _ in range(20):
+            await publisher._received(Link(broker), Message("spBv1.0/site/NCMD/gw", rebirth_request()))
+        await asyncio.sleep(20)
+        await publisher.close(1.0)
+        await delivering
+    births = [round(message.at_s - broker.received[0].at_s, 1) for message in broker.on("NBIRTH/gw")]
+    assert births == [0.0, 1.0, 6.0]
+    assert [publisher.link.figures[key] for key in ("births", "rebirths", "rebirths_deferred")] == [3, 20, 19]

@@ -124,6 +124,7 @@ PARTS: tuple[Family, ...] = (
     _figure("sparkplug_born", "gauge", "1: births were sent in this session"),
     _figure("sparkplug_births", "counter", "NBIRTHs"),
     _figure("sparkplug_rebirths", "counter", "births that a host requested"),
+    _figure("sparkplug_rebirths_deferred", "counter", "of them, answered together with others some seconds later"),
     _figure("sparkplug_data_messages", "counter", "DDATA and NDATA"),
     _figure("sparkplug_commands_refused", "counter", "commands that nothing obeys"),
     _figure("sparkplug_history_dropped", "counter", "changes of stop given up"),
