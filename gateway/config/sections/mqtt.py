@@ -61,6 +61,9 @@ class MqttConfig(Section):
     event_expiry_h: float = Field(
         168.0, ge=0.01, le=87600, description="MQTT 5: the broker drops an event not fetched for so long"
     )
+    plain_topics: bool = Field(
+        True, description="publish the JSON topics of docs/mqtt.md; false: Sparkplug alone, which must be configured"
+    )
     home_assistant: bool = Field(False, description="every bay appears in Home Assistant by itself (MQTT discovery)")
     home_assistant_prefix: str = Field(
         "homeassistant", pattern=r"^[^#+/\s]+$", description="discovery prefix, as set in Home Assistant"
@@ -105,4 +108,12 @@ class MqttConfig(Section):
     def _one_password(self) -> Self:
         if self.password_file is not None and self.password_env is not None:
             raise FieldError("password_file is given, too; keep one of them", "password_env")
+        return self
+
+    @model_validator(mode="after")
+    def _something_published(self) -> Self:
+        if not self.plain_topics and self.sparkplug is None:
+            raise FieldError("false, and there is no [mqtt.sparkplug]: nothing would be published", "plain_topics")
+        if not self.plain_topics and self.home_assistant:
+            raise FieldError("reads the plain topics, and plain_topics is false", "home_assistant")
         return self

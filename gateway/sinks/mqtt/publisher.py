@@ -313,4 +313,9 @@ def _checks(config: GatewayConfig) -> Sequence[Callable[[], object]]:
     )
 
 
-MQTT = SinkType("mqtt", _open, settings=lambda config: config.mqtt, checks=_checks)
+MQTT = SinkType(
+    "mqtt",
+    _open,
+    settings=lambda config: config.mqtt if config.mqtt is not None and config.mqtt.plain_topics else None,
+    checks=_checks,
+)

@@ -185,7 +185,7 @@ class LinksView(View):
 
     age_ms: float | None = Field(description="of this knowledge, when it was sent; null: nothing known yet")
     modbus: tuple[ModbusView, ...]
-    mqtt: MqttView | None = Field(description="null: no broker is configured")
+    mqtt: MqttView | None = Field(description="null: no broker is configured, or plain_topics is off")
     sparkplug: SparkplugView | None = Field(description="null: not configured")
     sinks: tuple[SinkView, ...] = Field((), description="every configured sink, MQTT and Sparkplug among them")
     tasks: tuple[TaskView, ...] = Field(description="those that do not run, or did not always")

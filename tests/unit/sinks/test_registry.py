@@ -129,3 +129,46 @@ def test_a_topic_of_another_module_is_published_with_every_state() -> None:
             assert all(message.retain and message.json == {"distance_mm": None, "stop": True} for message in distances)
 
     run(scene())
+
+
+def mqtt(**settings: Any) -> GatewayConfig:
+    return parse({"mqtt": {"url": "mqtt://127.0.0.1:9", "outbox_file": "", **settings}}, text="")
+
+
+@pytest.mark.parametrize(
+    ("settings", "names"),
+    [
+        ({}, ["mqtt"]),
+        ({"sparkplug": {}}, ["mqtt", "sparkplug"]),
+        ({"sparkplug": {}, "plain_topics": False}, ["sparkplug"]),
+    ],
+)
+def test_plain_topics_and_sparkplug_are_configured_apart(settings: dict[str, Any], names: list[str]) -> None:
+    config = mqtt(**settings)
+    with ExitStack() as resources:
+        sinks = registry.opened(config, Hub(["bay1"]), SystemClock(), "00" * 8, resources)
+        assert [sink.link.sink for sink in sinks] == names
+        assert [sink.task for sink in sinks] == [{"mqtt": "mqtt.deliver"}.get(name, "mqtt.sparkplug") for name in names]
+
+
+def test_without_plain_topics_the_broker_is_still_checked() -> None:
+    config = mqtt(sparkplug={}, plain_topics=False, password_file="/missing", username="joe")
+    faults = []
+    for part in registry.checks(config):
+        try:
+            part()
+        except ConfigError as error:
+            faults.append(str(error))
+    assert faults == ['mqtt.password_file = "/missing": No such file or directory']
+
+
+@pytest.mark.parametrize(
+    ("settings", "fault"),
+    [
+        ({"plain_topics": False}, r"plain_topics.*nothing would be published"),
+        ({"plain_topics": False, "sparkplug": {}, "home_assistant": True}, r"home_assistant.*plain_topics is false"),
+    ],
+)
+def test_plain_topics_that_something_needs_cannot_be_off(settings: dict[str, Any], fault: str) -> None:
+    with pytest.raises(ConfigError, match=fault):
+        mqtt(**settings)
