@@ -28,7 +28,9 @@ class SparkplugConfig(Section):
     datatypes_in_data: bool = Field(
         True, description="DDATA carry datatypes, as births do; false: smaller, but many decoders need them"
     )
-    history: int = Field(1000, ge=0, le=100_000, description="changes of stop kept while there is no session")
+    history: int = Field(
+        1000, ge=0, le=100_000, description="changes of stop, and visits, kept until a host has certainly received them"
+    )
 
 
 class MqttTls(ClientTls):

@@ -154,7 +154,8 @@ VISIT: tuple[VisitRow, ...] = (
 ROWS: tuple[Row | VisitRow, ...] = (*DEVICE, *VISIT)
 
 HISTORY = ("Stop", "May Move", "In Place", "Moved", "Permit", "Reason/Code", "Reason/Name")
-"""What is kept of a change that happened while there was no session."""
+"""What is kept of a change of stop."""
+KEPT = frozenset({*HISTORY, *(row.name for row in VISIT)})
 
 Reading = tuple[Value, QualityCode]
 

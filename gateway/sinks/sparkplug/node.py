@@ -8,7 +8,6 @@ arrival is not confirmed.
 """
 
 import json
-from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -16,6 +15,7 @@ from gateway.core.state import StateVector
 from gateway.core.visit_summary import VisitSummary
 from gateway.sinks.mqtt.topics import Message
 from gateway.sinks.sparkplug import metrics
+from gateway.sinks.sparkplug.history import BayChange, History
 from gateway.sinks.sparkplug.metrics import BD_SEQ, HISTORY, NODE_REBIRTH, Reading
 from gateway.sinks.sparkplug.wire import DataType, Metric, Payload, WireError, booleans, encode
 
@@ -54,16 +54,6 @@ class Stats:
     rebirths: int = 0  # requested by a host
     rebirths_deferred: int = 0  # of them, so soon after a rebirth that one birth sequence answers all that came
     refused: int = 0  # commands that were none, or that nothing here obeys
-    history_dropped: int = 0
-
-
-@dataclass(slots=True)
-class BayChange:
-    """The values of a bay after a change of stop, or of a visit that is over, that no host may have received."""
-
-    bay: str
-    timestamp_ms: int
-    values: dict[str, Reading]
 
 
 @dataclass(slots=True)
@@ -72,7 +62,7 @@ class EdgeNode:
 
     identity: Identity
     version: str
-    history_limit: int = 1000
+    history: History
     doubt_ms: int = 20_000  # a lost connection may have been dead for so long before it was noticed
     typed_data: bool = True  # data carry datatypes, as births do
     stats: Stats = field(default_factory=Stats)
@@ -83,19 +73,11 @@ class EdgeNode:
     _rebirth_due: bool = False  # one was deferred
     _host_ms: int = -1  # timestamp of the newest STATE believed in this session
     _sent_values: dict[str, dict[str, Reading]] = field(default_factory=dict)  # by device with a birth
-    _history: deque[BayChange] = field(default_factory=deque)
     _visits: dict[str, VisitSummary] = field(default_factory=dict)  # the newest of each bay since the start
-    _since: list[BayChange] = field(default_factory=list)  # since `states` was read; a slow link may miss some
-    _recent: deque[tuple[int, BayChange]] = field(default_factory=deque)  # when sent, what; not older than `doubt_ms`
 
     @property
     def born(self) -> bool:
         return self._born
-
-    @property
-    def waiting(self) -> int:
-        """Changes kept for later."""
-        return len(self._history)
 
     # The connection.
 
@@ -122,12 +104,7 @@ class EdgeNode:
         """The connection is lost; the broker publishes the NDEATH."""
         self._born = False
         self._sent_values.clear()
-        self._since.clear()
-        kept = [*self._history, *(change for _, change in self._recent)]
-        self._history.clear()
-        self._recent.clear()
-        for change in sorted(kept, key=lambda change: change.timestamp_ms):
-            self._keep(change)
+        self.history.unsent_again()
 
     # From the hosts.
 
@@ -192,16 +169,16 @@ class EdgeNode:
 
     def states(self, states: Mapping[str, StateVector | None], now_ms: int) -> list[Message]:
         """What has changed since it was last sent; deaths and births of bays that died or are alive again."""
-        self._forget(now_ms)
         if not self._born:
             return []
+        self.history.arrived(now_ms - self.doubt_ms)
         if self.rebirth_due(now_ms):
             return self._requested_rebirth(states, now_ms)
         out: list[Message] = []
-        since, self._since = self._since, []
+        since = self.history.unsent(self._sent_values)
         for bay, state in states.items():
-            # Changes that cancel each other out would not appear in what is sent below.
-            if bay in self._sent_values and len(missed := [change for change in since if change.bay == bay]) > 1:
+            # Changes that cancel each other out would not appear in what is sent below, and a death shows none.
+            if len(missed := [change for change in since if change.bay == bay]) > (state is not None):
                 out += self._historical(missed, now_ms)
             if state is None:
                 if self._sent_values.pop(bay, None) is not None:
@@ -214,47 +191,24 @@ class EdgeNode:
                 if changed:
                     self._sent_values[bay] = now
                     out.append(self._data(bay, metrics.metrics(changed, now_ms), now_ms))
-        return out
+        self.history.sent(since, now_ms)
+        return out + self._kept(now_ms)
 
     def changed(self, state: StateVector, timestamp_ms: int) -> None:
-        """`stop` of a bay changed. Kept without a session, or where it is not certain that a host receives it."""
+        """`stop` of a bay changed. Kept until it is certain that a host has received it."""
         now = metrics.readings(state)
-        self._happened(BayChange(state.bay, timestamp_ms, {name: now[name] for name in HISTORY}))
+        self.history.put(state.bay, timestamp_ms, {name: now[name] for name in HISTORY}, in_session=self._born)
 
     def visited(self, bay: str, visit: VisitSummary, timestamp_ms: int) -> None:
         """A visit is over. Kept as `changed` keeps it."""
         self._visits[bay] = visit
-        self._happened(BayChange(bay, timestamp_ms, metrics.visit_readings(visit)))
+        self.history.put(bay, timestamp_ms, metrics.visit_readings(visit), in_session=self._born)
 
-    def _happened(self, change: BayChange) -> None:
-        if not self._born:
-            self._keep(change)
-            return
-        self._since.append(change)
-        del self._since[: max(0, len(self._since) - self.history_limit)]
-        self._recent.append((change.timestamp_ms, change))
-        self._forget(change.timestamp_ms)
-
-    def _forget(self, now_ms: int) -> None:
-        """Drops what has certainly arrived, or is too much to send twice."""
-        while self._recent and (len(self._recent) > self.history_limit or now_ms - self._recent[0][0] > self.doubt_ms):
-            self._recent.popleft()
-
-    def _keep(self, change: BayChange) -> None:
-        self._history.append(change)
-        if len(self._history) > self.history_limit:
-            self._history.popleft()
-            self.stats.history_dropped += 1
-
-    def history(self, now_ms: int) -> list[Message]:
+    def _kept(self, now_ms: int) -> list[Message]:
         """What was kept, oldest first, as historical values of devices that have a birth."""
-        if not self._born:
-            return []
-        known = [change for change in self._history if change.bay in self._sent_values]
-        self._history = deque(change for change in self._history if change.bay not in self._sent_values)
-        self._recent.extend((now_ms, change) for change in known)  # this link, too, may be dead already
-        self._forget(now_ms)
-        return self._historical(known, now_ms)
+        changes = self.history.unsent(self._sent_values)
+        self.history.sent(changes, now_ms)  # this link, too, may be dead already
+        return self._historical(changes, now_ms)
 
     def _historical(self, changes: list[BayChange], now_ms: int) -> list[Message]:
         """Changes of devices that have a birth, some to a message."""
@@ -286,7 +240,7 @@ class EdgeNode:
         )
         out = [self._sequenced("NBIRTH", "", node, now_ms)]
         out += [self._device_birth(bay, state, now_ms) for bay, state in states.items() if state is not None]
-        return out + self.history(now_ms)
+        return out + self._kept(now_ms)
 
     def _device_birth(self, bay: str, state: StateVector, now_ms: int) -> Message:
         now = metrics.readings(state, self._visits.get(bay))

@@ -7,7 +7,10 @@ NDEATH.
 import asyncio
 import contextlib
 import logging
+import secrets
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
 from typing import NoReturn
 
 from gateway import __version__
@@ -21,7 +24,10 @@ from gateway.sinks.mqtt import payloads
 from gateway.sinks.mqtt.broker_link import BrokerLink
 from gateway.sinks.mqtt.session import BrokerSession, Connect
 from gateway.sinks.mqtt.topics import Message
+from gateway.sinks.outbox.durable import limits, opened_outbox
+from gateway.sinks.outbox.outbox import MemoryOutbox, Outbox
 from gateway.sinks.sparkplug.bd_seq import BdSeq
+from gateway.sinks.sparkplug.history import History
 from gateway.sinks.sparkplug.node import EdgeNode, Identity
 
 log = logging.getLogger(__name__)
@@ -45,6 +51,8 @@ class SparkplugPublisher:
         *,
         connect: Connect | None = None,
         bd_seq: Callable[[], int] | None = None,
+        outbox: Outbox | None = None,
+        boot: str | None = None,
     ) -> None:
         if config.sparkplug is None:
             raise ValueError("no [mqtt.sparkplug] in the configuration")
@@ -58,11 +66,17 @@ class SparkplugPublisher:
             self._settings.edge_node_id or instance,
             self._settings.primary_host_id or "",
         )
+        self._outbox = outbox if outbox is not None else MemoryOutbox(limits(HistorySettings.of(config)))
         doubt_ms = 2000 * config.keepalive_s  # a dead connection is noticed within 1.5 keepalives
         self.node = EdgeNode(
             identity,
             __version__,
-            history_limit=self._settings.history,
+            History(
+                self._outbox,
+                self._settings.history,
+                boot or secrets.token_hex(8),
+                hub.bays,
+            ),
             doubt_ms=doubt_ms,
             typed_data=self._settings.datatypes_in_data,
         )
@@ -78,6 +92,7 @@ class SparkplugPublisher:
     def link(self) -> LinkStatus:
         """`connected`: births were sent in this session; not while the primary host is awaited."""
         stats, born = self.node.stats, self._session.connected and self.node.born
+        dropped = self.node.history.dropped
         figures = {
             **self._session.figures,
             "born": int(self.node.born),
@@ -86,8 +101,8 @@ class SparkplugPublisher:
             "rebirths_deferred": stats.rebirths_deferred,
             "data_messages": stats.data,
             "commands_refused": stats.refused,
-            "history_dropped": stats.history_dropped,
-            "history_waiting": self.node.waiting,
+            "history_dropped": dropped,
+            "history_waiting": len(self.node.history),
         }
         detail = "session open" if born else "no session"
         session = self._session
@@ -96,8 +111,9 @@ class SparkplugPublisher:
             born,
             detail,
             session.peer,
-            stats.history_dropped,
+            dropped,
             figures,
+            self._outbox.store,
             fault=session.fault,
             alarms=session.alarms,
         )
@@ -189,9 +205,38 @@ class SparkplugPublisher:
         return max(0, t_ns + self._clock.wall_ns() - self._clock.now_ns()) // NS_PER_MS
 
 
+@dataclass(frozen=True, slots=True)
+class HistorySettings:
+    """Those of the outbox in which the history is kept; see OutboxSettings."""
+
+    outbox_events: int
+    outbox_mb: int
+    outbox_days: float
+    outbox_file: str
+
+    @staticmethod
+    def of(config: MqttConfig) -> "HistorySettings":
+        """As `[mqtt]` has them for events, in a file beside theirs."""
+        events = config.sparkplug.history if config.sparkplug is not None else 0
+        file = config.outbox_file
+        if file not in ("", "auto"):
+            path = Path(file)
+            file = str(path.with_name(f"{path.stem}-sparkplug{path.suffix}"))
+        return HistorySettings(max(1, events), config.outbox_mb, config.outbox_days, file)
+
+
 def _open(context: SinkContext) -> SparkplugPublisher:
-    config = context.config
-    return SparkplugPublisher(context.settings, config.site, config.instance, context.bays, context.clock)
+    config, settings = context.config, context.settings
+    outbox = context.resources.enter_context(
+        opened_outbox(
+            HistorySettings.of(settings),
+            f"{config.instance}.sparkplug",
+            f"sparkplug-{config.site}-{config.instance}.sqlite",
+        )
+    )
+    return SparkplugPublisher(
+        settings, config.site, config.instance, context.bays, context.clock, outbox=outbox, boot=context.boot
+    )
 
 
 SPARKPLUG = SinkType(

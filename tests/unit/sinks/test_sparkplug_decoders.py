@@ -12,7 +12,9 @@ from gateway.core.readings import PictureHealth, Quality, RangeReading, VisionRe
 from gateway.core.state import Moved, Reason, StateVector
 from gateway.core.visit_summary import VisitEnd, VisitSummary
 from gateway.sinks.mqtt.topics import Message
+from gateway.sinks.outbox.outbox import Limits, MemoryOutbox
 from gateway.sinks.sparkplug import node as edge_node
+from gateway.sinks.sparkplug.history import History
 from gateway.sinks.sparkplug.node import EdgeNode, Identity
 from gateway.sinks.sparkplug.wire import DataType, Metric, Payload, encode
 from tests.sparkplug_decoders import DECODERS, Decoder, ReadMetric, UnreadableError, pysparkplug, sparkplug_payload
@@ -70,6 +72,11 @@ VISIT = VisitSummary(
 )  # fmt: skip
 
 
+def node(*, typed_data: bool = True) -> EdgeNode:
+    history = History(MemoryOutbox(Limits(10)), 10, "ab", ["bay1", "bay2"])
+    return EdgeNode(Identity("group", "node"), "1.0", history, typed_data=typed_data)
+
+
 def life(edge: EdgeNode) -> list[Message]:
     """NBIRTH, DBIRTHs of a bay without values and of one with all, history, data with and without values."""
     edge.changed(good_state(stop=True), T0 + 1)
@@ -85,7 +92,7 @@ def life(edge: EdgeNode) -> list[Message]:
 
 @pytest.mark.parametrize("decoder", DECODERS)
 def test_foreign_decoders_read_every_message_of_a_life(decoder: Decoder, payloads: list[Payload]) -> None:
-    messages = life(EdgeNode(Identity("group", "node"), "1.0"))
+    messages = life(node())
     kinds = [message.topic.split("/")[2] for message in messages]
     assert kinds == ["NBIRTH", "DBIRTH", "DBIRTH", "DDATA", "DDATA", "DDATA"]
     read = decoder([message.payload for message in messages])
@@ -116,7 +123,7 @@ def test_foreign_decoders_read_every_datatype_to_its_ends(decoder: Decoder) -> N
 
 def test_without_datatypes_in_data_these_decoders_read_nothing() -> None:
     """What `datatypes_in_data = false` costs; the births are the same."""
-    messages = life(EdgeNode(Identity("group", "node"), "1.0", typed_data=False))
+    messages = life(node(typed_data=False))
     births, data = messages[:3], messages[3:]
     for decoder in DECODERS:
         assert all(metric.datatype for metrics in decoder([m.payload for m in births]) for metric in metrics)

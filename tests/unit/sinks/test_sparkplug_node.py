@@ -1,6 +1,9 @@
 """An edge node without a socket: what was sent on a dying link is sent again; a host's wrong clock does not last."""
 
+import contextlib
+from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -8,6 +11,9 @@ import pytest
 from gateway.core.state import StateVector
 from gateway.core.visit_summary import VisitEnd, VisitSummary
 from gateway.sinks.mqtt.topics import Message
+from gateway.sinks.outbox.durable import DurableOutbox
+from gateway.sinks.outbox.outbox import Entry, Limits, MemoryOutbox, Outbox
+from gateway.sinks.sparkplug.history import History
 from gateway.sinks.sparkplug.node import EdgeNode, Identity
 from tests.e2e.sparkplug_plant import rebirth_request, schema
 
@@ -15,8 +21,10 @@ T0 = 1_700_000_000_000
 STATES = {"bay1": StateVector(bay="bay1", stop=True)}
 
 
-def node(host: str = "", *, history_limit: int = 1000) -> EdgeNode:
-    return EdgeNode(Identity("group", "node", host), "1.0", history_limit=history_limit, doubt_ms=20_000)
+def node(host: str = "", *, history_limit: int = 1000, outbox: Outbox | None = None, boot: str = "ab") -> EdgeNode:
+    kept = outbox if outbox is not None else MemoryOutbox(Limits(max(1, history_limit)))
+    history = History(kept, history_limit, boot, STATES)
+    return EdgeNode(Identity("group", "node", host), "1.0", history, doubt_ms=20_000)
 
 
 def change(edge: EdgeNode, *at_ms: int) -> None:
@@ -47,8 +55,8 @@ def test_history_sent_on_a_dead_link_is_sent_again() -> None:
         assert historical_stops(session(edge, at_ms)) == [1, 2, 3]
         edge.lost()
 
-    assert edge.waiting == 3
-    assert edge.stats.history_dropped == 0
+    assert len(edge.history) == 3
+    assert edge.history.dropped == 0
 
 
 def test_what_was_sent_long_before_a_link_was_lost_is_not_sent_again() -> None:
@@ -56,6 +64,7 @@ def test_what_was_sent_long_before_a_link_was_lost_is_not_sent_again() -> None:
     change(edge, 1)
     session(edge, 1000)
     change(edge, 2000)
+    edge.states(STATES, T0 + 2000)
     edge.states(STATES, T0 + 2000 + 20_001)
     change(edge, 23_000)
     edge.lost()
@@ -88,6 +97,12 @@ def test_history_keeps_its_limit_and_counts_what_it_drops() -> None:
     change(edge, 13)
 
     assert historical_stops(session(edge, 20)) == [11, 12, 13]
+    assert edge.history.dropped == 1, "the third; the first two were sent, and made room while the session lasted on"
+
+    edge.lost()
+    change(edge, 21, 22)
+    assert edge.history.dropped == 3
+    assert historical_stops(session(edge, 30)) == [13, 21, 22]
 
 
 def test_changes_that_cancel_each_other_out_before_they_are_sent_are_history() -> None:
@@ -172,6 +187,85 @@ def test_nothing_grows_while_a_link_hangs() -> None:
     session(edge, 0)
     change(edge, *range(1, 50))
     assert historical_stops(edge.states(STATES, T0 + 50)) == [47, 48, 49]
+    assert (len(edge.history), edge.history.dropped) == (0, 46)
+
+
+@contextlib.contextmanager
+def durable(folder: Path, events: int = 1000) -> Iterator[DurableOutbox]:
+    """That of one start of a gateway."""
+    with DurableOutbox("test", folder / "history.sqlite", Limits(events)) as outbox:
+        yield outbox
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr("gateway.sinks.outbox.durable.folder", lambda: tmp_path)
+    return tmp_path
+
+
+def test_changes_without_a_session_survive_a_restart(folder: Path) -> None:
+    with durable(folder) as outbox:
+        edge = node(outbox=outbox, boot="aa")
+        change(edge, 1, 2)
+        edge.visited("bay1", visit(5), T0 + 3)
+    with durable(folder) as outbox:
+        edge = node(outbox=outbox, boot="bb")
+        assert len(edge.history) == 3
+        change(edge, 10)
+        messages = session(edge, 1000)
+        assert historical_stops(messages) == [1, 2, 10]
+        assert last_visits(messages, historical=True) == [5]
+        stops = [m for one in messages for m in decoded(one).metrics if m.is_historical and m.name == "Stop"]
+        assert [metric.boolean_value for metric in stops] == [False, True, True]
+    with durable(folder) as outbox:  # killed so soon that nobody knows whether it arrived
+        edge = node(outbox=outbox, boot="cc")
+        assert historical_stops(session(edge, 2000)) == [1, 2, 10]
+        edge.states(STATES, T0 + 2000 + 20_001)
+        assert len(outbox) == 0
+    with durable(folder) as outbox:
+        assert historical_stops(session(node(outbox=outbox, boot="dd"), 30_000)) == []
+
+
+def test_what_an_earlier_start_kept_and_nobody_can_be_told_is_counted_and_removed() -> None:
+    """A bay that is not configured any more, another version's metric, a damaged row."""
+    outbox = MemoryOutbox(Limits(10))
+    rows = [("gone", b'{"Stop": [true, 192]}'), ("bay1", b'{"Other": [1, 192]}'), ("bay1", b"junk"), ("bay1", b"[1]")]
+    for n, (bay, payload) in enumerate(rows):
+        outbox.put(Entry(f"aa-{n}", bay, payload, True, T0 + n))
+    outbox.put(Entry("aa-9", "bay1", b'{"Stop": [false, 192], "Other": [1, 192]}', True, T0 + 9))
+    edge = node(outbox=outbox, boot="bb")
+    assert (len(edge.history), edge.history.dropped, len(outbox)) == (1, 4, 1)
+    assert historical_stops(session(edge, 100)) == [9]
+    edge.lost()
+    assert edge.history.dropped == 4
+
+
+def test_a_history_of_none_keeps_and_counts_nothing_away() -> None:
+    edge = node(history_limit=0)
+    change(edge, 1, 2)
+    assert historical_stops(session(edge, 10)) == []
+    change(edge, 11, 12)
+    assert historical_stops(edge.states(STATES, T0 + 13)) == []
+    assert edge.history.dropped == 2, "without a session"
+
+
+def test_a_bay_that_comes_late_gets_its_history_with_its_birth() -> None:
+    edge = node()
+    change(edge, 1, 2)
+    edge.will(0, T0 + 5)
+    assert kinds(edge.connected({"bay1": None}, T0 + 5)) == ["NBIRTH"]
+    messages = edge.states(STATES, T0 + 10)
+    assert kinds(messages) == ["DBIRTH", "DDATA"]
+    assert historical_stops(messages) == [1, 2]
+
+
+def test_a_change_just_before_a_bay_died_is_history() -> None:
+    edge = node()
+    session(edge, 0)
+    change(edge, 5)
+    messages = edge.states({"bay1": None}, T0 + 10)
+    assert kinds(messages) == ["DDATA", "DDEATH"]
+    assert historical_stops(messages) == [5]
 
 
 def ask_for_rebirth(edge: EdgeNode, at_ms: int) -> list[str]:

@@ -40,7 +40,14 @@ def mqtt(*, connected: bool = True, ok: bool = True) -> LinkStatus:
 
 
 def sparkplug(*, born: bool = True) -> LinkStatus:
-    figures = {"connected": 1, "born": int(born), "births": 1, "rebirths": 0, "data_messages": 44}
+    figures = {
+        "connected": 1,
+        "born": int(born),
+        "births": 1,
+        "rebirths": 0,
+        "rebirths_deferred": 0,
+        "data_messages": 44,
+    }
     figures |= {"commands_refused": 0, "history_dropped": 4, "history_waiting": 0}
     return LinkStatus("sparkplug", born, "session open" if born else "no session", "mqtt://broker:1883", 4, figures)
 
