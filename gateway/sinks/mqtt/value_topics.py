@@ -7,11 +7,12 @@ look like one of now.
 
 import json
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, get_args
 
 from pydantic import BaseModel
 
 from gateway.clock import NS_PER_S
+from gateway.sinks.mqtt.messages import StatePayload
 from gateway.sinks.mqtt.topics import Message, Topics
 
 LEVEL = "value"
@@ -25,6 +26,11 @@ PERIODIC = frozenset(
     {"heartbeat", "frame_id", "vision/age_ms", "range/age_ms", "plc/age_ms", "plc/writes", "in_place_ms", "held_ms"}
 )
 PERIODIC_GROUPS = ("rates/", "counters/", "picture/", "exposure/")
+OBJECTS = frozenset(  # that may be null: then they have no values
+    name
+    for name, field in StatePayload.model_fields.items()
+    if any(isinstance(part, type) and issubclass(part, BaseModel) for part in get_args(field.annotation))
+)
 
 
 class ValueTopics:
@@ -61,10 +67,10 @@ def _is_periodic(path: str) -> bool:
 
 
 def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Path and JSON of each scalar; a list is one value. An object that is null has no values of its own."""
+    """Path and JSON of each scalar; a list is one value."""
     for name, value in values.items():
         path = prefix + name
-        if path in OMITTED:
+        if path in OMITTED or (value is None and path in OBJECTS):
             continue
         if isinstance(value, Mapping):
             yield from _flat(value, f"{path}/")

@@ -60,6 +60,7 @@ def test_a_group_that_ends_is_null_and_not_left_as_it_was() -> None:
         ("predicted/u", "predicted/v", "predicted/radius_px")
     )
     assert published(topics, 3, predicted=predicted)["predicted/u"] == 1.0
+    assert "predicted" not in published(topics, 9, predicted=None)  # a level, and no value
 
 
 def test_a_value_that_becomes_unknown_is_null() -> None:
