@@ -12,6 +12,7 @@ from gateway.errors import GatewayError
 from gateway.net import tls
 from gateway.net.listener import bound_sockets
 from gateway.net.tls import TlsFiles
+from gateway.sinks.mqtt.broker import brokers_of, certificates_of
 
 CONNECT_S = 3.0
 DISCARD_PORT = 9  # of the address whose route is looked up; nothing is sent
@@ -89,6 +90,7 @@ def _addresses(host: str) -> set[str]:
 
 
 def certificates(config: GatewayConfig, wall_ns: int) -> Iterator[Finding]:
+    """Of what the gateway serves, and of its connections to brokers."""
     modbus = None if config.modbus.tls is None else TlsFiles.of_modbus(config.modbus.tls)
     for name, files in (("modbus tls", modbus), ("pages", TlsFiles.of_pages(config.hmi))):
         if files is None:
@@ -98,5 +100,17 @@ def certificates(config: GatewayConfig, wall_ns: int) -> Iterator[Finding]:
             verdict = Verdict.FAULT if "expired" in line or "can't be read" in line else Verdict.WARNING
             yield Finding("certificate", name, verdict, "read its files", line, "docs/modbus-security.md")
         if not found:
-            days = tls.WARN_DAYS
-            yield Finding("certificate", name, Verdict.OK, "read its files", f"valid for more than {days} days")
+            yield _lasts(name, None)
+    mqtt = None if config.mqtt is None else certificates_of(config.mqtt, brokers_of(config.mqtt))
+    if mqtt is None or (days := mqtt.days_left(wall_ns)) is None:
+        return
+    if line := mqtt.warning(wall_ns):
+        verdict = Verdict.FAULT if days < 0 else Verdict.WARNING
+        yield Finding("certificate", "mqtt", verdict, "read its files", line, "renew it; no restart is needed")
+    else:
+        yield _lasts("mqtt", days)
+
+
+def _lasts(name: str, days: int | None) -> Finding:
+    least = f"{tls.WARN_DAYS} days" if days is None else f"{days - 1} days"
+    return Finding("certificate", name, Verdict.OK, "read its files", f"valid for more than {least}")

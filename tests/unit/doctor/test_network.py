@@ -71,3 +71,11 @@ def test_certificates_that_will_end(tmp_path: Path, days: int, verdict: Verdict)
     made = config().model_copy(update={"modbus": config().modbus.model_copy(update={"tls": certs.config()})})
     wall_ns = round((NOW + timedelta(days=days)).timestamp() * 1e9)
     assert {f.verdict for f in network.certificates(made, wall_ns)} == {verdict}
+
+
+@pytest.mark.parametrize(("days", "verdict"), [(3600, OK), (3630, WARNING), (3651, FAULT)])
+def test_the_authority_of_a_broker(tmp_path: Path, days: int, verdict: Verdict) -> None:
+    ca_file = str(Plant(tmp_path).folder.certificate_path("ca"))  # for 3650 days
+    made = GatewayConfig.model_validate({"mqtt": {"url": "mqtts://broker", "tls": {"ca_file": ca_file}}})
+    wall_ns = round((NOW + timedelta(days=days)).timestamp() * 1e9)
+    assert [f.verdict for f in network.certificates(made, wall_ns)] == [verdict]
