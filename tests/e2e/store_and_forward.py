@@ -292,14 +292,20 @@ def wait(gateway: Gateway) -> None:
 
 
 def deliver_the_rest(
-    module: str, url: str, name: str, file: Path, reported: ReportedEvents, records: RecordingSubscriber
+    module: str,
+    url: str,
+    name: str,
+    file: Path,
+    reported: ReportedEvents,
+    records: RecordingSubscriber,
+    no_progress_s: float = NO_PROGRESS_S,
 ) -> None:
     """One more start, which makes hardly any events, until nothing is missing or nothing gets better any more."""
     gateway = start(module, url, name, file, 0.2, reported)
     try:
         fewest, since = len(reported.ids) + 1, time.monotonic()
         while (missing := len({i for i, _, _ in reported.ids} - {i for i, _ in records.got})) and (
-            time.monotonic() - since < NO_PROGRESS_S
+            time.monotonic() - since < no_progress_s
         ):
             if missing < fewest:
                 fewest, since = missing, time.monotonic()
