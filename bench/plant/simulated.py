@@ -88,6 +88,7 @@ class Simulated:
     """A context manager: the gateway in `folder`. `start` and `kill` may be called again and again.
 
     `more` is added to the configuration (TOML); `scenario` is the text of one. `writes`: the PLC writes its heartbeat.
+    `module`: what is run instead of the gateway's own entry point.
     """
 
     def __init__(
@@ -99,8 +100,10 @@ class Simulated:
         more: str = "",
         writes: bool = True,
         log_level: str = "warning",
+        module: str = "gateway",
     ) -> None:
         self.folder = folder
+        self._module = module
         self.port, self.hmi_port = free_port(), free_port()
         self.config_file, self._scenario_file = folder / "gateway.toml", folder / "scenario.toml"
         names = {"instance": f"proof{os.getpid()}", "port": self.port, "hmi_port": self.hmi_port}
@@ -144,7 +147,7 @@ class Simulated:
 
     def start(self) -> dict[str, Any]:
         """Start it, wait until a PLC could poll; its `started` row."""
-        command = [sys.executable, "-m", "gateway", "simulate", "--json", "--config", str(self.config_file)]
+        command = [sys.executable, "-m", self._module, "simulate", "--json", "--config", str(self.config_file)]
         command += ["--scenario", str(self._scenario_file), "--state-dir", str(self.state)]
         if self.started:  # the truck goes on meanwhile
             command += ["--world-start-ns", str(self.started["world_start_ns"])]
