@@ -8,14 +8,9 @@ import java.net.Socket;
 import java.util.Map;
 import java.util.concurrent.ConcurrentHashMap;
 
-/**
- * A client's connection through the proxy. The TCK is told of each packet before the broker gets it.
- *
- * Of a client whose last will is no Sparkplug topic it is told nothing: the gateway has a second connection for its
- * plain JSON topics, and the TCK takes every client for an edge node.
- */
+/** A client's connection through the proxy. The TCK is told of each packet before the broker gets it. */
 final class Connection {
-  private static final Map<String, Connection> OPEN = new ConcurrentHashMap<>(); // edge nodes, by client id
+  private static final Map<String, Connection> OPEN = new ConcurrentHashMap<>(); // by client id
 
   /** The TCK demands timestamps before the millisecond of arrival; a network takes longer than loopback. */
   private static final long NETWORK_MS = 2;
@@ -23,7 +18,7 @@ final class Connection {
   private final Socket client;
   private final int brokerPort;
   private OutputStream toBroker;
-  private String edgeNode; // client id; null: it is none
+  private String clientId; // null before its CONNECT
 
   Connection(Socket client, int brokerPort) {
     this.client = client;
@@ -61,19 +56,18 @@ final class Connection {
   private void told(Packets packets, int header, byte[] body) {
     if (header >> 4 == Packets.CONNECT) {
       Packets.Connect connect = packets.connect(body);
-      if (!connect.willTopic().startsWith("spBv1.0/")) return;
-      edgeNode = connect.clientId();
-      OPEN.put(edgeNode, this);
-      Shim.tell(() -> Shim.tck.connect(edgeNode, connect.packet()));
-    } else if (edgeNode != null) {
-      packets.tell(edgeNode, header, body);
+      clientId = connect.clientId();
+      OPEN.put(clientId, this);
+      Shim.tell(() -> Shim.tck.connect(clientId, connect.packet()));
+    } else {
+      packets.tell(clientId, header, body);
     }
   }
 
   private void ended() {
-    if (edgeNode == null) return;
-    OPEN.remove(edgeNode, this);
-    ClientInformation who = Fake.of(ClientInformation.class, "getClientId", edgeNode);
+    if (clientId == null) return;
+    OPEN.remove(clientId, this);
+    ClientInformation who = Fake.of(ClientInformation.class, "getClientId", clientId);
     Shim.tell(() -> Shim.tck.onDisconnect(Fake.of(DisconnectEventInput.class, "getClientInformation", who)));
   }
 
@@ -95,7 +89,7 @@ final class Connection {
     return length;
   }
 
-  /** Ends an edge node's connection; its last will is not published. False: there is none. */
+  /** Ends a client's connection; its last will is not published. False: there is none. */
   static boolean disconnect(String clientId) throws IOException {
     Connection found = OPEN.get(clientId);
     if (found == null) return false;

@@ -23,8 +23,7 @@ final class Packets {
 
   private int version = 4; // of the protocol: 4 is 3.1.1
 
-  /** willTopic: empty without a will. */
-  record Connect(String clientId, String willTopic, ConnectPacket packet) {}
+  record Connect(String clientId, ConnectPacket packet) {}
 
   Connect connect(byte[] body) {
     ByteBuffer in = ByteBuffer.wrap(body);
@@ -34,16 +33,14 @@ final class Packets {
     int keepAlive = in.getShort() & 0xFFFF;
     long expiry = properties(in);
     String clientId = text(in);
-    String willTopic = "";
     Optional<WillPublishPacket> will = Optional.empty();
     if ((flags & 4) != 0) {
       properties(in);
-      willTopic = text(in);
-      will = Optional.of(Fake.of(WillPublishPacket.class, "getTopic", willTopic, "getPayload", payload(binary(in)),
+      will = Optional.of(Fake.of(WillPublishPacket.class, "getTopic", text(in), "getPayload", payload(binary(in)),
           "getQos", Qos.valueOf(flags >> 3 & 3), "getRetain", (flags & 32) != 0));
     }
     MqttVersion named = version == 5 ? MqttVersion.V_5 : MqttVersion.V_3_1_1;
-    return new Connect(clientId, willTopic,
+    return new Connect(clientId,
         Fake.of(ConnectPacket.class, "getClientId", clientId, "getCleanStart", (flags & 2) != 0,
             "getSessionExpiryInterval", expiry, "getMqttVersion", named, "getWillPublish", will, "getKeepAlive",
             keepAlive));

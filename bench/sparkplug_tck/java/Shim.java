@@ -9,11 +9,11 @@ import org.eclipse.sparkplug.tck.test.common.Constants.Profile;
 
 /**
  * Runs one test of the Eclipse Sparkplug TCK without HiveMQ: the TCK's classes, the services that they ask HiveMQ for
- * ({@link Services}), and a proxy before another broker that tells them what an edge node sends ({@link Connection}).
+ * ({@link Services}), and a proxy before another broker that tells them what its clients send ({@link Connection}).
  *
  * <pre>java -Dbroker=tcp://127.0.0.1:PORT Shim BROKER_PORT TEST PARAMETER...</pre>
  *
- * Standard output, a line each: LISTENING port (of the proxy), BEGUN, PUBLISH topic (by the edge node), LOG text,
+ * Standard output, a line each: LISTENING port (of the proxy), BEGUN, PUBLISH topic (by a client), LOG text,
  * RESULT text (the TCK's summary, its last line begins with OVERALL), ERROR text (an exception in the TCK).
  * Standard input: the lines BEGIN and END of the test; until BEGIN the proxy closes every connection. End of file ends
  * the program.
