@@ -318,7 +318,8 @@ def _on_range(control: BayControl, vision: VisionService, reading: RangeReading)
 
 def _on_alarm(recorder: RecorderService, change: AlarmChange) -> None:
     recorder.on_alarm(change)
-    log.log(logging.DEBUG if change.by_design else logging.INFO, "alarm %s", change)
+    fields = {"alarm": change.kind} | ({} if change.bay is None else {"bay": change.bay})
+    log.log(logging.DEBUG if change.by_design else logging.INFO, "alarm %s", change, extra={"fields": fields})
 
 
 def _reader(

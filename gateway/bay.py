@@ -201,7 +201,20 @@ class BayControl:
                 event.kind.value.replace("_", " "),
                 f" ({event.sensor} {event.quality.name.lower()})" if event.sensor else "",
                 f": {event.detail}" if event.detail else f", reason {state.reason.name.lower()}",
+                extra={"fields": _fields(event, state)},
             )
+
+
+def _fields(event: Event, state: StateVector) -> dict[str, str | float | None]:
+    """Of a log line, for programs. None: not known now."""
+    circle = state.vision.circle
+    return {
+        "bay": state.bay,
+        "event": event.kind.value,
+        "radius_px": None if circle is None else round(circle.radius_px, 1),
+        "distance_mm": None if state.range.distance_mm is None else round(state.range.distance_mm, 1),
+        "reason": state.reason.name.lower(),
+    }
 
 
 def _of_visit(state: StateVector, ended: VisitSummary | None) -> list[Event]:

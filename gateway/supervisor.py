@@ -82,14 +82,14 @@ class Supervisor:
                 record.link_errors += 1
                 record.last_error = str(failure)
                 if attempt == 0:  # only the first failure of a series is a warning
-                    log.warning("%s: %s; trying again", task.name, failure)
+                    log.warning("%s: %s; trying again", task.name, failure, extra={"fields": {"task": task.name}})
                 else:
                     log.debug("%s: %s", task.name, failure)
             else:
                 record.crashes += 1
                 record.last_error = repr(failure)
                 if task.vital or attempt == 0:
-                    log.error("%s crashed", task.name, exc_info=failure)
+                    log.error("%s crashed", task.name, exc_info=failure, extra={"fields": {"task": task.name}})
                 else:
                     log.error("%s crashed again: %r", task.name, failure)
                 crashes.append(now_ns)

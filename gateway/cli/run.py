@@ -50,7 +50,7 @@ def main(args: argparse.Namespace) -> int:
         raise ConfigError(f"--duration {args.duration:g}: must be above 0")
     settings = config.load(args.config, overrides(args))
     app.check(settings, source=str(args.config), text=read_toml(args.config)[1])
-    run_loop.setup_logging("warning" if args.view else settings.log_level)
+    report_repeats = run_loop.setup_logging("warning" if args.view else settings.log_level, settings.log_format)
     clock = SystemClock()
     where = ""
     out = LossyOutput(sys.stdout)  # a reader that ends, or does not read, is no reason to stop the bays
@@ -82,6 +82,7 @@ def main(args: argparse.Namespace) -> int:
             on_started=started,
             extra_tasks=extra_tasks,
             source=str(args.config.resolve()),
+            report_repeats=report_repeats,
         )
     )
     out.close()

@@ -99,7 +99,12 @@ class BayConfig(Section):
 class GatewayConfig(Section):
     site: Name = Field("site1", description="in topics")
     instance: Name = Field("gateway", description="distinguishes two gateways on one machine")
-    log_level: Literal["debug", "info", "warning", "error"] = "info"
+    log_level: Literal["debug", "info", "warning", "error"] = Field(
+        "info", description="lines below it are not written; debug: repeated lines are written, too"
+    )
+    log_format: Literal["text", "json"] = Field(
+        "text", description="json: one object a line, with UTC, bay, R, Z and reason (docs/operations.md)"
+    )
     state_dir: str = Field(
         "auto",
         description="folder of the bay files, which keep what outlives a restart: a function check, the learned R x Z, "

@@ -15,6 +15,7 @@ from types import TracebackType
 from typing import Any
 
 from gateway.errors import ConfigError, GatewayError
+from gateway.logs.setup import setup_child
 from gateway.processes.channel import Channel, Failed
 from gateway.processes.codec import Codec
 
@@ -31,6 +32,7 @@ def main() -> None:
 def work(name_of_module: str, name: str, parent: int, sock: socket.socket, cpus: str) -> None:
     """In the new process, until its work is done."""
     die_with(parent)
+    setup_child()
     channel: Channel[Any, Any] = Channel(sock, Codec(Failed))
     _report_exceptions(channel)
     if cpus:

@@ -59,7 +59,6 @@ def run(channel: Channel[FromWeb, ToWeb], about: WebSetup) -> None:
     os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     os.nice(NICE)
     cv2.setNumThreads(1)
-    logging.basicConfig(level="WARNING", format="%(asctime)s %(levelname)-7s %(name)s: %(message)s")
     log.setLevel(logging.INFO)  # who logged in and who changed something is always logged
     limit = ErrorThrottle(SystemClock())
     for name in LIBRARIES:

@@ -1,0 +1,1 @@
+"""The log's lines: their form, and how often one may be written."""
