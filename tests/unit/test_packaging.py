@@ -43,6 +43,9 @@ def test_the_unit_waits_for_no_network_and_has_its_devices() -> None:
     assert not any("network-online" in value for _, value in UNIT)
     assert {device.split()[0] for device in unit("DeviceAllow")} >= {"char-video4linux", "char-ttyACM", "char-ttyUSB"}
     assert "PrivateDevices" not in dict(UNIT)
+    drivers = "modprobe@videodev.service modprobe@cdc_acm.service modprobe@usbserial.service"
+    assert unit("Wants") == [drivers], "systemd looks up the numbers of the devices once, at the start"
+    assert drivers in unit("After")
 
 
 def test_its_user_is_the_one_that_is_made() -> None:
