@@ -15,14 +15,17 @@ MAX_BYTES = 65_535  # of a password; that of any string in MQTT
 MAX_FILE_BYTES = MAX_BYTES + 2
 
 
-def password(section: str, file: str | None, variable: str | None) -> str | None:
-    """What `password_file` or `password_env` holds; None: neither is set. Raises SettingError."""
+def password(section: str, file: str | None, variable: str | None, prefix: str = "") -> str | None:
+    """What `password_file` or `password_env` holds; None: neither is set. `prefix`: what these keys begin with.
+
+    Raises SettingError.
+    """
     if file is not None:
-        return one_line(f"{section}.password_file", file)
+        return one_line(f"{section}.{prefix}password_file", file)
     if variable is not None:
         secret = os.environ.get(variable)
         if not secret:
-            raise SettingError(f"{section}.password_env", "no such variable in the environment", variable)
+            raise SettingError(f"{section}.{prefix}password_env", "no such variable in the environment", variable)
         return secret
     return None
 

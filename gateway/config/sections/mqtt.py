@@ -8,7 +8,7 @@ from gateway.config.sections.common import ClientTls, Reconnect
 from gateway.config.strict.errors import FieldError
 from gateway.config.strict.section import Section
 
-BrokerUrl = Annotated[str, Field(pattern=r"^mqtts?://")]
+BrokerUrl = Annotated[str, Field(pattern=r"^(mqtts?|wss?)://")]
 Level = Annotated[str, Field(pattern=r"^[^#+/$\s\x00-\x1f][^#+/\x00-\x1f]{0,63}$")]
 
 
@@ -39,7 +39,9 @@ class MqttTls(ClientTls):
 
 class MqttConfig(Section):
     url: BrokerUrl | None = Field(
-        None, description="the broker: mqtt[s]://[user[:password]@]host[:port]; every address of the host is tried"
+        None,
+        description="the broker: mqtt[s]://[user[:password]@]host[:port], or over a WebSocket "
+        "ws[s]://[user[:password]@]host[:port][/path]; every address of the host is tried",
     )
     urls: tuple[BrokerUrl, ...] = Field(
         (), max_length=16, description="instead of `url`: several brokers, the preferred one first"
@@ -58,6 +60,14 @@ class MqttConfig(Section):
     password_file: str | None = Field(None, min_length=1, description="file whose one line is the password")
     password_env: str | None = Field(
         None, pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", description="environment variable that holds the password"
+    )
+    proxy: str | None = Field(
+        None, pattern=r"^http://", description="HTTP proxy that connects to the broker (CONNECT): http://host:port"
+    )
+    proxy_username: str | None = Field(None, min_length=1, max_length=1000, description="user at the proxy")
+    proxy_password_file: str | None = Field(None, min_length=1, description="file whose one line is the password there")
+    proxy_password_env: str | None = Field(
+        None, pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", description="environment variable that holds the password there"
     )
     protocol: Literal["auto", "5", "3.1.1"] = Field("auto", description="auto: MQTT 5, and 3.1.1 where 5 is refused")
     event_expiry_h: float = Field(
@@ -110,6 +120,8 @@ class MqttConfig(Section):
     def _one_password(self) -> Self:
         if self.password_file is not None and self.password_env is not None:
             raise FieldError("password_file is given, too; keep one of them", "password_env")
+        if self.proxy_password_file is not None and self.proxy_password_env is not None:
+            raise FieldError("proxy_password_file is given, too; keep one of them", "proxy_password_env")
         return self
 
     @model_validator(mode="after")

@@ -35,6 +35,7 @@ from gateway.sinks.mqtt.broker_socket import fault_of, open_socket
 from gateway.sinks.mqtt.endpoints import Endpoint, Version
 from gateway.sinks.mqtt.takeovers import End
 from gateway.sinks.mqtt.topics import Message
+from gateway.sinks.mqtt.web_socket import WebSocket
 
 CONNECT_S = 5.0  # for the socket, and again for the CONNACK
 MAX_INCOMING = 100  # messages received and not fetched yet
@@ -215,7 +216,7 @@ class _Client(aiomqtt.Client):
 
     def __init__(
         self,
-        sock: socket.socket,
+        sock: socket.socket | WebSocket,
         broker: Broker,
         *,
         client_id: str,
@@ -243,7 +244,7 @@ class _Client(aiomqtt.Client):
         )
         for future in (self._connected, self._disconnected):  # its result may not be needed any more
             future.add_done_callback(lambda ended: ended.cancelled() or ended.exception())
-        self._client._create_socket_connection = lambda: sock  # type: ignore[method-assign]  # it would open its own
+        self._client._create_socket_connection = lambda: sock  # type: ignore[assignment, method-assign, return-value]  # it would open its own
         self._client._sock_recv = partial(self.received, self._client._sock_recv)  # type: ignore[method-assign]
         # Nothing in it blocks on an open socket, so it needs no thread; it only queues the CONNECT.
         super()._client_connect()

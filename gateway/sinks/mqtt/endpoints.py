@@ -28,7 +28,7 @@ class Endpoint:
 
     def __str__(self) -> str:
         ip = str(self.address[4][0])
-        return str(self.broker) if ip == self.broker.host else f"{self.broker} ({ip})"
+        return str(self.broker) if ip == self.broker.reached_at[0] else f"{self.broker} ({ip})"
 
 
 class VersionChoice:

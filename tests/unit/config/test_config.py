@@ -247,13 +247,13 @@ def _bays(section: str, count: int) -> str:
         ("log_level = 'loud'", "g.toml:1: log_level = \"loud\": Input should be 'debug', 'info', 'warning' or 'error'"),
         ('site = "a b"', "g.toml:1: site = \"a b\": String should match pattern '^[A-Za-z0-9_-]{1,64}$'"),
         ('site = "a\\n"', "g.toml:1: site = \"a\\n\": String should match pattern '^[A-Za-z0-9_-]{1,64}$'"),
-        ("[mqtt]\nurl = 'http://x'", "g.toml:2: mqtt.url = \"http://x\": String should match pattern '^mqtts?://'"),
+        ("[mqtt]\nurl = 'http://x'", "g.toml:2: mqtt.url = \"http://x\": String should match pattern '^(mqtts?|wss?)://'"),
         # Missing.
         ("[mqtt]\nroot = 'a'\n", "g.toml:1: mqtt.url: is missing; or urls, a list of several brokers"),
         ("[mqtt]\nurls = []\n", "g.toml:1: mqtt.url: is missing; or urls, a list of several brokers"),
         (
             "[mqtt]\nurls = ['mqtt://a', 'http://x']",
-            "g.toml:2: mqtt.urls.1 = \"http://x\": String should match pattern '^mqtts?://'",
+            "g.toml:2: mqtt.urls.1 = \"http://x\": String should match pattern '^(mqtts?|wss?)://'",
         ),
         (
             "[mqtt]\nurl = 'mqtt://a'\nurls = ['mqtt://b']",

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from gateway.config import MqttConfig, MqttTls
 from gateway.sinks.contract import SettingError
-from gateway.sinks.mqtt.broker import Broker, brokers_of, certificates_of
+from gateway.sinks.mqtt.broker import Broker, Proxy, brokers_of, certificates_of
 
 SECRET = "p@ss/wörd"
 
@@ -103,6 +103,36 @@ def test_a_list_of_brokers_is_checked(urls: tuple[str, ...], place: tuple[str | 
     with pytest.raises(SettingError, match=fault) as caught:
         brokers_of(config(url=None, urls=urls))
     assert caught.value.place == place
+    assert "hunter2" not in str(caught.value)
+
+
+def test_a_proxy_has_a_user_and_a_password_of_its_own(tmp_path: Path) -> None:
+    path = tmp_path / "secret"
+    path.write_text(SECRET)
+    broker = broker_of(config(proxy="http://proxy", proxy_username="pat", proxy_password_file=str(path)))
+    assert broker.proxy == Proxy("proxy", 3128, "pat", SECRET)
+    assert broker.reached_at == ("proxy", 3128)
+    assert str(broker) == "mqtt://broker:1883 through http://proxy:3128"
+    assert SECRET not in repr(broker)
+    assert broker.password is None
+
+
+@pytest.mark.parametrize(
+    ("values", "place", "fault"),
+    [
+        ({"proxy": "http://joe:hunter2@proxy"}, "mqtt.proxy", "names a user; that and the password are proxy_username"),
+        ({"proxy": "http://proxy:0"}, "mqtt.proxy", "port 0 cannot be connected to; expected http://host:port"),
+        ({"proxy": "http://proxy/x"}, "mqtt.proxy", "nothing may follow the port"),
+        ({"proxy_username": "pat"}, "mqtt.proxy", "is missing beside a user"),
+        ({"proxy": "http://proxy", "proxy_password_env": "HOME"}, "mqtt.proxy_username", "is missing"),
+        ({"proxy": "http://p", "proxy_password_file": "/no"}, "mqtt.proxy_password_file", "No such file"),
+        ({"proxy": "http://p", "proxy_password_env": "NO_SUCH"}, "mqtt.proxy_password_env", "no such variable"),
+    ],
+)
+def test_a_wrong_proxy_is_named(values: dict[str, Any], place: str, fault: str) -> None:
+    with pytest.raises(SettingError, match=fault) as caught:
+        brokers_of(config(**values))
+    assert ".".join(map(str, caught.value.place)) == place
     assert "hunter2" not in str(caught.value)
 
 

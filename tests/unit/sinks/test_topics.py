@@ -80,6 +80,9 @@ def test_the_table_has_a_row_for_every_kind() -> None:
         ("mqtt://mqtt_broker_1", Broker("mqtt_broker_1", 1883, False)),
         ("mqtt://[::1]:1885", Broker("::1", 1885, False)),
         ("mqtt://joe@broker", Broker("broker", 1883, False, "joe")),
+        ("ws://broker", Broker("broker", 80, False, path="/mqtt")),
+        ("wss://joe:p@broker:8443/a/b", Broker("broker", 8443, True, "joe", "p", "/a/b")),
+        ("wss://broker/", Broker("broker", 443, True, path="/")),
         ("mqtts://joe:p%40ss%2Fw%3Ard@h:1", Broker("h", 1, True, "joe", "p@ss/w:rd")),
         ("mqtt://joe:@broker", Broker("broker", 1883, False, "joe", "")),
         ("mqtt://j%C3%B6:%E2%82%AC@broker", Broker("broker", 1883, False, "jö", "€")),
@@ -102,6 +105,8 @@ def test_a_url_is_read(url: str, broker: Broker) -> None:
         "mqtt://broker:65536",
         "mqtt://broker:abc",
         "mqtt://broker/path",
+        "ws://broker/path?x=1",
+        "wss://joe:hunter2@",
         "mqtt://broker?x=1",
         "mqtt://broker#x",
         "mqtt://broker?",
@@ -130,6 +135,7 @@ def test_a_wrong_url_is_a_config_error_that_keeps_the_password(url: str) -> None
 def test_the_password_is_in_no_text_of_the_address() -> None:
     broker = parse("mqtts://joe:hunter2@broker:99")
     assert str(broker) == "mqtts://broker:99"
+    assert str(parse("wss://joe:hunter2@[::1]/x")) == "wss://[::1]:443/x"
     assert "hunter2" not in repr(broker)
     assert str(parse("mqtt://[fe80::1]")) == "mqtt://[fe80::1]:1883"
 
