@@ -6,6 +6,7 @@ nothing; one that is stopped, or whose disk hangs, is sent no more than UNACKNOW
 """
 
 import asyncio
+import json
 import logging
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -21,6 +22,7 @@ from gateway.alarms.states import AlarmEvent
 from gateway.bay import BayControl
 from gateway.clock import NS_PER_S, SystemClock
 from gateway.config import BayConfig, GatewayConfig
+from gateway.config.strict.errors import without_passwords
 from gateway.core.events import Event, EventKind
 from gateway.core.visit_summary import VisitSummary
 from gateway.errors import LinkError
@@ -91,7 +93,7 @@ def head_of(config: GatewayConfig, bay: BayConfig, boot: str) -> Head:
         python_version=python_version(),
         t_ns=0,
         unix_ns=0,
-        config=shown.model_dump_json(exclude_unset=True),
+        config=json.dumps(without_passwords(shown.model_dump(mode="json", exclude_unset=True))),
     )
 
 

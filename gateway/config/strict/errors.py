@@ -127,6 +127,18 @@ def without_password(text: str) -> str:
     return re.sub(r"(?i)([?&][^=&]*(?:pass|pwd|secret|token|key)[^=&]*=)[^&#]*", r"\1***", text)
 
 
+def without_passwords(value: Any) -> Any:
+    """The same for every text in a document of mappings and lists."""
+    match value:
+        case str():
+            return without_password(value)
+        case Mapping():
+            return {key: without_passwords(item) for key, item in value.items()}
+        case list() | tuple():
+            return [without_passwords(item) for item in value]
+    return value
+
+
 def _allowed(place: Sequence[str | int], root: type[BaseModel], shared: tuple[str, ...]) -> str:
     """The allowed range of a field, read off the model's own constraints."""
     model: type[BaseModel] | None = root

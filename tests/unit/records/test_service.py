@@ -60,6 +60,13 @@ def test_a_head_has_the_configuration_of_its_bay_and_no_password() -> None:
     assert read.mqtt is None
 
 
+def test_a_head_has_no_password_of_a_camera() -> None:
+    config = parse({"camera": {"url": "rtsp://user:secret@10.0.0.3/live?token=secret"}})
+    head = head_of(config, config.bays[0], "boot")
+    assert "secret" not in head.config
+    assert GatewayConfig.model_validate_json(head.config).bays[0].camera.url == "rtsp://***@10.0.0.3/live?token=***"
+
+
 @in_virtual_time
 async def test_where_nothing_is_recorded_nothing_runs_and_nothing_is_kept() -> None:
     made = service(state_dir="")
