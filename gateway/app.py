@@ -46,6 +46,7 @@ from gateway.vision.source.specs import check_exposure, source_spec
 from gateway.vision.transport.ring import RingSpec
 from gateway.web.host.request_handler import BayParts, EventHistory, RequestHandler
 from gateway.web.host.service import WebProcessService
+from gateway.web.host.shown_alarms import ShownAlarms
 from gateway.web.host.status import StatusCollector
 from gateway.web.ipc.messages import WebSetup
 
@@ -165,7 +166,8 @@ async def run(
         events = EventHistory(hub)
         # Sinks and extra tasks subscribe before the first state, or the start events would be missed.
         parts = StatusCollector(config, hub, boot=secrets.token_hex(8))
-        sinks = parts.sinks = sink_registry.opened(config, hub, clock, parts.boot, shared)
+        shown_alarms = ShownAlarms()
+        sinks = parts.sinks = sink_registry.opened(config, hub, clock, parts.boot, shared, shown_alarms)
         tasks = [*extra_tasks(hub), *(Task(sink.task, sink.deliver, sink.reconnect) for sink in sinks)]
         vectors = {bay.name: shared.enter_context(SharedStateWriter(config.instance, bay.name)) for bay in config.bays}
         # Read now: with the vectors in hand, no earlier gateway of this name can still write to them.
@@ -228,6 +230,7 @@ async def run(
             clock,
             partial(_on_alarm, recorder),
         )
+        shown_alarms.monitor = alarm_monitor
         tasks.append(Task("alarms", alarm_monitor.run))
         hmi_url: str | None = None
         if config.hmi.enabled:

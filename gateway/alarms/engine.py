@@ -96,6 +96,11 @@ class AlarmEngine:
         instance = self._by_id.get(name)
         return None if instance is None else instance.alarm
 
+    def of(self, bay: str | None) -> list[tuple[Alarm, AlarmDefinition[BayInputs] | AlarmDefinition[GatewayInputs]]]:
+        """All alarms of a bay, or of the gateway itself (None), and their rows; the most important first."""
+        instances = self._gateway if bay is None else self._bays[bay]
+        return [(instance.alarm, instance.kind) for instance in sorted(instances, key=_display_order)]
+
     def summary(self, most: int = 200) -> AlarmSummary:
         """The alarms that are not normal, the most important first, at most so many."""
         instances = sorted(self._by_id.values(), key=_display_order)

@@ -4,9 +4,9 @@ the clock, which is passed in."""
 from collections.abc import Callable, Iterable, Mapping
 from typing import NoReturn
 
-from gateway.alarms.definition import GatewayConditions
+from gateway.alarms.definition import AlarmDefinition, BayInputs, GatewayConditions, GatewayInputs
 from gateway.alarms.engine import AlarmEngine
-from gateway.alarms.records import ActionReply, AlarmChange, AlarmSummary, OperatorAction
+from gateway.alarms.records import ActionReply, Alarm, AlarmChange, AlarmSummary, OperatorAction
 from gateway.clock import Clock
 from gateway.config import FusionConfig
 from gateway.core.state import StateVector
@@ -33,6 +33,8 @@ class AlarmMonitor:
         self._conditions = conditions
         self._clock = clock
         self._report = report
+        self.scanned_ns: int | None = None  # the last time all were evaluated; None: not yet
+        self.revision = 0  # another one: something may have changed since
 
     async def run(self) -> NoReturn:
         while True:
@@ -40,7 +42,8 @@ class AlarmMonitor:
             await self._clock.sleep(PERIOD_S)
 
     def scan(self) -> None:
-        now_ns = self._clock.now_ns()
+        now_ns = self.scanned_ns = self._clock.now_ns()
+        self.revision += 1
         for bay in self._bays:
             self._report_all(self._engine.update_bay(self._state(bay), now_ns))
         self._report_all(self._engine.update_gateway(self._conditions(), now_ns))
@@ -48,8 +51,13 @@ class AlarmMonitor:
     def act(self, action: OperatorAction) -> ActionReply:
         """Apply an operator's action to an alarm. It changes what people see, and nothing else."""
         reply, changes = self._engine.act(action, self._clock.now_ns())
+        self.revision += 1
         self._report_all(changes)
         return reply
+
+    def of(self, bay: str | None) -> list[tuple[Alarm, AlarmDefinition[BayInputs] | AlarmDefinition[GatewayInputs]]]:
+        """All alarms of a bay, or of the gateway itself (None), and their rows; the most important first."""
+        return self._engine.of(bay)
 
     def summary(self, most: int) -> AlarmSummary:
         return self._engine.summary(most)

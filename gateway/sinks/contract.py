@@ -56,6 +56,65 @@ class Bays(Protocol):
         """`listener` is called with every event at once."""
 
 
+ALARM_PRIORITIES = ("low", "medium", "high")
+
+
+@dataclass(frozen=True, slots=True)
+class ShownAlarm:
+    """One alarm as it may be shown now. Times are the gateway's clock (monotonic). docs/alarms.md has the kinds."""
+
+    id: str
+    kind: str
+    title: str
+    priority: str  # of ALARM_PRIORITIES
+    state: str  # of ISA-18.2, by its name
+    unacknowledged: bool  # that state waits for an operator
+    active: bool  # its cause holds
+    since_ns: int  # in this state
+    raised_ns: int | None = None  # last announced; None: never
+    occurrences: int = 0
+    detail: str = ""
+    who: str = ""
+    note: str = ""
+    shelved_until_ns: int | None = None
+
+    @property
+    def normal(self) -> bool:
+        return self.state == "normal"
+
+
+@dataclass(frozen=True, slots=True)
+class BayAlarms:
+    """All alarms of a bay and of its gateway, the normal ones too, the most important first. Not `evaluated`: nothing
+    looks at their causes now, so none of it may be shown but which alarms there are."""
+
+    bay: tuple[ShownAlarm, ...] = ()
+    gateway: tuple[ShownAlarm, ...] = ()
+    evaluated: bool = False
+
+    @property
+    def unacknowledged(self) -> int:
+        return sum(alarm.unacknowledged for alarm in (*self.bay, *self.gateway))
+
+    @property
+    def active(self) -> int:
+        return sum(alarm.active for alarm in (*self.bay, *self.gateway))
+
+    @property
+    def highest_priority(self) -> str | None:
+        """Of the active ones; None: none is."""
+        found = [ALARM_PRIORITIES.index(alarm.priority) for alarm in (*self.bay, *self.gateway) if alarm.active]
+        return ALARM_PRIORITIES[max(found)] if found else None
+
+
+AlarmSource = Callable[[str, int], BayAlarms]  # bay, now (monotonic ns); never waits
+
+
+def no_alarms(bay: str, now_ns: int) -> BayAlarms:
+    """Where nothing evaluates any."""
+    return BayAlarms()
+
+
 @dataclass(frozen=True, slots=True)
 class StoreStatus:
     """The file in which a sink keeps undelivered events. `fault` is empty while the file works."""
@@ -91,6 +150,7 @@ class SinkContext:
     clock: Clock
     boot: str
     resources: ExitStack  # closed after `close`
+    alarms: AlarmSource = no_alarms
 
 
 class Sink(Protocol):

@@ -17,7 +17,7 @@ from gateway.config.strict.errors import explain
 from gateway.config.strict.section import Section
 from gateway.errors import ConfigError
 from gateway.registry import Registry
-from gateway.sinks.contract import Bays, SettingError, Sink, SinkContext, SinkType
+from gateway.sinks.contract import AlarmSource, Bays, SettingError, Sink, SinkContext, SinkType, no_alarms
 from gateway.sinks.mqtt.publisher import MQTT
 from gateway.sinks.sparkplug.publisher import SPARKPLUG
 
@@ -27,10 +27,18 @@ OWN = {"postgresql": "gateway.sinks.postgresql.sink:POSTGRESQL"}
 OTHERS = Registry("sink", GROUP, OWN)
 
 
-def opened(config: GatewayConfig, bays: Bays, clock: Clock, boot: str, resources: ExitStack) -> list[Sink]:
+def opened(
+    config: GatewayConfig,
+    bays: Bays,
+    clock: Clock,
+    boot: str,
+    resources: ExitStack,
+    alarms: AlarmSource = no_alarms,
+) -> list[Sink]:
     """The configured sinks. Raises ConfigError for a sink that is not known, and for settings that can't work."""
     return [
-        kind.open(SinkContext(config, settings, bays, clock, boot, resources)) for kind, settings in _configured(config)
+        kind.open(SinkContext(config, settings, bays, clock, boot, resources, alarms))
+        for kind, settings in _configured(config)
     ]
 
 

@@ -9,6 +9,7 @@ import logging
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
+from gateway.sinks.contract import StoreStatus
 from gateway.sinks.outbox.outbox import Entry, Outbox
 from gateway.sinks.sparkplug.metrics import KEPT, Reading
 from gateway.sinks.sparkplug.wire import QualityCode
@@ -45,6 +46,11 @@ class History:
     def dropped(self) -> int:
         """Changes given up before they were sent, since the start."""
         return self._outbox.dropped + self._unusable + self._not_kept
+
+    @property
+    def store(self) -> StoreStatus | None:
+        """The file behind it; None: in memory only."""
+        return self._outbox.store
 
     def __len__(self) -> int:
         """Changes not sent in this session."""

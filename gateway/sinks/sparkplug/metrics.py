@@ -1,12 +1,15 @@
 """The metrics of a bay and of the gateway: one table, from which births, data and docs/sparkplug.md are made. Pure."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from gateway.core import ne107
 from gateway.core.detection import Circle
+from gateway.core.ne107 import Ne107
 from gateway.core.readings import FRESH_FRAME, PictureHealth, Quality
 from gateway.core.state import REASON_MEANING, StateVector
 from gateway.core.visit_summary import VisitSummary
+from gateway.sinks.contract import BayAlarms
 from gateway.sinks.sparkplug.wire import DataType, Metric, QualityCode, Value
 
 NODE_REBIRTH = "Node Control/Rebirth"
@@ -85,6 +88,21 @@ def _d(state: StateVector) -> tuple[Value, QualityCode]:
     return state.d, QualityCode.BAD if state.d is None else QualityCode.GOOD
 
 
+def _known(read: Callable[[StateVector], Value]) -> Callable[[StateVector], tuple[Value, QualityCode]]:
+    """Not known: null and bad."""
+
+    def value(state: StateVector) -> tuple[Value, QualityCode]:
+        found = read(state)
+        return found, QualityCode.BAD if found is None else QualityCode.GOOD
+
+    return value
+
+
+def _signals(state: StateVector) -> str:
+    found = ne107.active(state)
+    return ", ".join(signal.name for signal in Ne107 if signal in found)
+
+
 _B, _D, _S, _I = DataType.BOOLEAN, DataType.DOUBLE, DataType.STRING, DataType.INT32
 
 DEVICE: tuple[Row, ...] = (
@@ -123,6 +141,19 @@ DEVICE: tuple[Row, ...] = (
         _picture(lambda p: p.status)),
     Row("Ranger/Quality", _S, "may the distance be used", _always(lambda s: s.range.quality.name)),
     Row("Ranger/Rate", _D, "distances a second", _always(lambda s: s.range.stats.rate_hz), "Hz", 0),
+    Row("Guidance/Code", _I, "the instruction for the driver (register guidance_code)",
+        _always(lambda s: int(s.guidance.code))),
+    Row("Guidance/Name", _S, "the same by name", _always(lambda s: s.guidance.code.name)),
+    Row("Guidance/Amount", _D, "of what it names; null: not known", _known(lambda s: s.guidance.amount_mm), "mm", 0),
+    Row("Guidance/To Go", _D, "until D = 1; null: not known", _known(lambda s: s.guidance.to_go_mm), "mm", 0),
+    Row("Guidance/Closing Speed", _D, "positive: the truck approaches; null: not known",
+        _known(lambda s: s.guidance.closing_mm_s), "mm/s", 0),
+    Row("NE107/Code", _I, "NAMUR NE 107: the signal that counts most; 0 good", _always(lambda s: int(ne107.status(s)))),
+    Row("NE107/Name", _S, "the same by name", _always(lambda s: ne107.status(s).name)),
+    Row("NE107/Active", _S, "every signal that holds, by name", _always(_signals)),
+    Row("PLC/Link", _S, "of its heartbeat: UNUSED, WAITING, ALIVE, LOST", _always(lambda s: s.plc.link.name)),
+    Row("PLC/Stop Latched", _B, "stop by D stays until a reset", _always(lambda s: s.memory.latched)),
+    Row("PLC/Recipe", _I, "id of the recipe in force; 0: the configuration", _always(lambda s: s.plc.recipe)),
 )  # fmt: skip
 
 VISIT: tuple[VisitRow, ...] = (
@@ -151,7 +182,46 @@ VISIT: tuple[VisitRow, ...] = (
     VisitRow("Visit/Last/Interrupted", _B, "the gateway was restarted meanwhile", lambda v: v.interrupted),
 )  # fmt: skip
 
-ROWS: tuple[Row | VisitRow, ...] = (*DEVICE, *VISIT)
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """What a bay shows beside its state: the alarms, and the outbox of the history."""
+
+    alarms: BayAlarms = field(default_factory=BayAlarms)
+    waiting: int = 0  # changes that were not sent in this session
+    dropped: int = 0
+    file_ok: bool | None = None  # None: in memory only
+
+
+@dataclass(frozen=True, slots=True)
+class SurroundingsRow:
+    """None: null."""
+
+    name: str
+    datatype: DataType
+    meaning: str
+    read: Callable[[Surroundings], Value]
+    unit: str = ""
+
+
+def _of(alarms: BayAlarms, value: Value) -> Value:
+    return value if alarms.evaluated else None
+
+
+SURROUNDINGS: tuple[SurroundingsRow, ...] = (
+    SurroundingsRow("Outbox/Waiting", _I, "changes kept that were not sent in this session", lambda s: s.waiting),
+    SurroundingsRow("Outbox/Dropped", _I, "changes given up since the start", lambda s: s.dropped),
+    SurroundingsRow("Outbox/File OK", _B, "its file can be written; null: in memory only", lambda s: s.file_ok),
+    SurroundingsRow("Alarms/Unacknowledged", _I, "alarms of bay and gateway that wait for an operator. All of `Alarms` "
+        "are null while nothing evaluates them", lambda s: _of(s.alarms, s.alarms.unacknowledged)),
+    SurroundingsRow("Alarms/Active", _I, "alarms whose cause holds", lambda s: _of(s.alarms, s.alarms.active)),
+    SurroundingsRow("Alarms/Highest Priority", _S, "of the active ones: low, medium, high; none",
+        lambda s: _of(s.alarms, s.alarms.highest_priority or "none")),
+)  # fmt: skip
+ALARM = "Alarms/State/"  # and the alarm's kind: one metric for each, a String
+GATEWAY_ALARM = "Alarms/Gateway State/"
+
+ROWS: tuple[Row | VisitRow | SurroundingsRow, ...] = (*DEVICE, *VISIT, *SURROUNDINGS)
 
 HISTORY = ("Stop", "May Move", "In Place", "Moved", "Permit", "Reason/Code", "Reason/Name")
 """What is kept of a change of stop."""
@@ -160,9 +230,20 @@ KEPT = frozenset({*HISTORY, *(row.name for row in VISIT)})
 Reading = tuple[Value, QualityCode]
 
 
-def readings(state: StateVector, visit: VisitSummary | None = None) -> dict[str, Reading]:
+def readings(
+    state: StateVector, visit: VisitSummary | None = None, around: Surroundings | None = None
+) -> dict[str, Reading]:
     """Every device metric as it would be sent now. `visit`: the newest that is over."""
-    return {row.name: _sent(*row.read(state), row.digits) for row in DEVICE} | visit_readings(visit)
+    found = {row.name: _sent(*row.read(state), row.digits) for row in DEVICE} | visit_readings(visit)
+    return found | _around_readings(Surroundings() if around is None else around)
+
+
+def _around_readings(around: Surroundings) -> dict[str, Reading]:
+    """The outbox, the sums of the alarms, and the state of each of them by its name in ISA-18.2."""
+    values: dict[str, Value] = {row.name: row.read(around) for row in SURROUNDINGS}
+    for prefix, alarms in ((ALARM, around.alarms.bay), (GATEWAY_ALARM, around.alarms.gateway)):
+        values |= {prefix + alarm.kind: _of(around.alarms, alarm.state) for alarm in alarms}
+    return {name: (value, QualityCode.STALE if value is None else QualityCode.GOOD) for name, value in values.items()}
 
 
 def visit_readings(visit: VisitSummary | None) -> dict[str, Reading]:
@@ -183,16 +264,21 @@ def _sent(value: Value, quality: QualityCode, digits: int | None) -> Reading:
 
 
 def metrics(now: dict[str, Reading], timestamp_ms: int, *, birth: bool = False) -> tuple[Metric, ...]:
-    """`now` as metrics, in the table's order. Births carry units."""
+    """`now` as metrics, in the table's order, then the single alarms. Births carry units."""
+    rows = [(row.name, row.datatype, row.unit) for row in ROWS if row.name in now]
+    rows += [(name, _S, "") for name in sorted(now) if name.startswith((ALARM, GATEWAY_ALARM))]
     return tuple(
-        Metric(row.name, timestamp_ms, row.datatype, value, quality=quality, unit=row.unit if birth else "")
-        for row in ROWS
-        if row.name in now
-        for value, quality in (now[row.name],)
+        Metric(name, timestamp_ms, datatype, value, quality=quality, unit=unit if birth else "")
+        for name, datatype, unit in rows
+        for value, quality in (now[name],)
     )
 
 
 def markdown() -> str:
     """The device metrics as a table."""
-    rows = (f"| `{r.name}` | {r.datatype.name.capitalize()} | {r.unit or '–'} | {r.meaning} |" for r in ROWS)
+    rows = [f"| `{r.name}` | {r.datatype.name.capitalize()} | {r.unit or '–'} | {r.meaning} |" for r in ROWS]
+    rows += [
+        f"| `{ALARM}<kind>` | String | – | state (ISA-18.2) of each alarm of the bay; names: [alarms](alarms.md) |",
+        f"| `{GATEWAY_ALARM}<kind>` | String | – | of each alarm of the gateway itself |",
+    ]
     return "\n".join(["| metric | datatype | unit | meaning |", "|---|---|---|---|", *rows]) + "\n"

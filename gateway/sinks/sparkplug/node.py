@@ -8,15 +8,16 @@ arrival is not confirmed.
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 from gateway.core.state import StateVector
 from gateway.core.visit_summary import VisitSummary
+from gateway.sinks.contract import BayAlarms
 from gateway.sinks.mqtt.topics import Message
 from gateway.sinks.sparkplug import metrics
 from gateway.sinks.sparkplug.history import BayChange, History
-from gateway.sinks.sparkplug.metrics import BD_SEQ, HISTORY, NODE_REBIRTH, Reading
+from gateway.sinks.sparkplug.metrics import BD_SEQ, HISTORY, NODE_REBIRTH, Reading, Surroundings
 from gateway.sinks.sparkplug.wire import DataType, Metric, Payload, WireError, booleans, encode
 
 NAMESPACE = "spBv1.0"
@@ -65,6 +66,7 @@ class EdgeNode:
     history: History
     doubt_ms: int = 20_000  # a lost connection may have been dead for so long before it was noticed
     typed_data: bool = True  # data carry datatypes, as births do
+    alarms: Callable[[str], BayAlarms] = lambda bay: BayAlarms()
     stats: Stats = field(default_factory=Stats)
     _bd_seq: int = -1
     _seq: int = -1
@@ -176,6 +178,7 @@ class EdgeNode:
             return self._requested_rebirth(states, now_ms)
         out: list[Message] = []
         since = self.history.unsent(self._sent_values)
+        self.history.sent(since, now_ms)
         for bay, state in states.items():
             # Changes that cancel each other out would not appear in what is sent below, and a death shows none.
             if len(missed := [change for change in since if change.bay == bay]) > (state is not None):
@@ -186,12 +189,11 @@ class EdgeNode:
             elif bay not in self._sent_values:
                 out.append(self._device_birth(bay, state, now_ms))
             else:
-                now = metrics.readings(state, self._visits.get(bay))
+                now = self._readings(bay, state)
                 changed = {name: reading for name, reading in now.items() if reading != self._sent_values[bay][name]}
                 if changed:
                     self._sent_values[bay] = now
                     out.append(self._data(bay, metrics.metrics(changed, now_ms), now_ms))
-        self.history.sent(since, now_ms)
         return out + self._kept(now_ms)
 
     def changed(self, state: StateVector, timestamp_ms: int) -> None:
@@ -243,9 +245,15 @@ class EdgeNode:
         return out + self._kept(now_ms)
 
     def _device_birth(self, bay: str, state: StateVector, now_ms: int) -> Message:
-        now = metrics.readings(state, self._visits.get(bay))
+        now = self._readings(bay, state)
         self._sent_values[bay] = now
         return self._sequenced("DBIRTH", bay, metrics.metrics(now, now_ms, birth=True), now_ms)
+
+    def _readings(self, bay: str, state: StateVector) -> dict[str, Reading]:
+        store = self.history.store
+        file_ok = None if store is None else not store.fault
+        around = Surroundings(self.alarms(bay), len(self.history), self.history.dropped, file_ok)
+        return metrics.readings(state, self._visits.get(bay), around)
 
     def _data(self, bay: str, found: tuple[Metric, ...], now_ms: int) -> Message:
         self.stats.data += 1

@@ -19,7 +19,7 @@ from gateway.config import MqttConfig
 from gateway.core.events import Event
 from gateway.core.state import Reason, StateVector
 from gateway.errors import LinkError
-from gateway.sinks.contract import Bays, LinkStatus, SinkContext, SinkType
+from gateway.sinks.contract import AlarmSource, Bays, LinkStatus, SinkContext, SinkType, no_alarms
 from gateway.sinks.mqtt import payloads
 from gateway.sinks.mqtt.broker_link import BrokerLink
 from gateway.sinks.mqtt.session import BrokerSession, Connect
@@ -53,6 +53,7 @@ class SparkplugPublisher:
         bd_seq: Callable[[], int] | None = None,
         outbox: Outbox | None = None,
         boot: str | None = None,
+        alarms: AlarmSource = no_alarms,
     ) -> None:
         if config.sparkplug is None:
             raise ValueError("no [mqtt.sparkplug] in the configuration")
@@ -79,6 +80,7 @@ class SparkplugPublisher:
             ),
             doubt_ms=doubt_ms,
             typed_data=self._settings.datatypes_in_data,
+            alarms=lambda bay: alarms(bay, clock.now_ns()),
         )
         client_id = f"{config.client_id or f'gateway-{site}-{instance}'}-sparkplug"
         # A proper end publishes the NDEATH, too: section 6.4.25.
@@ -235,7 +237,14 @@ def _open(context: SinkContext) -> SparkplugPublisher:
         )
     )
     return SparkplugPublisher(
-        settings, config.site, config.instance, context.bays, context.clock, outbox=outbox, boot=context.boot
+        settings,
+        config.site,
+        config.instance,
+        context.bays,
+        context.clock,
+        outbox=outbox,
+        boot=context.boot,
+        alarms=context.alarms,
     )
 
 

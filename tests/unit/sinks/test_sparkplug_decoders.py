@@ -11,6 +11,7 @@ from gateway.core.fusion import initial
 from gateway.core.readings import PictureHealth, Quality, RangeReading, VisionReading
 from gateway.core.state import Moved, Reason, StateVector
 from gateway.core.visit_summary import VisitEnd, VisitSummary
+from gateway.sinks.contract import BayAlarms, ShownAlarm
 from gateway.sinks.mqtt.topics import Message
 from gateway.sinks.outbox.outbox import Limits, MemoryOutbox
 from gateway.sinks.sparkplug import node as edge_node
@@ -74,7 +75,9 @@ VISIT = VisitSummary(
 
 def node(*, typed_data: bool = True) -> EdgeNode:
     history = History(MemoryOutbox(Limits(10)), 10, "ab", ["bay1", "bay2"])
-    return EdgeNode(Identity("group", "node"), "1.0", history, typed_data=typed_data)
+    alarm = ShownAlarm("bay1.camera_down", "camera_down", "Camera down", "high", "unacknowledged", True, True, 5)
+    alarms = BayAlarms((alarm,), evaluated=True)
+    return EdgeNode(Identity("group", "node"), "1.0", history, typed_data=typed_data, alarms=lambda bay: alarms)
 
 
 def life(edge: EdgeNode) -> list[Message]:
@@ -94,13 +97,17 @@ def life(edge: EdgeNode) -> list[Message]:
 def test_foreign_decoders_read_every_message_of_a_life(decoder: Decoder, payloads: list[Payload]) -> None:
     messages = life(node())
     kinds = [message.topic.split("/")[2] for message in messages]
-    assert kinds == ["NBIRTH", "DBIRTH", "DBIRTH", "DDATA", "DDATA", "DDATA"]
+    assert kinds == ["NBIRTH", "DBIRTH", "DBIRTH", "DDATA", "DDATA", "DDATA", "DDATA"]
     read = decoder([message.payload for message in messages])
     assert read == [wrote(payload) for payload in payloads[1:]]  # but for the NDEATH
-    history, stop, blind = ({(m.name, m.value) for m in metrics} for metrics in read[3:])
+    history, stop, outbox, blind = ({(m.name, m.value) for m in metrics} for metrics in read[3:])
     assert {("Stop", True), ("Stop", False), ("Reason/Code", 1), ("Visit/Last/Times In Place", 1)} <= history
     assert {("Stop", True), ("Reason/Code", 1), ("D", True)} <= stop
     assert {("Reason/Code", 30), ("Marker/Radius", None), ("Distance", None), ("D", None)} <= blind
+    assert outbox == {("Outbox/Waiting", 0)}, "of the other bay"
+    births = {(m.name, m.value) for m in read[1]}
+    assert {("Alarms/State/camera_down", "unacknowledged"), ("Alarms/Highest Priority", "high")} <= births
+    assert {("Guidance/Name", "WAIT"), ("NE107/Code", 0), ("PLC/Link", "UNUSED"), ("Outbox/File OK", None)} <= births
     assert all(metric.historical for metric in read[3])
 
 

@@ -8,8 +8,10 @@ from typing import Any
 
 import pytest
 
-from gateway.core.state import StateVector
+from gateway.core.plc import PlcLink
+from gateway.core.state import Guidance, GuidanceCode, StateVector
 from gateway.core.visit_summary import VisitEnd, VisitSummary
+from gateway.sinks.contract import BayAlarms, ShownAlarm
 from gateway.sinks.mqtt.topics import Message
 from gateway.sinks.outbox.durable import DurableOutbox
 from gateway.sinks.outbox.outbox import Entry, Limits, MemoryOutbox, Outbox
@@ -370,3 +372,71 @@ def test_two_visits_between_two_messages_are_both_sent() -> None:
     messages = edge.states(STATES, T0 + 1000)
     assert last_visits(messages, historical=True) == [5, 6]
     assert last_visits(messages, historical=False) == [6]
+
+
+def alarm(state: str, *, active: bool) -> BayAlarms:
+    waits = state == "unacknowledged"
+    shown = ShownAlarm("bay1.camera_down", "camera_down", "Camera down", "high", state, waits, active, 5)
+    own = ShownAlarm("broker_lost", "broker_lost", "MQTT broker lost", "medium", "normal", False, False, 0)
+    return BayAlarms((shown,), (own,), evaluated=True)
+
+
+def values(message: Message) -> dict[str, tuple[Any, int]]:
+    """Value (None: null) and quality."""
+    found = {}
+    for metric in decoded(message).metrics:
+        qualities = [v.int_value for k, v in zip(metric.properties.keys, metric.properties.values, strict=True)
+                     if k == "Quality"]  # fmt: skip
+        value = None if metric.is_null else getattr(metric, metric.WhichOneof("value"))
+        found[metric.name] = value, qualities[0] if qualities else 192
+    return found
+
+
+def test_alarms_are_metrics_from_the_birth_on_and_each_step_is_data() -> None:
+    edge = node()
+    now = [alarm("normal", active=False)]
+    edge.alarms = lambda bay: now[0]
+    born = values(session(edge, 0)[1])
+    assert {name: found for name, found in born.items() if name.startswith("Alarms/")} == {
+        "Alarms/Unacknowledged": (0, 192),
+        "Alarms/Active": (0, 192),
+        "Alarms/Highest Priority": ("none", 192),
+        "Alarms/State/camera_down": ("normal", 192),
+        "Alarms/Gateway State/broker_lost": ("normal", 192),
+    }
+    now[0] = alarm("unacknowledged", active=True)
+    (raised,) = edge.states(STATES, T0 + 1)
+    assert values(raised) == {
+        "Alarms/Unacknowledged": (1, 192),
+        "Alarms/Active": (1, 192),
+        "Alarms/Highest Priority": ("high", 192),
+        "Alarms/State/camera_down": ("unacknowledged", 192),
+    }
+    now[0] = alarm("acknowledged", active=True)
+    (acknowledged,) = edge.states(STATES, T0 + 2)
+    assert values(acknowledged) == {
+        "Alarms/Unacknowledged": (0, 192),
+        "Alarms/State/camera_down": ("acknowledged", 192),
+    }
+    now[0] = replace(now[0], evaluated=False)
+    (silent,) = edge.states(STATES, T0 + 3)
+    assert {name.partition("/")[0] for name in values(silent)} == {"Alarms"}
+    assert len(values(silent)) == 5
+    assert set(values(silent).values()) == {(None, 500)}
+
+
+def test_guidance_ne_107_and_the_plc_link_are_data() -> None:
+    edge = node()
+    session(edge, 0)
+    state = replace(
+        STATES["bay1"],
+        guidance=Guidance(GuidanceCode.SLOW, amount_mm=412.6, closing_mm_s=99.6, to_go_mm=412.6),
+        plc=replace(STATES["bay1"].plc, link=PlcLink.LOST, missed=True),
+    )
+    (message,) = edge.states({"bay1": state}, T0 + 1)
+    found = {name: value for name, (value, _) in values(message).items()}
+    assert found["Guidance/Code"] == 5
+    assert found["Guidance/Name"] == "SLOW"
+    assert (found["Guidance/Amount"], found["Guidance/To Go"], found["Guidance/Closing Speed"]) == (413.0, 413.0, 100.0)
+    assert found["PLC/Link"] == "LOST"
+    assert (found["NE107/Active"], found["NE107/Name"]) == ("FAILURE, FUNCTION_CHECK", "FAILURE")

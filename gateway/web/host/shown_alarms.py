@@ -1,0 +1,55 @@
+"""The alarms as the sinks get them: what the monitor has evaluated, for as long as it is of now. Pure."""
+
+from gateway.alarms.definition import AlarmDefinition, BayInputs, GatewayInputs
+from gateway.alarms.monitor import PERIOD_S, AlarmMonitor
+from gateway.alarms.records import Alarm
+from gateway.alarms.states import AlarmState
+from gateway.clock import NS_PER_S
+from gateway.sinks.contract import BayAlarms, ShownAlarm
+
+VALID_NS = round(5 * PERIOD_S * NS_PER_S)  # after the last evaluation
+UNACKNOWLEDGED = frozenset({AlarmState.UNACKNOWLEDGED, AlarmState.RETURNED, AlarmState.LATCHED_UNACKNOWLEDGED})
+
+
+class ShownAlarms:
+    """Callable as a sink's AlarmSource. `monitor` is set once there is one."""
+
+    def __init__(self) -> None:
+        self.monitor: AlarmMonitor | None = None
+        self._revision = -1
+        self._known: dict[tuple[str, bool], BayAlarms] = {}  # of this revision
+
+    def __call__(self, bay: str, now_ns: int) -> BayAlarms:
+        monitor = self.monitor
+        if monitor is None:
+            return BayAlarms()
+        if monitor.revision != self._revision:
+            self._revision = monitor.revision
+            self._known.clear()
+        evaluated = monitor.scanned_ns is not None and now_ns - monitor.scanned_ns <= VALID_NS
+        if (bay, evaluated) not in self._known:
+            self._known[bay, evaluated] = BayAlarms(_shown(monitor, bay), _shown(monitor, None), evaluated)
+        return self._known[bay, evaluated]
+
+
+def _shown(monitor: AlarmMonitor, bay: str | None) -> tuple[ShownAlarm, ...]:
+    return tuple(_alarm(alarm, row) for alarm, row in monitor.of(bay))
+
+
+def _alarm(alarm: Alarm, row: AlarmDefinition[BayInputs] | AlarmDefinition[GatewayInputs]) -> ShownAlarm:
+    return ShownAlarm(
+        alarm.id,
+        alarm.kind,
+        row.title,
+        row.priority.name.lower(),
+        alarm.state.value,
+        alarm.state in UNACKNOWLEDGED,
+        alarm.active,
+        alarm.since_ns,
+        alarm.raised_ns,
+        alarm.occurrences,
+        alarm.detail,
+        alarm.who,
+        alarm.note,
+        alarm.shelved_until_ns,
+    )
