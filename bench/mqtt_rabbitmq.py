@@ -66,11 +66,19 @@ class RabbitMq:
         }
 
     def __enter__(self) -> "RabbitMq":
-        self.start()
+        try:
+            self.start()
+        except ChildProcessError:
+            self.__exit__()
+            raise
         return self
 
     def __exit__(self, *_: object) -> None:
         self.kill()
+        # Erlang's port mapper is nobody's child, and goes on without the node; this one has a port of its own.
+        port = int(self._environment["ERL_EPMD_PORT"])
+        for pid in {c.pid for c in psutil.net_connections("tcp") if c.status == "LISTEN" and c.laddr[1:] == (port,)}:
+            psutil.Process(pid).kill()
 
     def start(self) -> None:
         with (self._folder / "out.log").open("ab") as log:
@@ -91,10 +99,11 @@ class RabbitMq:
 
     def kill(self) -> None:
         """SIGKILL to the node and what it has started."""
-        family = [*psutil.Process(self._process.pid).children(recursive=True), psutil.Process(self._process.pid)]
-        for member in family:
-            member.send_signal(signal.SIGKILL)
-        self._process.wait(20)
+        if self._process.poll() is None:
+            family = psutil.Process(self._process.pid)
+            for member in [*family.children(recursive=True), family]:
+                member.send_signal(signal.SIGKILL)
+            self._process.wait(20)
         (self._folder / "out.log").unlink()
 
 
