@@ -236,6 +236,12 @@ MODES: Mapping[str, tuple[FailureMode, ...]] = {
         _same("Q3", "the outbox's file is corrupt", "the gateway does not start", "put aside; a new one is begun"),
         FailureMode("Q4", "the gateway is killed, its retained state says otherwise", "SCADA shows old values",
                     "the broker publishes the last will: offline", None, "offline", "offline"),
+        _same("Q5", "the broker has forgotten who subscribes to events", "it acknowledges them, and nobody gets them",
+              "MQTT 5: kept, and tried again, for `mqtt.unsubscribed_h`", "events_unsubscribed"),
+        _same("Q6", "the broker's ACL denies one topic", "the connection ends with every message of it",
+              "its events wait, everything else of it is dropped; other topics go on", "messages_refused"),
+        _same("Q7", "a message is larger than the broker accepts", "the same", "the same; MQTT 5: it is not sent",
+              "messages_refused"),
     ),
     "Historian": (
         _same("H1", "database dead, hung, slow, full, or unreachable", "the registers wait for it; events are lost",

@@ -49,6 +49,46 @@ GATEWAY_ALARMS: tuple[AlarmDefinition[GatewayInputs], ...] = (
         on_delay_s=30.0,
     ),
     AlarmDefinition(
+        "messages_refused",
+        "Broker refuses messages",
+        Priority.MEDIUM,
+        "the broker does not take the messages of a topic; those of all others are published; events of it wait in the "
+        "outbox, everything else of it is dropped",
+        "what reads that topic sees old values, or none; when the outbox is full, the oldest events are dropped",
+        (
+            "the broker's access control list (ACL) does not let this client publish there: 0x87, not authorized",
+            "a message is larger than the broker's limit: 0x95",
+            "a quota of the broker: 0x97",
+            "an MQTT 3.1.1 broker ends the connection after each of these messages, and gives no reason",
+        ),
+        "look at the broker's rights and limits for the topic that the detail names; the gateway tries again by itself",
+        8 * 60,
+        lambda inputs: bool(inputs.now.refused),
+        lambda inputs: inputs.now.refused,
+        on_delay_s=5.0,
+        off_delay_s=5.0,
+    ),
+    AlarmDefinition(
+        "events_unsubscribed",
+        "Nobody subscribes to events any more",
+        Priority.LOW,
+        "the broker reports that it has no subscriber for the events of a bay, and it had one since the start of the "
+        "gateway; events wait in the outbox for mqtt.unsubscribed_h",
+        "the plant's records have a gap until somebody subscribes; events that are older than mqtt.unsubscribed_h then "
+        "are missing for good",
+        (
+            "the broker was restarted and has forgotten the subscriber's session, and the subscriber has not noticed",
+            "SCADA or the records were switched off, or somebody only had a look at the events",
+        ),
+        "let SCADA or the records connect and subscribe again; where nobody is meant to, there is nothing to do: the "
+        "alarm ends after mqtt.unsubscribed_h",
+        8 * 60,
+        lambda inputs: bool(inputs.now.unsubscribed),
+        lambda inputs: inputs.now.unsubscribed,
+        on_delay_s=300.0,
+        off_delay_s=5.0,
+    ),
+    AlarmDefinition(
         "sparkplug_lost",
         "Sparkplug connection lost",
         Priority.MEDIUM,

@@ -139,29 +139,8 @@ def test_a_client_certificate_opens_the_door(tmp_path: Path) -> None:
         return plant.supervisor.records["deliver"].last_error
 
     with Mosquitto(tmp_path, tls=tls, lines=strict) as broker:
-        assert deliver(broker.url, 5, tls=ours).link_errors == 0
+        assert deliver(broker.url, 5, tls=ours, unsubscribed_h=0).link_errors == 0
         assert asyncio.run(without(broker)).startswith(broker.url)
-
-
-def test_what_the_broker_refuses_is_told_and_kept(tmp_path: Path) -> None:
-    """MQTT 5: not authorized. The event waits until somebody mends the broker's rights."""
-    closed, wide = tmp_path / "closed", tmp_path / "wide"
-    closed.write_text("topic readwrite loading/+/+/state\ntopic readwrite loading/+/+/status\n")
-    wide.write_text("topic readwrite loading/#\n")
-
-    async def scenario(broker: Mosquitto) -> str:
-        plant = Plant(broker.url)
-        async with plant.running():
-            plant.happen(EventKind.STOP_RAISED)
-            await plant.until(lambda: plant.link_errors >= 2, 30)
-            told = plant.supervisor.records["deliver"].last_error
-            assert plant.publisher.stats.queued == 1
-            broker.reload(f"acl_file {wide}")
-            await plant.until(lambda: plant.publisher.stats.queued == 0, 30)
-        return told
-
-    with Mosquitto(tmp_path, lines=[f"acl_file {closed}"]) as broker:
-        assert "ot authorized" in asyncio.run(scenario(broker))
 
 
 def test_two_gateways_with_one_client_id_throw_each_other_out_and_lose_nothing(broker: Mosquitto) -> None:
@@ -186,7 +165,7 @@ def test_two_gateways_with_one_client_id_throw_each_other_out_and_lose_nothing(b
     [
         NetworkConditions(delay_s=0.03, jitter_s=0.03),
         NetworkConditions(bytes_per_s=60_000),
-        NetworkConditions(cut_share=0.03),
+        NetworkConditions(cut_share=0.1),
     ],
     ids=["long delay", "low bandwidth", "interrupted"],
 )

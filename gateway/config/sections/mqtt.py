@@ -73,6 +73,13 @@ class MqttConfig(Section):
     event_expiry_h: float = Field(
         168.0, ge=0.01, le=87600, description="MQTT 5: the broker drops an event not fetched for so long"
     )
+    unsubscribed_h: float = Field(
+        24.0,
+        ge=0,
+        le=87600,
+        description="MQTT 5: an event that nobody had subscribed to is kept, and sent again, for so long; 0: it counts "
+        "as delivered",
+    )
     plain_topics: bool = Field(
         True, description="publish the JSON topics of docs/mqtt.md; false: Sparkplug alone, which must be configured"
     )

@@ -23,7 +23,7 @@ from functools import partial
 from typing import Any
 
 import aiomqtt
-from aiomqtt.exceptions import MqttConnectError
+from aiomqtt.exceptions import MqttCodeError, MqttConnectError
 from paho.mqtt.client import MQTT_ERR_SUCCESS
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
@@ -40,7 +40,9 @@ from gateway.sinks.mqtt.web_socket import WebSocket
 CONNECT_S = 5.0  # for the socket, and again for the CONNACK
 MAX_INCOMING = 100  # messages received and not fetched yet
 MAX_PACKET_BYTES = 65_536  # one of more ends the connection: MQTT allows 256 MB, which would be memory
-MAX_IN_FLIGHT = 8  # messages without acknowledgement at once; more wait their turn
+MAX_IN_FLIGHT = 64  # messages without acknowledgement at once; more wait their turn
+MAX_IN_FLIGHT_311 = 20  # MQTT 3.1.1 brokers state no Receive Maximum
+NO_SUBSCRIBERS, PACKET_TOO_LARGE = 0x10, 0x95  # reason codes of MQTT 5
 
 CERTIFICATE_HINT = (
     "; a broker that requires a client certificate, or refuses ours, does so: mqtt.tls.cert_file and mqtt.tls.key_file"
@@ -69,38 +71,77 @@ class NotAcceptedError(LinkError):
         self.certain = certain
 
 
+class RefusedError(LinkError):
+    """The broker did not take one message. It may take others: who handles this may go on with the link.
+    `fault`: why."""
+
+    def __init__(self, broker: object, topic: str, fault: str) -> None:
+        super().__init__(f"{broker}: a message was refused: {topic}: {fault}")
+        self.fault = fault
+
+
+class UnansweredError(LinkError):
+    """The broker was silent for too long."""
+
+
 class BrokerLink:
-    """A live connection. Real seconds, not the gateway's clock: the broker has no simulated time."""
+    """A live connection. Real seconds, not the gateway's clock: the broker has no simulated time.
+
+    `in_flight`: messages that may be without acknowledgement at once. `unanswered`: the topics of those that are.
+    `newest_refusal`: topic, reason and time of the event loop. All three are right after the connection has ended, too.
+    """
 
     end: End | None = None  # how the other side has ended it
 
-    def __init__(self, client: aiomqtt.Client, endpoint: Endpoint, acknowledge_s: float, version: Version) -> None:
+    def __init__(self, client: "_Client", endpoint: Endpoint, acknowledge_s: float, version: Version) -> None:
         self.version = version
+        self.in_flight = min(MAX_IN_FLIGHT if version == "5" else MAX_IN_FLIGHT_311, client.receive_maximum)
+        self.unanswered = client.unanswered
         self._client = client
         self._broker = endpoint
         self._acknowledge_s = acknowledge_s
-        self._in_flight = asyncio.Semaphore(MAX_IN_FLIGHT)
+        self._limit = self.in_flight  # now
+        self._turns = asyncio.Semaphore(self._limit)
 
-    async def publish(self, message: Message) -> None:
-        """Returns when the broker has acknowledged it (QoS 1), or when it is sent (QoS 0).
+    @property
+    def newest_refusal(self) -> tuple[str, str, float] | None:
+        return self._client.newest_refusal
 
-        Raises LinkError: the link is of no more use.
+    def narrow(self) -> None:
+        """One message at a time, until `widen`. Before anything is published."""
+        self._limit, self._turns = 1, asyncio.Semaphore(1)
+
+    def widen(self) -> None:
+        for _ in range(self.in_flight - self._limit):
+            self._turns.release()
+        self._limit = self.in_flight
+
+    async def publish(self, message: Message) -> bool:
+        """Returns when the broker has acknowledged it (QoS 1), or when it is sent (QoS 0). False: nobody subscribes to
+        its topic, which only an MQTT 5 broker reports, and not each.
+
+        Raises RefusedError: the broker did not take it; LinkError: the link is of no more use.
         """
+        properties = None if self.version == "3.1.1" else _properties(message)
+        size, accepted = _packet_bytes(message, properties), self._client.maximum_packet_bytes
+        if size > accepted:
+            fault = f"{size} bytes; the broker accepts {accepted} (0x{PACKET_TOO_LARGE:02x})"
+            raise RefusedError(self._broker, message.topic, fault)
         try:
-            async with self._in_flight, asyncio.timeout(self._acknowledge_s):
-                properties = None if self.version == "3.1.1" else _properties(message)
-                await self._client.publish(
-                    message.topic, message.payload, qos=message.qos, retain=message.retain, properties=properties
-                )
+            async with self._turns, asyncio.timeout(self._acknowledge_s):
+                reason = await self._client.send(message, properties)
         except TimeoutError:
-            raise LinkError(f"{self._broker}: no acknowledgement within {self._acknowledge_s:g} s") from None
+            raise UnansweredError(f"{self._broker}: no acknowledgement within {self._acknowledge_s:g} s") from None
         except aiomqtt.MqttError as error:
             raise LinkError(f"{self._broker}: cannot publish: {self._why(error)}") from error
+        if reason is not None and reason.is_failure:
+            raise RefusedError(self._broker, message.topic, _named(reason))
+        return reason is None or reason.value != NO_SUBSCRIBERS
 
     async def quiet(self) -> None:
         """Returns when no message waits for its acknowledgement; from then on none is sent."""
-        for _ in range(MAX_IN_FLIGHT):
-            await self._in_flight.acquire()
+        for _ in range(self._limit):
+            await self._turns.acquire()
 
     async def subscribe(self, topics: Sequence[tuple[str, int]]) -> None:
         """Topics with their QoS; returns when the broker has granted them all. Raises LinkError."""
@@ -140,6 +181,17 @@ def _properties(message: Message) -> Properties:
     if message.expiry_s is not None:
         properties.MessageExpiryInterval = max(1, message.expiry_s)
     return properties
+
+
+def _named(reason: ReasonCode) -> str:
+    return f"{reason} (0x{reason.value:02x})"
+
+
+def _packet_bytes(message: Message, properties: Properties | None) -> int:
+    """Of the PUBLISH: MQTT 5, 3.3."""
+    packed = len(properties.pack()) if properties is not None else 0  # type: ignore[no-untyped-call]
+    remaining = 2 + len(message.topic.encode()) + 2 * bool(message.qos) + packed + len(message.payload)
+    return 1 + max(1, -(-remaining.bit_length() // 7)) + remaining
 
 
 def _packet_limit() -> Properties:
@@ -239,9 +291,15 @@ class _Client(aiomqtt.Client):
             timeout=math.inf,
             keepalive=keepalive_s,
             max_queued_incoming_messages=MAX_INCOMING,
+            max_inflight_messages=MAX_IN_FLIGHT,
             properties=_packet_limit() if version == "5" else None,
             logger=_log,
         )
+        self.receive_maximum = MAX_IN_FLIGHT
+        self.maximum_packet_bytes: float = math.inf
+        self.unanswered: list[str] = []
+        self.newest_refusal: tuple[str, str, float] | None = None
+        self._answers: dict[int, tuple[str, asyncio.Future[ReasonCode]]] = {}  # topic, answer; by packet identifier
         for future in (self._connected, self._disconnected):  # its result may not be needed any more
             future.add_done_callback(lambda ended: ended.cancelled() or ended.exception())
         self._client._create_socket_connection = lambda: sock  # type: ignore[assignment, method-assign, return-value]  # it would open its own
@@ -262,18 +320,23 @@ class _Client(aiomqtt.Client):
         self._loop.add_writer(sock.fileno(), client.loop_write)
 
     def _on_connect(self, client: Any, userdata: Any, flags: Any, reason_code: Any, properties: Any = None) -> None:
-        """MQTT 5 states how many messages the broker takes at once, and it may close the connection on more (3.3.4)."""
-        receive_maximum = getattr(properties, "ReceiveMaximum", None)
-        if receive_maximum is not None:  # paho's setter refuses on an open connection; nothing is in flight yet
-            self._client._max_inflight_messages = min(self._client._max_inflight_messages, receive_maximum)
+        """MQTT 5 states how many messages the broker takes at once, and how large; it may close the connection on more
+        (3.3.4) and on larger ones (3.2.2.3.6)."""
+        self.receive_maximum = min(MAX_IN_FLIGHT, getattr(properties, "ReceiveMaximum", MAX_IN_FLIGHT))
+        self.maximum_packet_bytes = getattr(properties, "MaximumPacketSize", math.inf)
+        # paho's setter refuses on an open connection; nothing is in flight yet
+        self._client._max_inflight_messages = self.receive_maximum
         super()._on_connect(client, userdata, flags, reason_code, properties)
 
     def _on_publish(self, client: Any, userdata: Any, mid: int, reason_code: Any, properties: Any) -> None:
-        """MQTT 5 reports when the broker has not taken a message; aiomqtt ignores it."""
-        if not reason_code.is_failure:
-            super()._on_publish(client, userdata, mid, reason_code, properties)
-        elif not self._disconnected.done():
-            self._disconnected.set_exception(aiomqtt.MqttError(f"a message was refused: {reason_code}"))
+        """MQTT 5 reports whether the broker has taken a message, and whether anybody subscribes; aiomqtt ignores it."""
+        if mid in self._answers:
+            topic, answer = self._answers.pop(mid)
+            self.unanswered.remove(topic)
+            if reason_code.is_failure:
+                self.newest_refusal = topic, _named(reason_code), self._loop.time()
+            if not answer.done():
+                answer.set_result(reason_code)
 
     def _on_disconnect(self, client: Any, userdata: Any, flags: Any, reason_code: Any, properties: Any = None) -> None:
         """Also before the CONNACK, which aiomqtt would wait for all the same."""
@@ -305,6 +368,18 @@ class _Client(aiomqtt.Client):
         except OSError as error:
             self._fault = error
             raise
+
+    async def send(self, message: Message, properties: Properties | None) -> ReasonCode | None:
+        """Returns the broker's answer; None at QoS 0. Raises MqttError."""
+        sent = self._client.publish(message.topic, message.payload, message.qos, message.retain, properties)
+        if sent.rc != MQTT_ERR_SUCCESS:
+            raise MqttCodeError(sent.rc, "Could not publish message")
+        if sent.is_published():  # QoS 0
+            return None
+        answer: asyncio.Future[ReasonCode] = self._loop.create_future()
+        self._answers[sent.mid] = message.topic, answer
+        self.unanswered.append(message.topic)
+        return await answer
 
     async def open(self) -> None:
         """Returns when the broker has accepted the connection. Raises MqttError."""

@@ -10,7 +10,7 @@ import contextlib
 import logging
 import math
 import secrets
-from collections.abc import Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import NoReturn
@@ -25,8 +25,10 @@ from gateway.errors import LinkError
 from gateway.sinks.contract import Bays, LinkStatus, SinkContext, SinkType
 from gateway.sinks.mqtt import home_assistant, messages, payloads
 from gateway.sinks.mqtt.broker import brokers_of, certificates_of
-from gateway.sinks.mqtt.broker_link import BrokerLink
-from gateway.sinks.mqtt.session import BrokerSession, Connect
+from gateway.sinks.mqtt.broker_link import BrokerLink, RefusedError, UnansweredError
+from gateway.sinks.mqtt.event_delivery import EventDelivery
+from gateway.sinks.mqtt.session import ACKNOWLEDGE_SHARE, BrokerSession, Connect
+from gateway.sinks.mqtt.topic_answers import TopicAnswers
 from gateway.sinks.mqtt.topic_plan import PLAN, STATE, TopicKind
 from gateway.sinks.mqtt.topics import Gateway, Message, Topics
 from gateway.sinks.mqtt.value_topics import ValueTopics
@@ -36,6 +38,10 @@ from gateway.sinks.outbox.outbox import Entry, MemoryOutbox, Outbox
 log = logging.getLogger(__name__)
 
 POLL_S = 0.1  # how often it is checked whether the shown state has expired
+SLOW_SHARE = 0.5  # of the time for an acknowledgement: after it the broker or the link is slow
+BREAKS = 2  # connections in a row that ended within SETTLED_S: one message at a time, to find out after which
+SETTLED_S = 10.0
+ENDED_AT_ONCE_S = 1.0  # a connection that ends so soon after a refusal ends because of it
 STATUS_SHARE = 0.5  # of a keepalive, from one status message to the next; see session.ACKNOWLEDGE_SHARE
 
 
@@ -82,16 +88,25 @@ class MqttPublisher:
         )
         will = payloads.status_payload(self._gateway, "connection lost")
         self._will = Message(self._topics.status, payloads.encode(will), retain=True)
-        self._event_expiry_s = round(config.event_expiry_h * 3600)
         self._stale_after_ms = round(1000 * (3 * config.state_period_s + 1))
         self._outbox = outbox if outbox is not None else MemoryOutbox(limits(config))
         self._numbered = 0
-        self._event_queued = asyncio.Event()
-        self._event_lock = asyncio.Lock()  # held from the publishing of an event to its acknowledgement
+        self._answers = TopicAnswers()
+        self._events = EventDelivery(
+            self._outbox,
+            self._answers,
+            clock,
+            self._send,
+            expiry_s=round(config.event_expiry_h * 3600),
+            unsubscribed_s=config.unsubscribed_h * 3600,
+            slow_s=SLOW_SHARE * ACKNOWLEDGE_SHARE * config.keepalive_s,
+        )
         hub.listen(self._queue_event)
         self._final_published = False
         self._published = 0
         self._failed = 0
+        self._refused = 0
+        self._breaks = 0  # connections in a row that ended soon, and not by silence, with messages unanswered
 
     @property
     def link(self) -> LinkStatus:
@@ -103,6 +118,9 @@ class MqttPublisher:
             "reconnects": stats.reconnects,
             "events_dropped": stats.dropped,
             "outbox_events": stats.queued,
+            "events_held": self._events.held,
+            "events_unsubscribed": self._outbox.unused_dropped,
+            "refused": self._refused,
         }
         if store is not None:
             figures |= {"store_ok": int(not store.fault), "store_faults": store.faults}
@@ -119,6 +137,8 @@ class MqttPublisher:
             store,
             fault=session.fault,
             alarms=session.alarms,
+            refused=self._answers.refused_text,
+            unsubscribed=self._answers.unsubscribed_text,
         )
 
     @property
@@ -136,7 +156,7 @@ class MqttPublisher:
         """Connect and deliver until the link breaks (LinkError), or return after `close`."""
         if self._session.closing.is_set():
             return
-        async with self._session.connection(self._will) as link:
+        async with self._connection() as link:
             await self._serve(link)
             await self._publish_final(link)
 
@@ -150,7 +170,7 @@ class MqttPublisher:
             async with asyncio.timeout(timeout_s):
                 await self._session.close()  # where `deliver` is connected, it publishes them itself
                 if not self._final_published:
-                    async with self._session.connection(self._will) as link:
+                    async with self._connection() as link:
                         await self._publish_final(link)
         except TimeoutError:
             queued = self.stats.queued
@@ -158,6 +178,42 @@ class MqttPublisher:
         except LinkError as error:
             log.warning("%s; %d events not delivered", error, self.stats.queued)
         return self._final_published
+
+    @contextlib.asynccontextmanager
+    async def _connection(self) -> AsyncIterator[BrokerLink]:
+        """After connections that ended soon one after the other, with one message at a time: then it is known after
+        which one the broker ends them."""
+        begun_ns, link = self._clock.now_ns(), None
+        try:
+            async with self._session.connection(self._will) as link:
+                self._answers.connected()
+                if self._breaks >= BREAKS:
+                    link.narrow()
+                yield link
+        except LinkError as error:
+            if link is not None and not isinstance(error.__cause__ or error, UnansweredError):
+                self._ended(link, self._clock.now_ns() - begun_ns, str(error))
+            raise
+
+    def _ended(self, link: BrokerLink, lived_ns: int, text: str) -> None:
+        """By the broker or the network."""
+        unanswered, narrow, now_ns = link.unanswered, self._breaks >= BREAKS, self._clock.now_ns()
+        if link.newest_refusal is not None:  # mosquitto 2.0.11 refuses, and ends the connection all the same
+            topic, fault, refused_s = link.newest_refusal
+            if asyncio.get_running_loop().time() - refused_s < ENDED_AT_ONCE_S:
+                self._answers.cut(topic, f"{fault}; the connection ends after it", now_ns, certain=True)
+                return
+        soon = bool(unanswered) and lived_ns < SETTLED_S * NS_PER_S
+        self._breaks = self._breaks + 1 if soon else 0
+        for topic in set(unanswered):
+            if self._answers.cuts_connections(topic) or (soon and narrow):
+                self._answers.cut(topic, f"the connection ends after it ({text})", now_ns)
+
+    async def _widen(self, link: BrokerLink) -> None:
+        if self._breaks >= BREAKS:
+            await self._clock.sleep(SETTLED_S)
+            self._breaks = 0
+            link.widen()
 
     async def _serve(self, link: BrokerLink) -> None:
         """Until `close`. `online` is published only once no bay's retained state is an old one any more."""
@@ -172,15 +228,17 @@ class MqttPublisher:
             for bay in self._hub.bays:
                 group.create_task(first(bay))
         async with asyncio.TaskGroup() as group:
+            events = group.create_task(self._events.deliver(link))
             tasks = [
                 group.create_task(self._publish_status(link)),
-                group.create_task(self._publish_events(link)),
+                group.create_task(self._widen(link)),
                 *(group.create_task(self._publish_states(link, bay, sent[bay])) for bay in self._hub.bays),
             ]
             await self._session.closing.wait()
-            async with self._event_lock:  # or the event on its way would go out once more
-                for task in tasks:
-                    task.cancel()
+            self._events.end()
+            await events  # or the events on their way would go out once more
+            for task in tasks:
+                task.cancel()
 
     async def _publish_states(self, link: BrokerLink, bay: str, sent: Published) -> NoReturn:
         """One bay's state: a change that matters at once, the rest once a period, the newest only."""
@@ -224,46 +282,44 @@ class MqttPublisher:
             await self._publish(link, self._status_message("running"))
             await asyncio.sleep(STATUS_SHARE * self._config.keepalive_s)
 
-    async def _publish_events(self, link: BrokerLink) -> NoReturn:
-        while True:
-            await self._publish_queued_events(link)
-            self._event_queued.clear()
-            await self._event_queued.wait()
-
-    async def _publish_queued_events(self, link: BrokerLink) -> None:
-        """One at a time: a duplicate, if there is one, directly follows its first copy."""
-        while True:
-            async with self._event_lock:
-                if (entry := self._outbox.oldest()) is None:
-                    return
-                await self._publish(
-                    link, Message(entry.topic, entry.payload, retain=False, expiry_s=self._event_expiry_s)
-                )
-                self._outbox.acknowledge(entry.id)
-
     async def _publish_final(self, link: BrokerLink) -> None:
         now_ns = self._clock.now_ns()
         for bay in self._hub.bays:  # first: a dead bay must not look alive, if there is time for nothing else
             await self._publish_all(link, self._state_messages(payloads.final(self._hub.shown(bay, now_ns), now_ns)))
-        await self._publish_queued_events(link)
+        await self._events.deliver(link, rest=True)
         await self._publish(link, self._status_message("shutdown"))
         self._final_published = True
 
     async def _publish(self, link: BrokerLink, message: Message) -> None:
+        """A state, a status or an announcement. What the broker does not take is dropped, and counted: there will be a
+        newer one."""
+        if message.topic in self._answers.held(self._clock.now_ns()):
+            self._refused += 1
+            return
         try:
-            await link.publish(message)
+            await self._send(link, message)
+        except RefusedError as error:
+            self._refused += 1
+            self._answers.refused(message.topic, error.fault, self._clock.now_ns())
+        else:
+            self._answers.taken(message.topic)
+
+    async def _send(self, link: BrokerLink, message: Message) -> bool:
+        """See `BrokerLink.publish`."""
+        try:
+            subscribed = await link.publish(message)
         except LinkError:
             self._failed += 1
             raise
         self._published += 1
+        return subscribed
 
     def _queue_event(self, event: Event) -> None:
         self._numbered += 1
         payload = payloads.event_payload(event, self._numbered, self._gateway, self._offset_ns())
         topic = self._topics.event(event.bay)
         drop_last = event.kind in payloads.DROPPED_LAST
-        self._outbox.put(Entry(payload.id, topic, payloads.encode(payload), drop_last, payload.timestamp_ms))
-        self._event_queued.set()
+        self._events.put(Entry(payload.id, topic, payloads.encode(payload), drop_last, payload.timestamp_ms))
 
     def _shown(self, bay: str) -> StateVector:
         return self._hub.shown(bay, self._clock.now_ns())

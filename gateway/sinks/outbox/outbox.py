@@ -6,7 +6,7 @@ a restart. Entries are opaque bytes under an id that is unique across restarts.
 
 import heapq
 from collections import OrderedDict
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sized
 from dataclasses import dataclass
 from itertools import islice
 from typing import Protocol
@@ -80,8 +80,9 @@ class Outbox(Protocol):
         """Nobody has a use for the entries of an unused topic: where room is needed, they are dropped before all
         others, and are counted apart."""
 
-    def expire(self, topic: str, age_ms: int, now_ms: int, limit: int) -> object:
-        """Drop the oldest entries of the topic that happened more than `age_ms` before `now_ms`, at most `limit`."""
+    def expire(self, topic: str, age_ms: int, now_ms: int, limit: int) -> Sized:
+        """Drop the oldest entries of the topic that happened more than `age_ms` before `now_ms`, at most `limit`; the
+        result has as many."""
 
     def __len__(self) -> int: ...
 

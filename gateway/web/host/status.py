@@ -115,6 +115,8 @@ class StatusCollector:
             sink_alarms=_together([sink.alarms for sink in sinks]),
             plc_reads=self._plc_reads(),
             modbus_fault=self._modbus_fault()[:MAX_ERROR],
+            refused="; ".join(sink.refused for sink in sinks if sink.refused)[:MAX_ERROR],
+            unsubscribed="; ".join(sink.unsubscribed for sink in sinks if sink.unsubscribed)[:MAX_ERROR],
             store_fault=next((sink.store.fault for sink in sinks if sink.store is not None and sink.store.fault), ""),
             events_lost=self.hub.dropped + sum(sink.events_lost for sink in sinks),
             crashes=sum(row.crashes for row in crashed.values()),

@@ -12,7 +12,7 @@ from gateway.core.events import Event, EventKind
 from gateway.core.state import StateVector
 from gateway.errors import LinkError
 from gateway.hub import Hub
-from gateway.sinks.mqtt.broker_link import BrokerLink
+from gateway.sinks.mqtt.broker_link import BrokerLink, RefusedError, UnansweredError
 from gateway.sinks.mqtt.publisher import MqttPublisher
 from gateway.sinks.mqtt.topic_plan import PLAN, TopicKind
 from gateway.sinks.mqtt.topics import Message
@@ -36,6 +36,11 @@ class Broker:
         self.ack_s = 0.0
         self.hung = False
         self.refuses = False
+        self.in_flight = 20
+        self.unsubscribed: set[str] = set()  # topics without a subscriber
+        self.faults: dict[str, str] = {}  # topic -> why it is refused
+        self.ends_after_refusal = False
+        self.ending: set[str] = set()  # topics whose messages end the connection
         self.received: list[ReceivedMessage] = []
         self.unacknowledged = 0
         self.connections = 0
@@ -75,24 +80,48 @@ class Broker:
 class Link(BrokerLink):
     def __init__(self, broker: Broker) -> None:
         self._memory = broker
+        self.in_flight = broker.in_flight
+        self.unanswered = []
+        self._refusal: tuple[str, str, float] | None = None
+        self._turns = asyncio.Semaphore(self.in_flight)
 
-    async def publish(self, message: Message) -> None:
+    @property
+    def newest_refusal(self) -> tuple[str, str, float] | None:
+        return self._refusal
+
+    async def publish(self, message: Message) -> bool:
+        async with self._turns:
+            self.unanswered.append(message.topic)
+            taken = await self._publish(message)
+            self.unanswered.remove(message.topic)
+            return taken
+
+    async def _publish(self, message: Message) -> bool:
         broker = self._memory
         if broker.bug is not None:
             raise broker.bug
         broker.received.append(
             ReceivedMessage(now_s(), message.topic, message.retain, broker.check(message.topic, message.payload))
         )
+        if message.topic in broker.ending:
+            broker.lose()
         broker.unacknowledged += 1
         try:
             async with asyncio.timeout(7.5):
                 await (asyncio.Event().wait() if broker.hung else asyncio.sleep(broker.ack_s))
         except TimeoutError:
-            raise LinkError("no acknowledgement") from None
+            raise UnansweredError("no acknowledgement") from None
         finally:
             broker.unacknowledged -= 1
         if broker.lost.is_set():
             raise LinkError("connection lost")
+        if message.topic in broker.faults:
+            self._refusal = message.topic, broker.faults[message.topic], now_s()
+            if broker.ends_after_refusal:
+                self.unanswered.remove(message.topic)
+                raise LinkError("connection lost")
+            raise RefusedError("broker", message.topic, broker.faults[message.topic])
+        return message.topic not in broker.unsubscribed
 
     async def quiet(self) -> None:
         pass

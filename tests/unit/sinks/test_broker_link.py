@@ -68,7 +68,7 @@ def test_the_client_uses_the_socket_it_is_given() -> None:
                 version="5",
             )
             assert client._client.socket() is ours
-            assert client._client._max_inflight_messages == 20  # until a broker states fewer
+            assert client._client._max_inflight_messages == broker_link.MAX_IN_FLIGHT  # until a broker states fewer
             assert not client._connected.done()
             assert not client._disconnected.done()
             assert await asyncio.to_thread(peer.recv, 1) == b"\x10"  # CONNECT

@@ -31,8 +31,13 @@ def mqtt(*, connected: bool = True, ok: bool = True) -> LinkStatus:
         "published": 9,
         "failed": 1,
         "reconnects": 2,
+        "broker": 1,
+        "failovers": 0,
         "events_dropped": 3,
         "outbox_events": 7,
+        "events_held": 2,
+        "events_unsubscribed": 5,
+        "refused": 6,
     }
     figures |= {"store_ok": int(ok), "store_faults": 0, "store_unwritten_events": 4}
     detail = "connected" if connected else "no connection"

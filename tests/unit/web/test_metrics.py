@@ -121,6 +121,8 @@ async def test_every_family_is_reported_and_parsed() -> None:
         assert now.value("modbus_plc_quiet_seconds", transport="tcp") == 0.25
         assert now.value("modbus_plc_quiet_seconds", transport="tls") is None
         assert now.value("mqtt_outbox_events") == 7
+        assert (now.value("mqtt_events_held"), now.value("mqtt_events_unsubscribed_total")) == (2, 5)
+        assert now.value("mqtt_refused_total") == 6
         assert now.value("mqtt_connected") == 1
         assert now.value("sparkplug_data_messages_total") == 44
         assert [now.value("sink_connected", sink=sink) for sink in ("mqtt", "sparkplug", "historian")] == [1, 1, 1]
