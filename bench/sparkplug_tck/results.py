@@ -89,14 +89,11 @@ class Verdict:
 def verdict(test: str, runs: Mapping[str, Outcome], excused: Mapping[str, str]) -> Verdict:
     """`runs`: MQTT version -> outcome. `excused`: see `not_applicable`."""
     names = sorted({name for run in runs.values() for name in run.status})
-    rows = [
-        Row(
-            name,
-            {version: run.status.get(name, NOT_EXECUTED) for version, run in runs.items()},
-            next((run.why[name] for run in runs.values() if name in run.why), excused.get(name, "")),
-        )
-        for name in names
-    ]
+    rows = []
+    for name in names:
+        by_run = {version: run.status.get(name, NOT_EXECUTED) for version, run in runs.items()}
+        excuse = excused.get(name, "") if worse(*by_run.values()) == NOT_EXECUTED else ""
+        rows.append(Row(name, by_run, next((run.why[name] for run in runs.values() if name in run.why), excuse)))
     missing = [row.name for row in rows if row.status == NOT_EXECUTED and row.name not in excused]
     return Verdict(test, rows, missing, [version for version, run in runs.items() if not run.overall])
 
