@@ -15,6 +15,7 @@ VERBS = (
     "simulate",
     "check",
     "doctor",
+    "bundle",
     "detect",
     "evaluate",
     "tune",

@@ -1,0 +1,177 @@
+"""A bundle for support: what somebody far away must see, in one zip file, without passwords. IO.
+
+Text is written without the passwords that the configuration and its files hold, wherever they occur. A recording that
+has one (earlier versions kept a camera's in its head) is left out, and the contents say so.
+"""
+
+import json
+import os
+import shutil
+import subprocess
+import zipfile
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import asdict
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote, urlsplit
+
+import psutil
+
+from gateway import __version__
+from gateway.config import GatewayConfig, reference
+from gateway.doctor.examine import findings
+from gateway.records import service as records
+from gateway.records.names import PICTURES, SEGMENT, parsed
+from gateway.sinks import registry
+from gateway.sinks.contract import SettingError
+from gateway.sinks.credentials import one_line
+
+UNIT = "loading-gateway"
+JOURNAL_LINES, JOURNAL_S = 20_000, 20.0
+SEGMENTS, INCIDENTS = 4, 5  # the newest of each bay: an hour; pictures only where they are asked for
+FILE_BYTES = 64_000_000  # a larger one is left out
+
+
+def write(config: GatewayConfig, out: Path, seconds: float, *, pictures: bool) -> Iterator[str]:
+    """Writes `out`, readable by its owner only, and yields a line for each part that is in it, or why it is not.
+
+    Raises OSError.
+    """
+    secrets = list(secrets_of(config))
+    contents = [f"gateway {__version__}, {datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC", ""]
+    fresh = out.with_name(f"{out.name}.new")
+    try:
+        with (
+            os.fdopen(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "wb") as file,
+            zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive,
+        ):
+            for name, data in _texts(config, seconds):
+                archive.writestr(name, _hidden(data, secrets))
+                contents.append(f"{name}: {len(data)} bytes")
+                yield contents[-1]
+            for path, name in _recordings(config, pictures=pictures):
+                contents.append(_add(archive, path, name, secrets))
+                yield contents[-1]
+            archive.writestr("contents.txt", "\n".join(contents) + "\n")
+        fresh.replace(out)
+    finally:
+        fresh.unlink(missing_ok=True)
+
+
+def secrets_of(config: GatewayConfig) -> Iterator[bytes]:
+    """Every password that the configuration holds or names a file or variable of."""
+    for value in _strings(config.model_dump(mode="json")):
+        with suppress(ValueError):
+            if (found := urlsplit(value).password) and "://" in value:
+                yield from {found.encode(), unquote(found).encode()}
+    for user in config.hmi.users:
+        yield user.password_hash.encode()
+    sections = [] if config.mqtt is None else [("mqtt", config.mqtt.model_dump())]
+    sections += [(f"sinks.{name}", dict(table)) for name, table in config.sinks.items()]
+    for section, table in sections:
+        for key, value in _named(table):
+            if key.endswith("password_file") and isinstance(value, str):
+                with suppress(SettingError):
+                    yield one_line(f"{section}.{key}", value).encode()
+            elif key.endswith("password_env") and isinstance(value, str) and (found := os.environ.get(value)):
+                yield found.encode()
+
+
+def _named(table: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+    for key, value in table.items():
+        if isinstance(value, dict):
+            yield from _named(value)
+        else:
+            yield key, value
+
+
+def _strings(value: Any) -> Iterator[str]:
+    match value:
+        case str():
+            yield value
+        case dict():
+            for item in value.values():
+                yield from _strings(item)
+        case list():
+            for item in value:
+                yield from _strings(item)
+
+
+def _hidden(data: bytes, secrets: list[bytes]) -> bytes:
+    for secret in sorted(secrets, key=len, reverse=True):
+        data = data.replace(secret, b"***")
+    return data
+
+
+def _texts(config: GatewayConfig, seconds: float) -> Iterator[tuple[str, bytes]]:
+    sections = [("", config), *((f"{name}.", section) for name, section in registry.settings_of(config))]
+    lines = [f"{key} = {value}" for prefix, section in sections for key, value in reference.flat(section, prefix)]
+    yield "settings.txt", "\n".join(lines).encode()
+    yield "doctor.jsonl", "\n".join(json.dumps(asdict(finding)) for finding in findings(config, seconds)).encode()
+    yield "machine.json", json.dumps(_machine(), indent=1).encode()
+    yield "journal.txt", _journal()
+
+
+def _machine() -> dict[str, object]:
+    names = (("/etc/os-release", "os"), ("/proc/cpuinfo", "processors"))
+    texts = {name: Path(path).read_text(errors="replace") for path, name in names if Path(path).exists()}
+    processes = [
+        {"pid": p.pid, "name": p.name(), "cpu_s": sum(p.cpu_times()[:2]), "rss": p.memory_info().rss}
+        for p in psutil.process_iter()
+        if _is_ours(p)
+    ]
+    return {
+        **texts,
+        "memory": psutil.virtual_memory()._asdict(),
+        "boot": datetime.fromtimestamp(psutil.boot_time(), UTC).isoformat(),
+        "temperatures": {name: [t.current for t in found] for name, found in psutil.sensors_temperatures().items()},
+        "processes": processes,
+    }
+
+
+def _is_ours(process: psutil.Process) -> bool:
+    with suppress(psutil.Error):
+        return process.name().startswith(("gw-", "gateway"))
+    return False
+
+
+def _journal() -> bytes:
+    """What the service has logged."""
+    program = shutil.which("journalctl")
+    if program is None:
+        return b"(no journalctl on this machine)"
+    command = [program, f"--unit={UNIT}", f"--lines={JOURNAL_LINES}", "--output=short-iso", "--no-pager", "--quiet"]
+    try:
+        done = subprocess.run(command, capture_output=True, timeout=JOURNAL_S, check=False)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        return f"(journalctl failed: {error})".encode()
+    return done.stdout or b"(nothing logged by the unit, or not readable by this user: " + done.stderr.strip() + b")"
+
+
+def _recordings(config: GatewayConfig, *, pictures: bool) -> Iterator[tuple[Path, str]]:
+    """Path and name in the bundle, of the newest files."""
+    folder = records.folder_of(config)
+    if folder is None:
+        return
+    for bay in config.bays:
+        with suppress(OSError):
+            files = [(name, path) for path in (folder / bay.name).iterdir() if (name := parsed(path.name)) is not None]
+            for kind, count in ((SEGMENT, SEGMENTS), (PICTURES, INCIDENTS if pictures else 0)):
+                newest = sorted((n, p) for n, p in files if n.kind == kind)[-count:] if count else []
+                for _, path in newest:
+                    yield path, f"records/{bay.name}/{path.name}"
+
+
+def _add(archive: zipfile.ZipFile, path: Path, name: str, secrets: list[bytes]) -> str:
+    try:
+        if path.stat().st_size > FILE_BYTES:
+            return f"{name}: left out, larger than {FILE_BYTES // 1_000_000} MB"
+        data = path.read_bytes()
+    except OSError as error:
+        return f"{name}: left out, {error.strerror}"
+    if any(secret in data for secret in secrets):
+        return f"{name}: left out, its head has a password"
+    archive.writestr(name, data, zipfile.ZIP_STORED)
+    return f"{name}: {len(data)} bytes"
