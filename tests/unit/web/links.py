@@ -38,6 +38,7 @@ def mqtt(*, connected: bool = True, ok: bool = True) -> LinkStatus:
         "events_held": 2,
         "events_unsubscribed": 5,
         "refused": 6,
+        "certificate_days": 300,
     }
     figures |= {"store_ok": int(ok), "store_faults": 0, "store_unwritten_events": 4}
     detail = "connected" if connected else "no connection"
