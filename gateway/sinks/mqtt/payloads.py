@@ -129,8 +129,8 @@ def status_payload(
         version=gateway.version,
         boot=gateway.boot,
         bays=gateway.bays,
-        timestamp_ms=None if wall_ns is None else _unix_ms(wall_ns),
-        timestamp=None if wall_ns is None else iso(_unix_ms(wall_ns)),
+        timestamp_ms=None if wall_ns is None else unix_ms(wall_ns),
+        timestamp=None if wall_ns is None else iso(unix_ms(wall_ns)),
         delivery=delivery,
     )
 
@@ -154,7 +154,7 @@ def encode(payload: BaseModel) -> bytes:
 
 def _measured(state: StateVector, t_ns: int, gateway: Gateway, offset_ns: int) -> Measured:
     circle = state.vision.circle if state.vision.quality is Quality.GOOD else None
-    timestamp_ms = _unix_ms(t_ns + offset_ns)
+    timestamp_ms = unix_ms(t_ns + offset_ns)
     return Measured(
         schema_version=SCHEMA_VERSION,
         site=gateway.topics.site,
@@ -303,5 +303,5 @@ def text(text: str) -> str:
     return text[:MAX_DETAIL].encode("utf-8", "replace").decode()
 
 
-def _unix_ms(unix_ns: int) -> int:
+def unix_ms(unix_ns: int) -> int:
     return min(max(0, unix_ns // NS_PER_MS), LAST_MS)

@@ -22,14 +22,15 @@ from gateway.core.events import Event
 from gateway.core.readings import Quality
 from gateway.core.state import Moved, Reason, StateVector
 from gateway.errors import LinkError
-from gateway.sinks.contract import Bays, LinkStatus, SinkContext, SinkType
+from gateway.sinks.contract import AlarmSource, BayAlarms, Bays, LinkStatus, SinkContext, SinkType, no_alarms
 from gateway.sinks.mqtt import home_assistant, messages, payloads
+from gateway.sinks.mqtt.alarm_topic import alarms_payload
 from gateway.sinks.mqtt.broker import brokers_of, certificates_of
 from gateway.sinks.mqtt.broker_link import BrokerLink, RefusedError, UnansweredError
 from gateway.sinks.mqtt.event_delivery import EventDelivery
 from gateway.sinks.mqtt.session import ACKNOWLEDGE_SHARE, BrokerSession, Connect
 from gateway.sinks.mqtt.topic_answers import TopicAnswers
-from gateway.sinks.mqtt.topic_plan import PLAN, STATE, TopicKind
+from gateway.sinks.mqtt.topic_plan import ALARMS, PLAN, STATE, TopicKind
 from gateway.sinks.mqtt.topics import Gateway, Message, Topics
 from gateway.sinks.mqtt.value_topics import ValueTopics
 from gateway.sinks.outbox.durable import limits, opened_outbox
@@ -37,6 +38,7 @@ from gateway.sinks.outbox.outbox import Entry, MemoryOutbox, Outbox
 
 log = logging.getLogger(__name__)
 
+ALARMS_S, ALARMS_PERIOD_S = 0.5, 10.0  # between two looks at the alarms, and from one message to the next
 POLL_S = 0.1  # how often it is checked whether the shown state has expired
 SLOW_SHARE = 0.5  # of the time for an acknowledgement: after it the broker or the link is slow
 BREAKS = 2  # connections in a row that ended within SETTLED_S: one message at a time, to find out after which
@@ -74,6 +76,7 @@ class MqttPublisher:
         connect: Connect | None = None,
         boot: str | None = None,
         plan: Sequence[TopicKind] = PLAN,
+        alarms: AlarmSource = no_alarms,
     ) -> None:
         self.reconnect = config.reconnect
         self._config = config
@@ -81,6 +84,7 @@ class MqttPublisher:
         self._clock = clock
         self._topics = Topics.of_config(config, site, instance)
         self._gateway = Gateway(self._topics, hub.bays, version, boot or secrets.token_hex(8))
+        self._alarms = alarms
         self._state_topics = [(kind, kind.build) for kind in plan if kind.build is not None]
         self._values = {bay: ValueTopics(self._topics, bay, config.values_period_s) for bay in hub.bays}
         self._session = BrokerSession(
@@ -218,9 +222,12 @@ class MqttPublisher:
     async def _serve(self, link: BrokerLink) -> None:
         """Until `close`. `online` is published only once no bay's retained state is an old one any more."""
         sent: dict[str, Published] = {}
+        alarms: dict[str, BayAlarms] = {}
 
         async def first(bay: str) -> None:
             sent[bay] = await self._publish_state(link, bay)
+            alarms[bay] = self._alarms(bay, self._clock.now_ns())
+            await self._publish(link, self._alarms_message(bay, alarms[bay]))
             if self._config.home_assistant:
                 await self._publish(link, self._discovery_message(bay))
 
@@ -233,6 +240,7 @@ class MqttPublisher:
                 group.create_task(self._publish_status(link)),
                 group.create_task(self._widen(link)),
                 *(group.create_task(self._publish_states(link, bay, sent[bay])) for bay in self._hub.bays),
+                *(group.create_task(self._publish_alarms(link, bay, alarms[bay])) for bay in self._hub.bays),
             ]
             await self._session.closing.wait()
             self._events.end()
@@ -276,6 +284,23 @@ class MqttPublisher:
         for message in found:
             await self._publish(link, message)
 
+    async def _publish_alarms(self, link: BrokerLink, bay: str, sent: BayAlarms) -> NoReturn:
+        """One bay's alarms: a change within ALARMS_S, and once a period."""
+        sent_ns = self._clock.now_ns()
+        while True:
+            await self._clock.sleep(ALARMS_S)
+            now_ns = self._clock.now_ns()
+            known = self._alarms(bay, now_ns)
+            if known != sent or now_ns - sent_ns >= ALARMS_PERIOD_S * NS_PER_S:
+                sent, sent_ns = known, now_ns
+                await self._publish(link, self._alarms_message(bay, known))
+
+    def _alarms_message(self, bay: str, known: BayAlarms) -> Message:
+        stale_after_ms = round(1000 * (3 * ALARMS_PERIOD_S + 1))
+        payload = alarms_payload(known, bay, self._gateway, self._clock.now_ns(), self._offset_ns(), stale_after_ms)
+        expiry_s = math.ceil(stale_after_ms / 1000) if known.evaluated else None
+        return Message(self._topics.of(bay, ALARMS.name), payloads.encode(payload), ALARMS.retained, expiry_s)
+
     async def _publish_status(self, link: BrokerLink) -> NoReturn:
         """`online`, again and again: it proves the link, and heals a late will of an older connection of ours."""
         while True:
@@ -287,6 +312,8 @@ class MqttPublisher:
         for bay in self._hub.bays:  # first: a dead bay must not look alive, if there is time for nothing else
             await self._publish_all(link, self._state_messages(payloads.final(self._hub.shown(bay, now_ns), now_ns)))
         await self._events.deliver(link, rest=True)
+        for bay in self._hub.bays:
+            await self._publish(link, self._alarms_message(bay, BayAlarms()))
         await self._publish(link, self._status_message("shutdown"))
         self._final_published = True
 
@@ -355,7 +382,14 @@ def _open(context: SinkContext) -> MqttPublisher:
         opened_outbox(config, gateway.instance, f"outbox-{gateway.site}-{gateway.instance}.sqlite")
     )
     return MqttPublisher(
-        config, gateway.site, gateway.instance, context.bays, context.clock, outbox=outbox, boot=context.boot
+        config,
+        gateway.site,
+        gateway.instance,
+        context.bays,
+        context.clock,
+        outbox=outbox,
+        boot=context.boot,
+        alarms=context.alarms,
     )
 
 

@@ -14,11 +14,15 @@ from gateway.core.events import Event, EventKind
 from gateway.core.readings import Quality, RangeReading, RangeStats, VisionReading, VisionStats
 from gateway.core.scale import MarkerScale, ScaleSample
 from gateway.core.state import FusionMemory, Reason, StateVector
+from gateway.sinks.contract import BayAlarms, ShownAlarm
 from gateway.sinks.mqtt import home_assistant, messages, payloads, topic_plan
+from gateway.sinks.mqtt.alarm_topic import alarms_payload
 from gateway.sinks.mqtt.topics import Gateway, Topics
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 MS = 1_000_000
+ALARM = ShownAlarm("bay1.camera_down", "camera_down", "Camera down", "high", "acknowledged", False, True,
+                   580_000 * MS, 570_000 * MS, 1, "cannot be opened", "ann", "the cable is being replaced")  # fmt: skip
 WALL_NS = 1_795_000_000_000 * MS  # 2026-11-18T09:46:40Z
 
 
@@ -91,6 +95,7 @@ def examples() -> dict[str, BaseModel]:
         "event": payloads.event_payload(
             Event(EventKind.STOP_RAISED, "bay1", state.t_ns, state), 17, gateway, offset_ns
         ),
+        "alarms": alarms_payload(BayAlarms((ALARM,), (), True), "bay1", gateway, state.t_ns, offset_ns, 31_000),
     }
 
 
@@ -102,5 +107,5 @@ BLOCKS: dict[str, Callable[[], str]] = {
     "topics": topic_plan.markdown,
     "events": events_markdown,
     "home assistant": home_assistant.markdown,
-    **{f"example {name}": partial(_example, name) for name in ("status", "will", "state", "event")},
+    **{f"example {name}": partial(_example, name) for name in ("status", "will", "state", "event", "alarms")},
 }

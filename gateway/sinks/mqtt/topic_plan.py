@@ -10,6 +10,7 @@ from pydantic import BaseModel
 
 from gateway.core.state import StateVector
 from gateway.sinks.mqtt import payloads
+from gateway.sinks.mqtt.alarm_topic import AlarmsPayload
 from gateway.sinks.mqtt.messages import EventPayload, StatePayload, StatusPayload
 from gateway.sinks.mqtt.topics import Gateway
 
@@ -63,7 +64,14 @@ EVENT = TopicKind(
     EventPayload,
     "what happened in a bay; every one, in order, until the broker has acknowledged it",
 )
-PLAN = (STATUS, STATE, EVENT)
+ALARMS = TopicKind(
+    "alarms",
+    True,
+    True,
+    AlarmsPayload,
+    "the alarms of a bay and of its gateway that are not normal (ISA-18.2): active, acknowledged, returned, shelved",
+)
+PLAN = (STATUS, STATE, EVENT, ALARMS)
 
 
 def markdown() -> str:

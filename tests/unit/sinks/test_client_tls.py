@@ -12,7 +12,7 @@ from gateway.config import MqttTls
 from gateway.sinks.client_tls import ClientCertificates
 from tests.plant_certs import DAYS, NOW, Plant
 
-WALL_NS = round(NOW.timestamp()) * 1_000_000_000
+WALL_NS = (int(NOW.timestamp()) + 1) * 1_000_000_000  # after NOW: certificates know whole seconds
 DAY_NS = 24 * 3600 * 1_000_000_000
 
 

@@ -38,6 +38,7 @@ from gateway.core.state import (
 )
 from gateway.sinks.mqtt import messages, payloads, reference
 from gateway.sinks.mqtt.payloads import encode, event_payload, state_payload, status_payload
+from gateway.sinks.mqtt.topic_plan import PLAN
 from gateway.sinks.mqtt.topics import Gateway, Topics
 from tests.mqtt_messages import checked
 
@@ -81,8 +82,8 @@ GOOD = StateVector(
 
 def sent(payload: BaseModel) -> dict[str, Any]:
     """What a subscriber reads; checked against the schema file that the documentation offers."""
-    kind = {messages.StatePayload: "state", messages.EventPayload: "event", messages.StatusPayload: "status"}
-    return checked(kind[type(payload)], encode(payload))
+    (kind,) = (kind.name for kind in PLAN if kind.model is type(payload))
+    return checked(kind, encode(payload))
 
 
 def test_the_health_of_the_picture_is_published_with_fresh_frames_only() -> None:

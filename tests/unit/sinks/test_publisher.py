@@ -14,6 +14,7 @@ from gateway.core.readings import Quality
 from gateway.core.state import Reason
 from gateway.errors import ConfigError
 from gateway.hub import Hub
+from gateway.sinks.contract import BayAlarms, ShownAlarm
 from gateway.sinks.mqtt.publisher import MqttPublisher
 from tests import virtual_time
 from tests.mqtt_messages import checked
@@ -27,12 +28,13 @@ async def test_online_is_published_only_when_every_bay_s_state_is_new() -> None:
     plant.broker.ack_s = 0.1
     async with plant.running():
         await asyncio.sleep(0.45)
-        first = [message.topic for message in plant.broker.received[:4]]
+        first = [message.topic for message in plant.broker.received[:7]]
     assert sorted(first[:3]) == ["r/site/bay1/state", "r/site/bay2/state", "r/site/bay3/state"]
-    assert first[3] == "r/site/gw/status"
-    assert plant.broker.received[3].at_s == pytest.approx(plant.broker.received[0].at_s + 0.1)
-    assert plant.broker.received[3].json["status"] == "online"
-    assert plant.broker.received[3].json["delivery"]["published"] == 3
+    assert sorted(first[3:6]) == ["r/site/bay1/alarms", "r/site/bay2/alarms", "r/site/bay3/alarms"]
+    assert first[6] == "r/site/gw/status"
+    assert plant.broker.received[6].at_s == pytest.approx(plant.broker.received[0].at_s + 0.2)
+    assert plant.broker.received[6].json["status"] == "online"
+    assert plant.broker.received[6].json["delivery"]["published"] == 6
     assert all(message.retain for message in plant.broker.received)
 
 
@@ -44,6 +46,33 @@ async def test_a_state_without_urgent_changes_is_published_once_a_period() -> No
     times = [message.at_s for message in plant.broker.on("/state")]
     assert len(times) == 21
     assert {round(b - a, 6) for a, b in pairwise(times)} == {0.5}
+
+
+def alarm(state: str, *, active: bool) -> ShownAlarm:
+    return ShownAlarm(
+        "bay1.camera_down", "camera_down", "Camera down", "high", state, state == "unacknowledged", active, 0
+    )
+
+
+@in_virtual_time
+async def test_alarms_are_published_when_they_change_and_again_and_none_stays_after_the_end() -> None:
+    plant, known = Plant(), [BayAlarms((alarm("normal", active=False),), (), True)]
+    plant.publisher._alarms = lambda bay, now_ns: known[0]
+    async with plant.running():
+        await asyncio.sleep(1.01)
+        known[0] = BayAlarms((alarm("unacknowledged", active=True),), (), True)
+        await asyncio.sleep(15)
+        known[0] = BayAlarms()  # nothing evaluates them any more
+        await asyncio.sleep(1)
+        assert await plant.publisher.close(1.0) is True
+    found = plant.broker.on("/alarms")
+    seen = [(m.json["evaluated"], m.json["active"], m.json["alarms"] and m.json["alarms"][0]["state"]) for m in found]
+    raised = (True, 1, "unacknowledged")
+    assert seen == [(True, 0, []), raised, raised, (False, None, None), (False, None, None)]
+    assert found[1].at_s - found[0].at_s == pytest.approx(1.5)
+    assert found[2].at_s - found[1].at_s == pytest.approx(10)
+    assert all(message.retain for message in found)
+    assert found[1].json["highest_priority"] == "high"
 
 
 @in_virtual_time
@@ -286,6 +315,7 @@ def final_messages(plant: Plant) -> list[tuple[str, str]]:
     return [
         (h.topic, h.json.get("kind") or h.json.get("cause") or f"stop {h.json['stop']}")
         for h in plant.broker.received[start:]
+        if not h.topic.endswith("/alarms")
     ]
 
 
