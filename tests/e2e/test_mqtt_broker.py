@@ -81,13 +81,12 @@ def test_a_late_subscriber_sees_the_retained_state_and_status(mosquitto: Mosquit
         begun_ms = time.time() * 1000
         plant = Plant(mosquitto.url, "bay1", "bay2")
         async with plant.running():
-            await plant.until(lambda: plant.publisher.stats.published >= 3)
+            await plant.until(lambda: plant.publisher.stats.published >= 5)
             with Subscriber(mosquitto, "loading/#") as late:
-                await asyncio.to_thread(late.wait_until, lambda: len(late.messages) >= 3)
-            first = late.messages[:3]
+                await asyncio.to_thread(late.wait_until, lambda: len(late.messages) >= 5)
+            first = late.messages[:5]
             assert {message.topic for message in first} == {
-                "loading/site1/bay1/state",
-                "loading/site1/bay2/state",
+                *(f"loading/site1/{bay}/{name}" for bay in ("bay1", "bay2") for name in ("state", "alarms")),
                 "loading/site1/gw/status",
             }
             assert all(message.retained and message.qos == 1 for message in first)
@@ -98,6 +97,8 @@ def test_a_late_subscriber_sees_the_retained_state_and_status(mosquitto: Mosquit
                     assert said["reason"]["name"] == "STARTING"
                     assert said["status_topic"] == "loading/site1/gw/status"
                     assert begun_ms - 5 <= said["timestamp_ms"] <= read_ms + 5
+                elif message.topic.endswith("/alarms"):
+                    assert said["evaluated"] is False
                 else:
                     assert said["status"] == "online"
                     assert said["bays"] == ["bay1", "bay2"]

@@ -84,7 +84,8 @@ def test_an_acl_that_denies_events_alone_leaves_the_rest_as_it_is(
     """Mosquitto 2.0.11 ends the connection after such a refusal, later ones don't."""
     monkeypatch.setattr(topic_answers, "CUT_RETRY_S", (4.0, 4.0))
     closed, wide = tmp_path / "closed", tmp_path / "wide"
-    closed.write_text("topic readwrite loading/+/+/state\ntopic readwrite loading/+/+/status\ntopic read loading/#\n")
+    allowed = [f"topic readwrite loading/+/+/{name}\n" for name in ("state", "status", "alarms")]
+    closed.write_text("".join(allowed) + "topic read loading/#\n")
     wide.write_text("topic readwrite loading/#\n")
 
     async def scenario(broker: Mosquitto, subscriber: Subscriber) -> None:
