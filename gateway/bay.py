@@ -31,6 +31,10 @@ CHECK_EVENTS = frozenset({EventKind.FUNCTION_CHECK_BEGUN, EventKind.FUNCTION_CHE
 Recorder = Callable[[fusion.Observation | None, StateVector, Sequence[Event]], None]
 
 
+def _no_watchdog(bay: str) -> None:
+    """Nothing needs to know of the ticks."""
+
+
 class BayControl:
     """Observations in, states out. All methods run on the event loop and return at once."""
 
@@ -43,7 +47,7 @@ class BayControl:
         gateway: GatewayConfig | None = None,  # for recipes and writes; without it there are none
         retained: RetainedState | None = None,  # from before the restart
         record: Recorder | None = None,
-        ticked: Callable[[str], None] = lambda bay: None,  # called with the bay's name after each control tick
+        ticked: Callable[[str], None] = _no_watchdog,  # called with the bay's name after each control tick
     ) -> None:
         self.name = config.name
         self._config = config.fusion

@@ -1,6 +1,7 @@
 """A bay's sensors, each way in which they may answer: the verdict, and what there is to do."""
 
 import math
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -68,9 +69,13 @@ class Absent(Camera):
 
 
 class Hung(Camera):
+    def __init__(self) -> None:
+        super().__init__()
+        self.ended = threading.Event()
+
     def open(self, clock: Clock) -> Source:
-        clock.block(30)
-        return self
+        self.ended.wait(60)
+        raise LinkError("camera 7: too late for anybody")
 
 
 def examined(monkeypatch: pytest.MonkeyPatch, camera: Camera, **keys: Any) -> list[Finding]:
@@ -110,6 +115,8 @@ def test_what_is_wrong_with_a_camera_is_told_with_a_remedy(
     monkeypatch: pytest.MonkeyPatch, camera: Camera, keys: dict[str, Any], verdict: Verdict, result: str, remedy: str
 ) -> None:
     found = examined(monkeypatch, camera, **keys)[0]
+    if isinstance(camera, Hung):
+        camera.ended.set()
     assert found.verdict is verdict
     assert result in found.result
     assert remedy in found.remedy
@@ -201,9 +208,16 @@ def test_a_port_that_cannot_be_opened(monkeypatch: pytest.MonkeyPatch, error: st
 
 
 def test_a_port_that_hangs(monkeypatch: pytest.MonkeyPatch) -> None:
+    ended = threading.Event()
+
+    def connect(_: RangerService) -> Board:
+        ended.wait(60)
+        raise LinkError("too late for anybody")
+
     monkeypatch.setattr(sensors, "HANG_S", 0.1)
-    monkeypatch.setattr(RangerService, "connect", lambda _: SystemClock().block(30))
+    monkeypatch.setattr(RangerService, "connect", connect)
     assert next(sensors.ranger(BayConfig(), SystemClock(), 0.1)).result == "no answer"
+    ended.set()
 
 
 @pytest.mark.parametrize(
