@@ -62,8 +62,6 @@ class GatewayConditions:
     sink_alarms: Mapping[str, str] = field(default_factory=dict)  # by an alarm's id: its detail, as a sink reports it
     plc_reads: bool | None = None  # does one of modbus.plc_addresses send requests? None: none is configured
     modbus_fault: str = ""  # why the Modbus port can't be opened
-    refused: str = ""  # what a sink's other system does not take, and why
-    unsubscribed: str = ""  # what nobody receives any more
     store_fault: str = ""  # of the file that keeps events
     events_lost: int = 0  # counter
     crashes: int = 0  # counter: tasks that failed with an unexpected error

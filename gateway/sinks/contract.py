@@ -138,8 +138,6 @@ class LinkStatus:
     store: StoreStatus | None = None  # None: the sink keeps events in memory only
     fault: str = ""  # why there is no connection, for the detail of an alarm; without a password
     alarms: dict[str, str] = field(default_factory=dict)  # of the gateway that it raises: id -> detail
-    refused: str = ""  # what the other system does not take, and why, as text for display; empty: nothing
-    unsubscribed: str = ""  # what nobody receives any more, as text for display
 
 
 @dataclass(frozen=True, slots=True)

@@ -93,8 +93,8 @@ def test_an_acl_that_denies_events_alone_leaves_the_rest_as_it_is(
         async with plant.running():
             for _ in range(3):
                 plant.happen(EventKind.STOP_RAISED)
-            await plant.until(lambda: plant.publisher.link.refused)
-            told = plant.publisher.link.refused
+            await plant.until(lambda: plant.publisher.link.alarms.get("messages_refused"))
+            told = plant.publisher.link.alarms["messages_refused"]
             await asyncio.sleep(SETTLED_S)
             states = len(subscriber.on("/state"))
             await asyncio.sleep(SETTLED_S)
@@ -107,7 +107,7 @@ def test_an_acl_that_denies_events_alone_leaves_the_rest_as_it_is(
             broker.reload(f"acl_file {wide}")
             await plant.until(lambda: len(counts(subscriber)) == 3, 40)
             assert counts(subscriber) == [1, 2, 3]
-            await plant.until(lambda: not plant.publisher.link.refused)
+            await plant.until(lambda: not plant.publisher.link.alarms.get("messages_refused"))
 
     with Mosquitto(tmp_path, lines=[f"acl_file {closed}"]) as broker, Subscriber(broker, "loading/#") as subscriber:
         asyncio.run(scenario(broker, subscriber))
@@ -121,12 +121,12 @@ def test_an_announcement_that_is_too_large_for_the_broker_is_not_sent(tmp_path: 
         plant = Plant(broker.url, home_assistant=True, state_period_s=0.1)
         async with plant.running():
             plant.happen(EventKind.STOP_RAISED)
-            await plant.until(lambda: plant.publisher.link.refused)
+            await plant.until(lambda: plant.publisher.link.alarms.get("messages_refused"))
             await plant.until(lambda: len(subscriber.on("/state")) >= 10)
             await plant.until(lambda: len(counts(subscriber)) == 1)
             link = plant.publisher.link
-            assert "homeassistant/device/loading_site1_bay1/config" in link.refused
-            assert "the broker accepts 4000" in link.refused
+            assert "homeassistant/device/loading_site1_bay1/config" in link.alarms["messages_refused"]
+            assert "the broker accepts 4000" in link.alarms["messages_refused"]
             assert link.figures["refused"] == 1
         assert plant.link_errors == 0
 

@@ -140,9 +140,7 @@ class MqttPublisher:
             figures,
             store,
             fault=session.fault,
-            alarms=session.alarms,
-            refused=self._answers.refused_text,
-            unsubscribed=self._answers.unsubscribed_text,
+            alarms=session.alarms | self._answers.alarms,
         )
 
     @property

@@ -107,14 +107,14 @@ class TopicAnswers:
         return list(self._not_delivered)
 
     @property
-    def refused_text(self) -> str:
-        """For people: what is refused, and why. Empty: nothing."""
-        return _listed([f"{topic}: {answer.fault}" for topic, answer in self._not_delivered.items() if answer.fault])
-
-    @property
-    def unsubscribed_text(self) -> str:
-        """For people: topics without a subscriber that had one. Empty: none."""
-        return _listed([topic for topic, answer in self._not_delivered.items() if answer.unsubscribed and answer.used])
+    def alarms(self) -> dict[str, str]:
+        """As in LinkStatus: what is refused, and why; and topics without a subscriber that had one."""
+        held = self._not_delivered.items()
+        found = {
+            "messages_refused": _listed([f"{topic}: {answer.fault}" for topic, answer in held if answer.fault]),
+            "events_unsubscribed": _listed([topic for topic, answer in held if answer.unsubscribed and answer.used]),
+        }
+        return {alarm: detail for alarm, detail in found.items() if detail}
 
     def _hold(
         self, topic: str, now_ns: int, retry_s: tuple[float, float], *, fault: str = "", unsubscribed: bool = False

@@ -115,8 +115,6 @@ class StatusCollector:
             sink_alarms=_together([sink.alarms for sink in sinks]),
             plc_reads=self._plc_reads(),
             modbus_fault=self._modbus_fault()[:MAX_ERROR],
-            refused="; ".join(sink.refused for sink in sinks if sink.refused)[:MAX_ERROR],
-            unsubscribed="; ".join(sink.unsubscribed for sink in sinks if sink.unsubscribed)[:MAX_ERROR],
             store_fault=next((sink.store.fault for sink in sinks if sink.store is not None and sink.store.fault), ""),
             events_lost=self.hub.dropped + sum(sink.events_lost for sink in sinks),
             crashes=sum(row.crashes for row in crashed.values()),
@@ -155,4 +153,4 @@ class StatusCollector:
 def _together(alarms: Sequence[Mapping[str, str]]) -> dict[str, str]:
     """The details of each alarm, each once."""
     ids = dict.fromkeys(alarm for one in alarms for alarm in one)
-    return {alarm: "; ".join(dict.fromkeys(one[alarm] for one in alarms if alarm in one)) for alarm in ids}
+    return {alarm: "; ".join(dict.fromkeys(one[alarm] for one in alarms if alarm in one))[:MAX_ERROR] for alarm in ids}

@@ -12,6 +12,7 @@ import pytest
 from gateway.alarms.definition import GatewayConditions, GatewayInputs
 from gateway.alarms.table import ALARM_DEFINITIONS
 from gateway.core.events import EventKind
+from gateway.sinks.contract import LinkStatus
 from gateway.sinks.mqtt.event_delivery import Window
 from gateway.sinks.mqtt.topic_answers import TopicAnswers
 from tests.unit.sinks.mqtt_stand_ins import Plant, in_virtual_time, now_s
@@ -34,6 +35,14 @@ def numbers(plant: Plant, bay: str = "bay1") -> list[int]:
 def figures(plant: Plant, *names: str) -> list[int]:
     found: dict[str, Any] = plant.publisher.link.figures
     return [found[name] for name in names]
+
+
+def refused(link: LinkStatus) -> str:
+    return link.alarms.get("messages_refused", "")
+
+
+def unsubscribed(link: LinkStatus) -> str:
+    return link.alarms.get("events_unsubscribed", "")
 
 
 def happen(plant: Plant, count: int, bay: str = "bay1", kind: EventKind = EventKind.TARGET_FOUND) -> None:
@@ -181,7 +190,7 @@ async def test_without_any_subscriber_the_oldest_expire_no_event_is_lost_and_no_
         happen(plant, 60, kind=EventKind.STOP_RAISED)  # more than there is room for
         link = plant.publisher.link
         assert figures(plant, "events_held", "events_unsubscribed") == [50, 40]
-    assert (link.events_lost, link.unsubscribed, link.refused) == (0, "", "")
+    assert (link.events_lost, unsubscribed(link), refused(link)) == (0, "", "")
     states = plant.broker.on("/state")
     assert len(states) == pytest.approx(15, abs=2)
 
@@ -208,15 +217,15 @@ async def test_a_subscriber_that_is_lost_is_reported_until_it_is_not_expected_an
         await asyncio.sleep(1)
         happen(plant, 1)
         await asyncio.sleep(1)
-        assert plant.publisher.link.unsubscribed == ""
+        assert unsubscribed(plant.publisher.link) == ""
         plant.broker.unsubscribed = {EVENT}
         happen(plant, 1)
         await asyncio.sleep(1)
-        assert plant.publisher.link.unsubscribed == EVENT
+        assert unsubscribed(plant.publisher.link) == EVENT
         happen(plant, 25)  # somebody is expected to miss them
         assert figures(plant, "events_dropped", "events_unsubscribed") == [6, 0]
         await asyncio.sleep(360 + 60)
-        assert plant.publisher.link.unsubscribed == ""
+        assert unsubscribed(plant.publisher.link) == ""
         assert figures(plant, "events_dropped", "events_unsubscribed", "events_held") == [6, 20, 0]
 
 
@@ -263,12 +272,12 @@ async def test_refused_events_wait_and_everything_else_goes_on() -> None:
         assert len(plant.broker.on("bay1/state")) - states == 28
         assert numbers(plant, "bay2") == [3, 4]
         assert numbers(plant) == [1, 1, 1, 1]
-        assert plant.publisher.link.refused == "r/site/bay1/event: Not authorized (0x87)"
+        assert refused(plant.publisher.link) == "r/site/bay1/event: Not authorized (0x87)"
         assert figures(plant, "events_held", "refused", "events_dropped") == [2, 0, 0]
         plant.broker.faults = {}
         await asyncio.sleep(16)
         assert numbers(plant)[-2:] == [1, 2]
-        assert plant.publisher.link.refused == ""
+        assert refused(plant.publisher.link) == ""
     assert plant.link_errors == []
 
 
@@ -283,12 +292,12 @@ async def test_refused_states_and_announcements_are_dropped_and_counted() -> Non
         assert len(plant.broker.on("bay2/state")) == 4  # at once, after 1, 2 and 4 s
         assert len(plant.broker.on(config)) == 1
         assert len(plant.broker.on("/status")) == 3
-        assert "6000 bytes" in plant.publisher.link.refused
-        assert "r/site/bay2/state: Quota (0x97)" in plant.publisher.link.refused
+        assert "6000 bytes" in refused(plant.publisher.link)
+        assert "r/site/bay2/state: Quota (0x97)" in refused(plant.publisher.link)
         assert figures(plant, "refused") == [1 + 21]
         plant.broker.faults = {}
         await asyncio.sleep(10)
-        assert "bay2" not in plant.publisher.link.refused
+        assert "bay2" not in refused(plant.publisher.link)
     assert plant.link_errors == []
 
 
@@ -304,7 +313,7 @@ async def test_a_topic_after_which_the_broker_ends_the_connection_is_found_and_h
         await asyncio.sleep(15)
         breaks = len(plant.link_errors)
         assert breaks == 6  # two, then four with one message at a time
-        assert plant.publisher.link.refused == "r/site/bay2/event: the connection ends after it (connection lost)"
+        assert refused(plant.publisher.link) == "r/site/bay2/event: the connection ends after it (connection lost)"
         happen(plant, 5)
         happen(plant, 5, "bay3")
         begun_s = now_s()
@@ -319,7 +328,7 @@ async def test_a_topic_after_which_the_broker_ends_the_connection_is_found_and_h
         plant.broker.ending = set()
         await asyncio.sleep(600)
         assert numbers(plant, "bay2")[-2:] == [2, 3]
-        assert plant.publisher.link.refused == ""
+        assert refused(plant.publisher.link) == ""
     assert figures(plant, "events_dropped") == [0]
 
 
@@ -335,13 +344,13 @@ async def test_a_broker_that_ends_the_connection_after_a_refusal_does_so_once() 
         await asyncio.sleep(55)
         assert len(plant.link_errors) == 1
         assert numbers(plant, "bay2")[-2:] == [3, 4]
-        assert plant.publisher.link.refused == "r/site/bay1/event: Not authorized (0x87); the connection ends after it"
+        assert refused(plant.publisher.link) == "r/site/bay1/event: Not authorized (0x87); the connection ends after it"
         await asyncio.sleep(200)  # tried again after 1 and 2 minutes
         assert len(plant.link_errors) == 3
         plant.broker.faults = {}
         await asyncio.sleep(250)
         assert numbers(plant)[-2:] == [1, 2]
-        assert plant.publisher.link.refused == ""
+        assert refused(plant.publisher.link) == ""
     assert figures(plant, "events_dropped") == [0]
 
 
@@ -352,7 +361,7 @@ async def test_a_state_after_which_the_broker_ends_the_connection_does_not_stop_
     async with plant.running():
         await asyncio.sleep(15)
         assert len(plant.link_errors) == 6
-        assert plant.publisher.link.refused.startswith("r/site/bay1/state: ")
+        assert refused(plant.publisher.link).startswith("r/site/bay1/state: ")
         begun_s = now_s()
         await asyncio.sleep(20)
         for bay in ("bay2", "bay3"):
@@ -372,7 +381,7 @@ async def test_a_network_that_breaks_now_and_then_holds_nothing() -> None:
             plant.broker.lose()
             await asyncio.sleep(1.5)
         await asyncio.sleep(5)
-        assert plant.publisher.link.refused == ""
+        assert refused(plant.publisher.link) == ""
         assert figures(plant, "outbox_events") == [0]
     assert list(dict.fromkeys(numbers(plant))) == list(range(1, 81))
 
@@ -386,7 +395,7 @@ async def test_a_broker_that_is_silent_is_not_blamed_on_a_topic() -> None:
         happen(plant, 1)
         await asyncio.sleep(200)
         assert len(plant.link_errors) > 10
-        assert plant.publisher.link.refused == ""
+        assert refused(plant.publisher.link) == ""
         plant.broker.hung = False
         await asyncio.sleep(10)
         assert figures(plant, "outbox_events") == [0]
@@ -396,13 +405,13 @@ def test_only_so_many_topics_are_named() -> None:
     answers = TopicAnswers()
     for number in range(5):
         answers.refused(f"t{number}", "no", 0)
-    assert answers.refused_text == "t0: no; t1: no; t2: no, and 2 more"
+    assert answers.alarms["messages_refused"] == "t0: no; t1: no; t2: no, and 2 more"
 
 
 @pytest.mark.parametrize("name", ["messages_refused", "events_unsubscribed"])
 def test_the_alarms_say_what(name: str) -> None:
     alarm = ALARM_DEFINITIONS[name]
-    now = GatewayConditions(refused="t: why", unsubscribed="t2")
+    now = GatewayConditions(sink_alarms={"messages_refused": "t: why", "events_unsubscribed": "t2"})
     detail = {"messages_refused": "t: why", "events_unsubscribed": "t2"}[name]
     assert alarm.condition(GatewayInputs(now, now))  # type: ignore[arg-type]
     assert alarm.detail(GatewayInputs(now, now)) == detail  # type: ignore[arg-type]
