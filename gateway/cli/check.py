@@ -59,9 +59,7 @@ def main(args: argparse.Namespace) -> int:
     app.check(settings, source=str(args.config), text=text)  # a URL that could never work is a fault of the file, too
     sinks = tuple(sink_registry.settings_of(settings))
     if args.full:
-        sections = [("", settings), *((f"{name}.", section) for name, section in sinks)]
-        lines = [f"{key} = {value}" for prefix, section in sections for key, value in reference.flat(section, prefix)]
-        print("\n".join(lines))
+        print("\n".join(f"{key} = {value}" for key, value in sink_registry.shown_settings(settings)))
         return 0
     if not document:
         print(f"{args.config}: sets nothing, so every value is a default (gateway check --keys)")

@@ -16,7 +16,7 @@ def brokers(config: GatewayConfig) -> Iterator[Finding]:
     mqtt = config.mqtt
     if mqtt is None:
         return
-    for url in mqtt.urls or (() if mqtt.url is None else (mqtt.url,)):
+    for url in mqtt.brokers:
         name = without_password(url)
         tried = "log in, publish, read it back"
         try:

@@ -20,7 +20,7 @@ from urllib.parse import unquote, urlsplit
 import psutil
 
 from gateway import __version__
-from gateway.config import GatewayConfig, reference
+from gateway.config import GatewayConfig
 from gateway.doctor.examine import findings
 from gateway.records import service as records
 from gateway.records.names import PICTURES, SEGMENT, parsed
@@ -106,9 +106,7 @@ def _hidden(data: bytes, secrets: list[bytes]) -> bytes:
 
 
 def _texts(config: GatewayConfig, seconds: float) -> Iterator[tuple[str, bytes]]:
-    sections = [("", config), *((f"{name}.", section) for name, section in registry.settings_of(config))]
-    lines = [f"{key} = {value}" for prefix, section in sections for key, value in reference.flat(section, prefix)]
-    yield "settings.txt", "\n".join(lines).encode()
+    yield "settings.txt", "\n".join(f"{key} = {value}" for key, value in registry.shown_settings(config)).encode()
     yield "doctor.jsonl", "\n".join(json.dumps(asdict(finding)) for finding in findings(config, seconds)).encode()
     yield "machine.json", json.dumps(_machine(), indent=1).encode()
     yield "journal.txt", _journal()

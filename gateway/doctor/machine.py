@@ -69,8 +69,13 @@ def folders(config: GatewayConfig) -> Iterator[Finding]:
         yield from _wear(recordings, len(config.bays))
 
 
+def _existing(folder: Path) -> Path:
+    """Itself, or the nearest folder above it that is there."""
+    return next(path for path in (folder, *folder.parents) if path.exists())
+
+
 def _folder(name: str, folder: Path, needed_gb: float, key: str, free_percent: float = 0.0) -> Finding:
-    there = next(path for path in (folder, *folder.parents) if path.exists())
+    there = _existing(folder)
     tried = f"write a file to {there}"
     try:
         with TemporaryFile(dir=there) as file:
@@ -94,7 +99,7 @@ def _folder(name: str, folder: Path, needed_gb: float, key: str, free_percent: f
 
 def _wear(folder: Path, bays: int) -> Iterator[Finding]:
     """Of the SD card or eMMC that holds `folder`; other disks do not say."""
-    there = next(path for path in (folder, *folder.parents) if path.exists())
+    there = _existing(folder)
     number = there.stat().st_dev
     device = Path(f"/sys/dev/block/{os.major(number)}:{os.minor(number)}").resolve()
     for place in (device, device.parent):

@@ -21,7 +21,7 @@ def warnings(config: GatewayConfig) -> list[str]:
             'state_dir = "": a truck in place, a function check and the learned R x Z are forgotten by a restart'
         )
     if config.mqtt is not None and config.mqtt.password_file is not None:
-        plain = [url for url in (config.mqtt.url, *config.mqtt.urls) if url is not None and url.startswith("mqtt://")]
+        plain = [url for url in config.mqtt.brokers if url.startswith("mqtt://")]
         if any(not is_loopback(urlsplit(url).hostname or "") for url in plain):
             found.append('mqtt.url: the password travels unencrypted; use "mqtts://..."')
     return found

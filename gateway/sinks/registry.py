@@ -12,7 +12,7 @@ from functools import partial
 from pydantic import ValidationError
 
 from gateway.clock import Clock
-from gateway.config import GatewayConfig
+from gateway.config import GatewayConfig, reference
 from gateway.config.strict.errors import explain
 from gateway.config.strict.section import Section
 from gateway.errors import ConfigError
@@ -63,6 +63,13 @@ def settings_of(config: GatewayConfig) -> Iterator[tuple[str, Section]]:
     """What the tables `[sinks.<name>]` set, by the name of the table. Raises SettingError."""
     for name in config.sinks:
         yield f"sinks.{name}", _settings(config, name)[1]
+
+
+def shown_settings(config: GatewayConfig) -> Iterator[tuple[str, str]]:
+    """Every key with its value, those of the sinks included, as `reference.flat` shows them. Raises SettingError."""
+    yield from reference.flat(config)
+    for name, section in settings_of(config):
+        yield from reference.flat(section, f"{name}.")
 
 
 def _configured(config: GatewayConfig) -> Iterator[tuple[SinkType, object]]:

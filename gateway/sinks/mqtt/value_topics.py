@@ -74,7 +74,5 @@ def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, st
             continue
         if isinstance(value, Mapping):
             yield from _flat(value, f"{path}/")
-        elif not isinstance(value, list | tuple):
-            yield path, json.dumps(value, ensure_ascii=False)
         else:
-            yield path, json.dumps(list(value), ensure_ascii=False)
+            yield path, json.dumps(value, ensure_ascii=False)
