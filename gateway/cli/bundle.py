@@ -12,6 +12,8 @@ import argparse
 from datetime import datetime
 from pathlib import Path
 
+from gateway.cli.doctor import add_seconds, seconds_of
+
 NAME = "bundle"
 HELP = "collect what support needs into one zip file, without passwords"
 
@@ -20,9 +22,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("config", type=Path, metavar="CONFIG.toml")
     parser.add_argument("--out", type=Path, metavar="FILE.zip", help="default: loading-gateway-DATE.zip, here")
     parser.add_argument("--pictures", action="store_true", help="with the pictures kept round the newest incidents")
-    parser.add_argument(
-        "--seconds", type=float, default=5.0, metavar="S", help="how long each sensor is measured (default 5)"
-    )
+    add_seconds(parser)
 
 
 def main(args: argparse.Namespace) -> int:
@@ -30,11 +30,10 @@ def main(args: argparse.Namespace) -> int:
     from gateway.doctor import bundle
     from gateway.errors import ConfigError
 
-    if not 0.5 <= args.seconds <= 600:
-        raise ConfigError(f"--seconds {args.seconds:g}: must be from 0.5 to 600")
+    seconds = seconds_of(args)
     out = args.out or Path(f"loading-gateway-{datetime.now():%Y%m%dT%H%M%S}.zip")
     try:
-        for line in bundle.write(config.load(args.config), out, args.seconds, pictures=args.pictures):
+        for line in bundle.write(config.load(args.config), out, seconds, pictures=args.pictures):
             print(line, flush=True)
     except OSError as error:
         raise ConfigError(f"{out}: cannot be written: {error.strerror}") from error

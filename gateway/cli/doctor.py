@@ -16,16 +16,30 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
+from gateway.errors import ConfigError
+
 NAME = "doctor"
 HELP = "examine cameras, rangers, ports, certificates, clock and disk"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("config", type=Path, metavar="CONFIG.toml")
+    add_seconds(parser)
+    parser.add_argument("--json", action="store_true", help="one JSON object a line, for programs")
+
+
+def add_seconds(parser: argparse.ArgumentParser) -> None:
+    """The option of every verb that examines."""
     parser.add_argument(
         "--seconds", type=float, default=5.0, metavar="S", help="how long each sensor is measured (default 5)"
     )
-    parser.add_argument("--json", action="store_true", help="one JSON object a line, for programs")
+
+
+def seconds_of(args: argparse.Namespace) -> float:
+    """Raises ConfigError."""
+    if not 0.5 <= args.seconds <= 600:
+        raise ConfigError(f"--seconds {args.seconds:g}: must be from 0.5 to 600")
+    return float(args.seconds)
 
 
 def main(args: argparse.Namespace) -> int:
@@ -33,15 +47,13 @@ def main(args: argparse.Namespace) -> int:
     from gateway.config.strict.toml_file import read_toml
     from gateway.doctor.examine import findings
     from gateway.doctor.finding import Verdict
-    from gateway.errors import ConfigError
 
-    if not 0.5 <= args.seconds <= 600:
-        raise ConfigError(f"--seconds {args.seconds:g}: must be from 0.5 to 600")
+    seconds = seconds_of(args)
     settings = config.load(args.config)
     _, text = read_toml(args.config)
     app.check(settings, source=str(args.config), text=text)
     counts = dict.fromkeys(Verdict, 0)
-    for finding in findings(settings, args.seconds):
+    for finding in findings(settings, seconds):
         counts[finding.verdict] += 1
         print(json.dumps(asdict(finding)) if args.json else finding.line, flush=True)
     if not args.json:
