@@ -8,7 +8,6 @@ event     each event, as it happens
 summary   once, at the end: per bay, counters and how often stop was raised
 """
 
-import asyncio
 import json
 from collections import Counter
 from functools import partial
@@ -81,12 +80,10 @@ class JsonLines:
         self._clock = clock
         self._newest: dict[str, StateVector] = {}
         self._events: Counter[tuple[str, EventKind]] = Counter()
-        self._begun = asyncio.Event()  # the first line is `started`
 
     def started(self, **facts: Any) -> None:
         bays = [{"name": b.name, "unit_id": b.unit_id, "seed": b.scenario.seed} for b in self._bays.values()]
         emit(self._out, type="started", **facts, bays=bays)
-        self._begun.set()
 
     def tasks(self, hub: Hub) -> list[Task]:
         # Subscribed here, not in the task: the start events are published before any task runs.
@@ -115,7 +112,6 @@ class JsonLines:
 
     async def _states(self, hub: Hub, bay: Bay) -> None:
         seq, shown_ns, shown_key = -1, 0, None
-        await self._begun.wait()
         while True:
             seq = await hub.newer(bay.name, seq)
             state = hub.shown(bay.name, self._clock.now_ns())
@@ -176,7 +172,6 @@ class JsonLines:
         }
 
     async def _print_events(self, queue: EventQueue) -> None:
-        await self._begun.wait()
         while True:
             event = await queue.get()
             self._events[event.bay, event.kind] += 1

@@ -9,6 +9,7 @@ import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import AsyncExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -225,6 +226,7 @@ class _Simulation:
         self._trials = [sim_trials.Recorder(bay) for bay in bays] if args.trials else []
         self._lead_s = max(0.0, (bays[0].origin_ns - clock.now_ns()) / NS_PER_S)  # the show is what `--duration` counts
         self._stop = asyncio.Event()
+        self._begun = asyncio.Event()  # a PLC could poll; the first line printed says where
         self._out = LossyOutput(sys.stdout, on_lost=self._reader_lost)
         self._json = sim_json.JsonLines(bays, clock, self._out) if args.json else None
 
@@ -285,14 +287,23 @@ class _Simulation:
                 Task("trials", lambda: sim_trials.record(self._trials, hub, self._clock, self._stop, progress))
             )
         if self._json:
-            tasks += self._json.tasks(hub)
+            tasks += map(self._after_start, self._json.tasks(hub))
         elif not self._trials:
             console = view.console(self._out, live=self._live)
             screen = view.TerminalView(self._settings, hub, self._clock, console, lambda: self._header)
-            tasks.append(Task("view", screen.run))
+            watching = Task("view", screen.run)
+            tasks.append(watching if self._live else self._after_start(watching))
         return tasks
 
+    def _after_start(self, task: Task) -> Task:
+        async def run() -> None:
+            await self._begun.wait()
+            await task.factory()
+
+        return replace(task, factory=run)
+
     def _started(self, now: app.Running) -> None:
+        self._begun.set()
         broker = ", ".join(map(without_password, self._settings.mqtt.brokers)) if self._settings.mqtt else None
         if self._json:
             self._json.started(

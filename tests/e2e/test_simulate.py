@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 from contextlib import ExitStack
 from itertools import groupby
@@ -372,3 +373,11 @@ def test_simulations_that_start_at_the_same_moment_do_not_meet() -> None:
         assert len({row["hmi"] for row in rows} - {None}) == 3
         assert [gateway.end() for gateway in gateways] == [0, 0, 0]
         assert [gateway.stderr for gateway in gateways] == ["", "", ""]
+
+
+def test_what_is_printed_for_people_begins_with_the_addresses() -> None:
+    done = command("simulate", "--duration", "1", "--modbus-port", "0", "--hmi-port", "0")
+    first, second, third = done.out.splitlines()[:3]
+    assert re.fullmatch(r"the pages: http://\S+:\d+/", first)
+    assert second.startswith("simulated bay: approach, seed ")
+    assert re.match(r"Modbus TCP on \S+:\d+, unit id 1; ", third)
