@@ -10,7 +10,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 ROOM = Path("gateway/vision/compiled")
 
 
-class KernelHook(BuildHookInterface):  # type: ignore[misc, type-arg, unused-ignore]  # hatchling is not in the dev group
+class KernelHook(BuildHookInterface):  # type: ignore[misc, type-arg, unused-ignore]
     PLUGIN_NAME = "custom"
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:

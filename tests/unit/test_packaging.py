@@ -49,8 +49,11 @@ def test_the_unit_waits_for_no_network_and_has_its_devices() -> None:
 
 
 def test_its_user_is_the_one_that_is_made() -> None:
-    (made,) = [line.split() for line in (PACKAGING / "sysusers/loading-gateway.conf").read_text().splitlines()[1:]]
+    lines = (PACKAGING / "sysusers/loading-gateway.conf").read_text().splitlines()[1:]
+    made, *groups = [line.split() for line in lines]
     assert [made[1]] == unit("User") == unit("Group") == unit("StateDirectory")
+    wanted = [["m", made[1], group] for group in unit("SupplementaryGroups")[0].split()]
+    assert groups == wanted, "also what the user starts by hand has its devices"
 
 
 def links(device: dict[str, str]) -> tuple[set[str], dict[str, str]]:

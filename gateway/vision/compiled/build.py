@@ -20,7 +20,8 @@ UNITS = tuple(source for source in SOURCES if source.suffix == ".c")
 LIBRARY = HERE / "_kernels.so"
 # A sum has one order, and a product is rounded before it is added to: the same bits from every compiler and processor.
 EXACT = ("-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math")
-FLAGS = ("-O3", "-std=c11", *EXACT, "-shared", "-fPIC", "-Wall", "-Wextra", "-Werror", f"-I{HERE}")
+# No -Werror: what a later compiler warns of must not cost anybody the kernels. The tests have it.
+FLAGS = ("-O3", "-std=c11", *EXACT, "-shared", "-fPIC", "-Wall", "-Wextra", f"-I{HERE}")
 TIMEOUT_S = 300.0
 
 
