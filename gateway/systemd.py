@@ -1,4 +1,4 @@
-"""What systemd gives a service: a folder for its state, and a socket on which it reports its own. IO.
+"""What systemd gives a service: folders for its state, and a socket on which it reports its own. IO.
 
 sd_notify(3), systemd.exec(5). Started otherwise, a gateway has neither, and nothing here has any effect.
 """
@@ -13,8 +13,10 @@ from typing import Self
 from gateway.clock import machine_ns
 
 FEEDS = 4  # of the watchdog within its time: three may be lost
+VARIABLES = ("NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID")
 STATUS_NS = 2_000_000_000  # between two looks at the status where there is no watchdog
 US_NS = 1000
+START_NS = 60_000_000_000  # for a start in its own place, until the outputs are served
 
 
 def state_directory() -> Path | None:
@@ -23,27 +25,42 @@ def state_directory() -> Path | None:
     return Path(first) if first else None
 
 
+def runtime_directory() -> Path | None:
+    """`RuntimeDirectory=` of the unit, in memory, of several the first; None: there is none."""
+    first = os.environ.get("RUNTIME_DIRECTORY", "").split(":")[0]
+    return Path(first) if first else None
+
+
+def notify_address() -> str:
+    """Of the service manager's datagram socket; empty: there is no manager."""
+    return os.environ.get("NOTIFY_SOCKET", "")
+
+
 class Notifier:
     """Sends this process's state to the service manager. Never waits, never raises.
 
     `address`: of the manager's datagram socket, a path or, with a leading `@`, an abstract name; empty: there is no
     manager. `watchdog_ns`: within it the manager must be told WATCHDOG=1 again; None: it does not ask for that.
-    `lost`: messages that the manager did not take.
+    `lost`: messages that the manager did not take. `given`: the variables that were removed, for a start in its own
+    place.
     """
 
     def __init__(self, address: str = "", watchdog_ns: int | None = None) -> None:
         self.watchdog_ns = watchdog_ns if address else None
         self.lost = 0
+        self.given: dict[str, str] = {}
         self._address = f"\0{address[1:]}" if address.startswith("@") else address
         self._socket: socket.socket | None = None
 
     @classmethod
     def of_environment(cls) -> Self:
         """As systemd says. Children must not speak for the gateway: the variables are removed."""
-        address = os.environ.pop("NOTIFY_SOCKET", "")
-        time_us, pid = os.environ.pop("WATCHDOG_USEC", ""), os.environ.pop("WATCHDOG_PID", "")
+        given = {name: os.environ.pop(name) for name in VARIABLES if name in os.environ}
+        time_us, pid = given.get("WATCHDOG_USEC", ""), given.get("WATCHDOG_PID", "")
         meant = time_us.isascii() and time_us.isdigit() and pid in ("", str(os.getpid()))
-        return cls(address, int(time_us) * US_NS if meant else None)
+        made = cls(given.get("NOTIFY_SOCKET", ""), int(time_us) * US_NS if meant else None)
+        made.given = given
+        return made
 
     def __enter__(self) -> Self:
         if self._address:
@@ -82,6 +99,7 @@ class ServiceState:
     _waiting_for: set[str] = field(default_factory=set)
     _due_ns: int = 0
     _told: str = ""
+    _ready: bool = False
 
     def __post_init__(self) -> None:
         self._waiting_for = set(self.bays)
@@ -98,10 +116,34 @@ class ServiceState:
 
     def ready(self) -> None:
         """The outputs are served."""
-        self.notifier.send(READY="1", **self._changed_status())
+        self._ready = True
+        time_ns = self.notifier.watchdog_ns
+        watchdog = {} if time_ns is None else {"WATCHDOG_USEC": str(time_ns // US_NS)}  # after a start in its own place
+        self.notifier.send(READY="1", **watchdog, **self._changed_status())
 
-    def stopping(self) -> None:
-        self.notifier.send(STOPPING="1", STATUS="ends: stop is on in every register")
+    def reloading(self) -> None:
+        """The configuration is read again."""
+        if self._ready:
+            self.notifier.send(RELOADING="1")
+
+    def reloaded(self) -> None:
+        """A gateway that was not ready before is not ready by this."""
+        if self._ready:
+            self.notifier.send(READY="1", **self._changed_status())
+
+    def stopping(self, *, again: bool = False) -> None:
+        """`again`: the same process starts again at once. To the manager that is a reload, with more time before the
+        watchdog."""
+        if not again:
+            self.notifier.send(STOPPING="1", STATUS="ends: stop is on in every register")
+            return
+        watchdog = {} if self.notifier.watchdog_ns is None else {"WATCHDOG_USEC": str(START_NS // US_NS)}
+        self.notifier.send(
+            RELOADING="1",
+            MONOTONIC_USEC=str(self.now_ns() // US_NS),
+            **watchdog,
+            STATUS="starts again: stop is on in every register",
+        )
 
     def _changed_status(self) -> dict[str, str]:
         status = self.status()

@@ -34,10 +34,19 @@ class Repeated(Generic[Line]):
     times: int
 
 
+@dataclass(frozen=True, slots=True)
+class LogCounts:
+    """Lines since the start that were not written."""
+
+    folded: int = 0  # counted instead, as repetitions
+    lost: int = 0  # not read in time by whoever reads the log
+
+
 class Folding(Generic[Line]):
-    """`Line`: what is kept of the newest line of a kind."""
+    """`Line`: what is kept of the newest line of a kind. `folded`: lines that were counted instead of written."""
 
     def __init__(self) -> None:
+        self.folded = 0
         self._kinds = KeyedBuckets(OF_A_KIND, KINDS)
         self._all = KeyedBuckets(OF_ALL, 1)
         self._repeated: OrderedDict[str, Repeated[Line]] = OrderedDict()
@@ -48,6 +57,7 @@ class Folding(Generic[Line]):
         """May this line be written now? If not, it is counted."""
         if kind not in self._repeated and self._token(kind, now_ns):
             return True
+        self.folded += 1
         if (repeated := self._repeated.get(kind)) is None:
             if len(self._repeated) >= KINDS:
                 _, oldest = self._repeated.popitem(last=False)

@@ -44,7 +44,12 @@ class JournalFormatter(logging.Formatter):
         return "\n".join(prefix + line for line in self._inner.format(record).splitlines() or [""])
 
 
+def message_formatter(form: str, *, journal: bool) -> logging.Formatter:
+    """`form`: text or json. `journal`: the journal of systemd adds time and priority."""
+    return JsonFormatter() if form == "json" else logging.Formatter(JOURNAL if journal else PLAIN)
+
+
 def formatter(form: str, *, journal: bool) -> logging.Formatter:
-    """`form`: text or json. `journal`: the line goes to the journal of systemd."""
-    inner = JsonFormatter() if form == "json" else logging.Formatter(JOURNAL if journal else PLAIN)
+    """Of lines on a stream. `journal`: which the journal of systemd reads."""
+    inner = message_formatter(form, journal=journal)
     return JournalFormatter(inner) if journal else inner

@@ -57,6 +57,11 @@ def listening(section: str, host: str, port: int, backlog: int = 128) -> Iterato
             sock.close()
 
 
+def from_here(host: str) -> str:
+    """Where a program of this machine connects to what listens on `host`."""
+    return {"0.0.0.0": "127.0.0.1", "::": "::1", "": "localhost"}.get(host, host)
+
+
 def bind_error(section: str, host: str, port: int, error: Exception) -> GatewayError:
     """The error to report when listening fails with `error`."""
     kind: type[GatewayError] = LinkError

@@ -112,8 +112,9 @@ def warnings(files: TlsFiles | None, wall_ns: int) -> list[str]:
     now = datetime.fromtimestamp(wall_ns // NS_PER_S, UTC)
     for key, path in files.named():
         try:
-            if key == f"{files.keys}key" and Path(path).stat().st_mode & 0o077:
-                found.append(f"{key}: {path} can be read by others; chmod 600")
+            if key == f"{files.keys}key" and Path(path).stat().st_mode & 0o007:
+                # Its group may: root's key is the service's by its group (docs/operations.md).
+                found.append(f"{key}: {path} can be read by others; chmod o-rwx")
             if not key.endswith(("cert", "ca")):
                 continue
             for end in ends(path):

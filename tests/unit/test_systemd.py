@@ -148,9 +148,27 @@ class TestWatchdog:
             "WATCHDOG=1",
             "WATCHDOG=1\nSTATUS=may move",
             "WATCHDOG=1",
-            "READY=1",
-            "READY=1\nSTATUS=ends",
+            "READY=1\nWATCHDOG_USEC=4000000",
+            "READY=1\nWATCHDOG_USEC=4000000\nSTATUS=ends",
         ]
+
+    def test_a_reload_is_told_and_makes_no_gateway_ready_that_was_not(self, manager: socket.socket) -> None:
+        with Notifier(manager.getsockname()) as notifier:
+            state = ServiceState(notifier, ["bay1"], lambda: "bay1: stop", lambda: 7 * S)
+            state.reloading()
+            state.reloaded()
+            assert told(manager) == []
+            state.ready()
+            state.reloading()
+            state.reloaded()
+        assert told(manager)[1:] == ["RELOADING=1", "READY=1"]
+
+    def test_a_start_in_its_own_place_is_a_reload_that_may_take_a_minute(self, manager: socket.socket) -> None:
+        with Notifier(manager.getsockname(), 10 * S) as notifier:
+            ServiceState(notifier, ["bay1"], now_ns=lambda: 7 * S).stopping(again=True)
+        (message,) = told(manager)
+        assert message.splitlines()[:3] == ["RELOADING=1", "MONOTONIC_USEC=7000000", "WATCHDOG_USEC=60000000"]
+        assert "STOPPING" not in message, "systemd would end the process that starts"
 
     def test_the_control_task_feeds_it_with_each_tick_and_with_nothing_else(self) -> None:
         ticked: list[str] = []

@@ -17,7 +17,7 @@ from gateway.core.detection import Circle
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.errors import LinkError
 from gateway.hub import Hub
-from gateway.logs.folding import Folding, kind_of
+from gateway.logs.folding import Folding, LogCounts, kind_of
 from gateway.logs.lines import formatter
 from gateway.logs.setup import FoldingHandler
 from gateway.supervisor import Supervisor, Task
@@ -90,6 +90,26 @@ class TestHandler:
         assert counted == 5000
         assert len(lines) < 120
         assert len(self.lines(texts, folded=False)) == 5000
+
+    def test_at_debug_every_line_is_written_and_the_level_can_change(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(logging, "root", logging.RootLogger(logging.INFO))
+        out = io.StringIO()
+        handler = FoldingHandler(out, Folding(), lambda: 0)
+
+        def log_fifty() -> list[str]:
+            out.truncate(out.seek(0))
+            for n in range(50):
+                handler.handle(logging.LogRecord("gateway.x", logging.INFO, "x.py", 1, f"line {n}", (), None))
+            return out.getvalue().splitlines()
+
+        assert len(log_fifty()) == 20
+        out.truncate(out.seek(0))
+        handler.set_level("debug")
+        assert (out.getvalue(), logging.getLogger().level) == ("line 49 (repeated 30 times)\n", logging.DEBUG)
+        assert len(log_fifty()) == 50
+        handler.set_level("warning")
+        assert (len(log_fifty()), logging.getLogger().level) == (20, logging.WARNING)
+        assert handler.counts() == LogCounts(folded=60, lost=0)
 
     def test_arguments_that_do_not_fit_do_not_end_what_is_logged(self, capsys: pytest.CaptureFixture[str]) -> None:
         handler = FoldingHandler(io.StringIO(), Folding(), lambda: 0)
