@@ -1,0 +1,1 @@
+"""A gateway's configuration, keys and state in one file, and back onto a machine."""

@@ -1,0 +1,54 @@
+"""What more than one part of the gateway does with files, beyond what pathlib does. IO."""
+
+import errno
+import os
+import stat
+from pathlib import Path
+
+
+def sync_folder(folder: Path) -> None:
+    """A new name in it survives a power cut."""
+    fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(fd)
+    finally:
+        os.close(fd)
+
+
+def device_at(address: str, devices: Path = Path("/dev")) -> Path | str:
+    """What the address of a camera or a ranger names, the same for each way to write it: a device's or a file's own
+    path behind number and links; else the address without name and password. `devices`: the kernel's folder."""
+    text = address.strip()
+    if text.isdecimal():
+        return (devices / f"video{text}").resolve()
+    if text.startswith("/"):
+        return Path(text).resolve()
+    scheme, separator, rest = text.partition("://")
+    if not separator:
+        return text
+    host, slash, path = rest.partition("/")
+    return f"{scheme.lower()}{separator}{host.rpartition('@')[2].lower()}{slash}{path}"
+
+
+def plain_bytes(path: Path, most: int = -1) -> bytes:
+    """The first `most` bytes of a file in a folder that another user can write, the whole by default: never waits for a
+    pipe, never follows a link, for root may read. Raises OSError."""
+    with os.fdopen(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as file:
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            raise OSError(errno.EINVAL, "not a regular file", str(path))
+        return file.read(most)
+
+
+def write_file(path: Path, data: bytes) -> None:
+    """On disk when it returns: the old file or the new one, never a part, whenever the power fails. Its folder is made
+    where it is missing. Raises OSError."""
+    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    fresh = path.with_name(f"{path.name}.new")
+    fresh.unlink(missing_ok=True)
+    fd = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
+    with os.fdopen(fd, "wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(fd)
+    fresh.replace(path)
+    sync_folder(path.parent)
