@@ -6,7 +6,7 @@ gateway starts. Nothing else: no value of before the restart is ever shown as on
 
 Files are read before anything starts. After that no task waits for the disk: states are noted, and a task hands changes
 to a thread. A file that is damaged or can't be read counts as one with an active function check. A missing file means
-a first start.
+a first start, which begins with a function check where `initial_function_check` is on: nobody has tried the bay yet.
 """
 
 import asyncio
@@ -16,7 +16,7 @@ import os
 import stat
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NoReturn
 
@@ -27,6 +27,7 @@ from gateway.config import BayConfig, GatewayConfig
 from gateway.core.retained import RetainedState
 from gateway.core.state import FunctionCheck, Reason, StateVector
 from gateway.errors import LinkError
+from gateway.files import write_file
 
 log = logging.getLogger(__name__)
 
@@ -75,22 +76,19 @@ def read_file(path: Path) -> bytes | None:
     return data
 
 
-def write_file(path: Path, data: bytes) -> None:
-    """On disk when it returns: the old file or the new one, never a part, whenever the power fails. Raises OSError."""
-    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-    fresh = path.with_name(f"{path.name}.new")
-    fresh.unlink(missing_ok=True)
-    fd = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
-    with os.fdopen(fd, "wb") as file:
-        file.write(data)
-        file.flush()
-        os.fsync(fd)
-    fresh.replace(path)
-    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+def begin_with_function_check(config: GatewayConfig, bay: BayConfig) -> bool:
+    """The bay's next start begins with a function check, may_move off: for a bay that does not run yet, which nobody
+    has tried. What else its file keeps stays. False: nothing is kept (`state_dir`). Raises OSError."""
+    path = path_of(config, bay.name)
+    if path is None:
+        return False
+    data = read_file(path)
     try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
+        kept = RetainedState() if data is None else decoded(data, bay)
+    except ValueError:
+        return True  # a damaged file counts as one with a function check
+    write_file(path, encoded(replace(kept, function_check=FunctionCheck.MAY_MOVE_OFF), bay, 0))
+    return True
 
 
 def _run_in_thread(work: Callable[[], None]) -> None:
@@ -115,16 +113,18 @@ class BayFiles:
     write: Callable[[Path, bytes], None] = write_file
     start: Callable[[Callable[[], None]], None] = _run_in_thread
     fault: str = ""
+    first: RetainedState = field(default_factory=RetainedState)  # what a bay begins with of which nothing is kept
     _bays: dict[str, _Bay] = field(default_factory=dict)
     _changed: asyncio.Event = field(default_factory=asyncio.Event)
 
     @staticmethod
     def read(config: GatewayConfig, clock: Clock) -> "BayFiles":
         """Of all bays; may wait for the disk. Faults of a file are logged and listed in `damaged`."""
-        files = BayFiles(clock)
+        check = FunctionCheck.MAY_MOVE_OFF if config.initial_function_check else FunctionCheck.OFF
+        files = BayFiles(clock, first=RetainedState(check))
         for bay in config.bays:
             if (path := path_of(config, bay.name)) is not None:
-                files._bays[bay.name] = _read(bay, path)
+                files._bays[bay.name] = _read(bay, path, files.first)
         return files
 
     @property
@@ -132,9 +132,9 @@ class BayFiles:
         """Bays whose file could not be read, and why, until a function check was begun or ended there."""
         return {name: bay.damaged for name, bay in self._bays.items() if bay.damaged}
 
-    def retained(self, bay: str) -> RetainedState | None:
-        """What a bay starts with; None: nothing is kept of it."""
-        return self._bays[bay].wanted if bay in self._bays else None
+    def retained(self, bay: str) -> RetainedState:
+        """What a bay starts with."""
+        return self._bays[bay].wanted if bay in self._bays else self.first
 
     def note(self, state: StateVector) -> None:
         """Called with every state that is published. Never waits."""
@@ -203,10 +203,14 @@ class BayFiles:
         return await done
 
 
-def _read(bay: BayConfig, path: Path) -> _Bay:
+def _read(bay: BayConfig, path: Path, first: RetainedState) -> _Bay:
     try:
         data = read_file(path)
-        return _Bay(bay, path, RetainedState() if data is None else decoded(data, bay))
+        if data is None and first.function_check is not FunctionCheck.OFF:
+            log.warning(
+                "%s: there is no %s: the bay starts with a function check (initial_function_check)", bay.name, path
+            )
+        return _Bay(bay, path, first if data is None else decoded(data, bay))
     except OSError as error:
         why = error.strerror or str(error)
     except ValueError as error:

@@ -54,12 +54,14 @@ class _Truck(BaseModel):
 
 
 class _BayFile(BaseModel):
-    """The content of the file. `picture_px`: camera.width_px and height_px, visits and place hold for these only."""
+    """The content of the file. `picture_px`: camera.width_px and height_px, visits and place hold for these only.
+    `framing`: rotation and crop, the place holds for these only; empty: neither."""
 
     model_config = STRICT
     version: Annotated[int, Field(ge=VERSION, le=WITH_TRUCK)]
     function_check: Literal["OFF", "MAY_MOVE_OFF", "MAY_MOVE_KEPT"]
     picture_px: tuple[Pixels, Pixels]
+    framing: Annotated[tuple[Annotated[int, Field(ge=0)], ...], Field(max_length=5)] = ()
     visits: Annotated[tuple[_Visit, ...], Field(max_length=MAX_VISITS)]
     truck: _Truck | None = None
 
@@ -84,7 +86,9 @@ def decoded(data: bytes, bay: BayConfig) -> RetainedState:
     return RetainedState(
         FunctionCheck[kept.function_check],
         tuple(ScaleSample(v.recipe, v.radius_px, v.distance_mm, unix_s=v.unix_s) for v in visits),
-        None if kept.truck is None else _retained_truck(kept.truck, same_pixels=same_pixels),
+        None
+        if kept.truck is None
+        else _retained_truck(kept.truck, same_pixels=same_pixels and kept.framing == _framing(bay)),
     )
 
 
@@ -92,6 +96,13 @@ def _retained_truck(truck: _Truck, *, same_pixels: bool) -> RetainedTruck:
     at = truck.place if same_pixels else None
     place = None if at is None else TruckPosition(at.distance_mm, Circle(at.u_px, at.v_px, at.radius_px))
     return RetainedTruck(place, Moved[truck.moved], truck.moved_covered)
+
+
+def _framing(bay: BayConfig) -> tuple[int, ...]:
+    crop, rotation_deg = bay.camera.crop, bay.camera.rotation_deg
+    if crop is None:
+        return (rotation_deg,) if rotation_deg else ()
+    return rotation_deg, crop.x_px, crop.y_px, crop.width_px, crop.height_px
 
 
 def _kept_truck(truck: RetainedTruck) -> _Truck:
@@ -109,10 +120,12 @@ def encoded(retained: RetainedState, bay: BayConfig, offset_ns: int) -> bytes:
         version=VERSION if truck is None else WITH_TRUCK,
         function_check=retained.function_check.name,
         picture_px=(bay.camera.width_px, bay.camera.height_px),
+        framing=() if truck is None else _framing(bay),
         visits=tuple(
             _Visit(unix_s=s.date_s(offset_ns), recipe=s.recipe, radius_px=s.radius_px, distance_mm=s.distance_mm)
             for s in retained.scale_samples
         ),
         truck=None if truck is None else _kept_truck(truck),
     )
-    return kept.model_dump_json(indent=1, exclude=set() if truck else {"truck"}).encode() + b"\n"
+    absent = {key for key in ("truck", "framing") if not getattr(kept, key)}  # an older version knows neither
+    return kept.model_dump_json(indent=1, exclude=absent).encode() + b"\n"

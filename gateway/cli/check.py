@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from gateway.config import HmiConfig
+    from gateway.config import GatewayConfig, HmiConfig
 
 NAME = "check"
 HELP = "check a configuration file"
@@ -37,15 +37,23 @@ def _access(hmi: "HmiConfig") -> str:
     return f"{everybody[hmi.without_login]}; {f'users: {names}' if names else 'no users'}"
 
 
-def main(args: argparse.Namespace) -> int:
-    from gateway import app, config
+def warnings(settings: "GatewayConfig") -> list[str]:
+    """What is legal in the settings, and no good idea; one line each. Reads the pages' certificate."""
     from gateway.clock import SystemClock
+    from gateway.doctor import settings as doctor_settings
+    from gateway.net import tls
+
+    hmi = settings.hmi
+    pages = (*hmi.warnings(), *tls.warnings(tls.TlsFiles.of_pages(hmi), SystemClock().wall_ns())) if hmi.enabled else ()
+    return [*settings.modbus.warnings(), *doctor_settings.warnings(settings), *pages]
+
+
+def main(args: argparse.Namespace) -> int:
+    from gateway import config, config_check
     from gateway.config import reference
     from gateway.config.strict.errors import without_password
     from gateway.config.strict.toml_file import read_toml
-    from gateway.doctor import settings as doctor_settings
     from gateway.errors import ConfigError
-    from gateway.net import tls
     from gateway.sinks import registry as sink_registry
     from gateway.vision.detect import registry
 
@@ -56,7 +64,9 @@ def main(args: argparse.Namespace) -> int:
         raise ConfigError("gateway check: name a configuration file, or use --keys")
     settings = config.load(args.config)
     document, text = read_toml(args.config)
-    app.check(settings, source=str(args.config), text=text)  # a URL that could never work is a fault of the file, too
+    # A URL that could never work is a fault of the file, too.
+    config_check.check(settings, source=str(args.config), text=text)
+    config_check.check_languages(settings, source=str(args.config), text=text)
     sinks = tuple(sink_registry.settings_of(settings))
     if args.full:
         print("\n".join(f"{key} = {value}" for key, value in sink_registry.shown_settings(settings)))
@@ -72,7 +82,7 @@ def main(args: argparse.Namespace) -> int:
         roles = ", ".join(modbus.tls.write_roles) if modbus.tls else ""
         who = f"over TLS only, by role {roles}" if modbus.tls else f"by {', '.join(modbus.plc_addresses)}"
         print(f"  writes to the handshake block: {who}")
-    for line in (*modbus.warnings(), *doctor_settings.warnings(settings)):
+    for line in warnings(settings):
         print(f"  warning: {line}")
     others = "".join(f", {name}" for name, _ in sinks)
     brokers = ", then ".join(map(without_password, settings.mqtt.brokers)) if settings.mqtt else "not used"
@@ -80,8 +90,6 @@ def main(args: argparse.Namespace) -> int:
     if settings.hmi.enabled:
         hmi = settings.hmi
         print(f"  pages on {hmi.host}:{hmi.port}, {'with' if hmi.tls else 'without'} TLS, {_access(hmi)}")
-        for line in (*hmi.warnings(), *tls.warnings(tls.TlsFiles.of_pages(hmi), SystemClock().wall_ns())):
-            print(f"  warning: {line}")
     for bay in settings.bays:
         camera = without_password(bay.camera.url)
         print(f"  bay {bay.name}: unit id {bay.unit_id}, camera {camera}, ranger {bay.ranger.port}")

@@ -2,7 +2,7 @@
 
 One line for each: what was tried, what came back and, after ->, what to do. Nothing is changed, and nothing is sent to
 the PLC. Cameras and rangers are opened, which only works while no gateway has them; one that runs with this
-configuration is asked instead.
+configuration is asked instead. Run by root on a configuration of the service, it takes the service's rights first.
 
 examples:
   gateway doctor config/gateway.toml
@@ -43,19 +43,22 @@ def seconds_of(args: argparse.Namespace) -> float:
 
 
 def main(args: argparse.Namespace) -> int:
-    from gateway import app, config
+    from gateway import config, config_check
     from gateway.config.strict.toml_file import read_toml
+    from gateway.doctor import rights
     from gateway.doctor.examine import findings
     from gateway.doctor.finding import Verdict
 
     seconds = seconds_of(args)
+    if user := rights.of_service(args.config):
+        rights.become(user)
     settings = config.load(args.config)
     _, text = read_toml(args.config)
-    app.check(settings, source=str(args.config), text=text)
+    config_check.check(settings, source=str(args.config), text=text)
     counts = dict.fromkeys(Verdict, 0)
     for finding in findings(settings, seconds):
         counts[finding.verdict] += 1
         print(json.dumps(asdict(finding)) if args.json else finding.line, flush=True)
     if not args.json:
-        print(f"{counts[Verdict.FAULT]} faults, {counts[Verdict.WARNING]} warnings, {counts[Verdict.OK]} well")
+        print(f"{counts[Verdict.FAULT]} faults, {counts[Verdict.WARNING]} warnings, {counts[Verdict.OK]} ok")
     return 1 if counts[Verdict.FAULT] else 0

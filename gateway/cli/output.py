@@ -57,7 +57,8 @@ class LossyOutput:
         self._stream = stream
         self._on_lost = on_lost
         self._queue: queue.Queue[str | None] = queue.Queue(limit)
-        self._dropped = 0
+        self._unreported = 0
+        self.dropped = 0  # since the start
         self.lost = stream is None
         self.encoding = getattr(stream, "encoding", None) or "utf-8"
         self._thread = threading.Thread(target=self._carry, name="outlet", daemon=True)
@@ -69,7 +70,8 @@ class LossyOutput:
             try:
                 self._queue.put_nowait(text)
             except queue.Full:
-                self._dropped += 1
+                self._unreported += 1
+                self.dropped += 1
         return len(text)
 
     def flush(self) -> None:
@@ -96,7 +98,7 @@ class LossyOutput:
         while (text := self._queue.get()) is not None:
             if self.lost or self._stream is None:
                 continue
-            dropped, self._dropped = self._dropped, 0
+            dropped, self._unreported = self._unreported, 0
             try:
                 if dropped:
                     _write(self._stream, f"({dropped} outputs dropped: not read in time)\n")

@@ -1,7 +1,7 @@
 """Make a user of the pages: reads a password and prints the table for the configuration.
 
 Only a hash of the password (argon2id) is printed; the password itself is kept nowhere. Append what is printed to the
-configuration file, run `gateway check` on it, and restart the gateway.
+configuration file, run `gateway check` on it, and reload the gateway (`systemctl reload`); every login then ends.
 
   gateway password anna                            a viewer: sees everything, acknowledges alarms
   gateway password anna --role technician          also tunes, applies and saves settings

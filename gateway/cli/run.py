@@ -37,20 +37,32 @@ def overrides(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def main(args: argparse.Namespace) -> int:
-    from gateway import app, config, event_loop
-    from gateway.cli import run_loop
+    from gateway import app, config, config_check, event_loop
+    from gateway.cli import awaited_config, check, run_loop
+    from gateway.cli.in_place_restart import InPlaceRestart
     from gateway.cli.output import LossyOutput
     from gateway.clock import SystemClock
+    from gateway.config import GatewayConfig
     from gateway.config.strict.toml_file import read_toml
     from gateway.errors import ConfigError
     from gateway.hub import Hub
+    from gateway.reload import ReloadRequests
     from gateway.supervisor import Task
+    from gateway.systemd import notify_address
+    from gateway.web.host.startup import Startup
 
     if args.duration is not None and not args.duration > 0:
         raise ConfigError(f"--duration {args.duration:g}: must be above 0")
-    settings = config.load(args.config, overrides(args))
-    app.check(settings, source=str(args.config), text=read_toml(args.config)[1])
-    report_repeats = run_loop.setup_logging("warning" if args.view else settings.log_level, settings.log_format)
+    in_place_restart = InPlaceRestart()
+    managed = bool(notify_address())  # asked now: the children must not have it
+
+    def load() -> GatewayConfig:
+        found = config.load(args.config, overrides(args))
+        config_check.check(found, source=str(args.config), text=read_toml(args.config)[1])
+        return found
+
+    settings = awaited_config.wait_for_valid_config(load, args.config)
+    lines = run_loop.setup_logging("warning" if args.view else settings.log_level, settings.log_format)
     clock = SystemClock()
     where = ""
     out = LossyOutput(sys.stdout)  # a reader that ends, or does not read, is no reason to stop the bays
@@ -73,17 +85,27 @@ def main(args: argparse.Namespace) -> int:
 
         return [Task("view", view.TerminalView(settings, hub, clock, view.console(out, live=True), lambda: where).run)]
 
-    event_loop.run(
-        run_loop.serve(
-            settings,
-            app.Ports.of(settings),
-            clock,
-            duration_s=args.duration,
-            on_started=started,
-            extra_tasks=extra_tasks,
-            source=str(args.config.resolve()),
-            report_repeats=report_repeats,
+    try:
+        event_loop.run(
+            run_loop.serve(
+                settings,
+                app.Ports.of(settings),
+                clock,
+                duration_s=args.duration,
+                on_started=started,
+                extra_tasks=extra_tasks,
+                source=str(args.config.resolve()),
+                lines=lines,
+                reload=ReloadRequests(load, (lambda _: None) if args.view else lines.set_level),
+                startup=Startup(overrides=overrides(args), warnings=check.warnings),
+                in_place_restart=in_place_restart,
+            )
         )
-    )
+    except ConfigError as error:
+        if not managed:
+            raise
+        print(error, file=sys.stderr, flush=True)
+        awaited_config.pause(args.config)
+        return 2
     out.close()
     return 0

@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from gateway import app, config, event_loop
-from gateway.cli import run_loop, sim_json, sim_trials, view
+from gateway.cli import check, run_loop, sim_json, sim_trials, view
+from gateway.cli.in_place_restart import InPlaceRestart
 from gateway.cli.output import LossyOutput
 from gateway.cli.sim_json import Bay
 from gateway.clock import NS_PER_S, SystemClock
@@ -34,6 +35,8 @@ from gateway.sim.ranger import SimulatedRanger, options_of
 from gateway.sim.scenario import Scenario
 from gateway.sim.world import TruckHold
 from gateway.supervisor import Task
+from gateway.vision.source.v4l2_controls import settings_of
+from gateway.web.host.startup import Startup
 
 LEAD_S = 2.0  # world time starts so much later, when the processes have started and the surfaces are painted
 
@@ -59,12 +62,13 @@ def scenario_file(name: str) -> Path:
 
 def simulate(args: argparse.Namespace) -> int:
     """The verb. Exit code 1 when trials were requested and one of them failed."""
+    in_place_restart = InPlaceRestart()
     _check(args)
     with _only_simulation() as first:
-        return _simulate(args, first=first)
+        return _simulate(args, in_place_restart, first=first)
 
 
-def _simulate(args: argparse.Namespace, *, first: bool) -> int:
+def _simulate(args: argparse.Namespace, in_place_restart: InPlaceRestart, *, first: bool) -> int:
     scenario = _scenario(args)
     settings = _at_speed(_settings(args, first=first), args.speed)
     clock = SystemClock(speed=args.speed)
@@ -80,7 +84,7 @@ def _simulate(args: argparse.Namespace, *, first: bool) -> int:
             bays.append(Bay(bay.name, bay.unit_id, show, bay.fusion, origin_ns, hold))
         live = not (args.json or args.quiet or args.trials) and sys.stdout is not None and sys.stdout.isatty()
         run_loop.setup_logging("error" if live else settings.log_level)
-        return event_loop.run(_Simulation(args, scenario, settings, clock, bays, live).run())
+        return event_loop.run(_Simulation(args, scenario, settings, clock, bays, live, in_place_restart).run())
 
 
 def _hold(scenario: Scenario, path: Path, speed: float) -> TruckHold:
@@ -127,7 +131,8 @@ def _only_simulation() -> Iterator[bool]:
             yield not any(instance == "simulate" for instance, _ in attachable())
 
 
-def _settings(args: argparse.Namespace, *, first: bool) -> GatewayConfig:
+def _overrides(args: argparse.Namespace) -> dict[str, Any]:
+    """Of the file, by options."""
     over: dict[str, Any] = {"state_dir": args.state_dir or ""}
     if args.modbus_port is not None:
         over["modbus"] = {"port": args.modbus_port}
@@ -138,14 +143,19 @@ def _settings(args: argparse.Namespace, *, first: bool) -> GatewayConfig:
     if args.mqtt_url is not None:
         outbox = Path(args.state_dir) / "outbox.sqlite" if args.state_dir else ""
         over["mqtt"] = {"url": args.mqtt_url, "urls": [], "outbox_file": str(outbox)}
-    if args.config is None:
-        over["instance"] = "simulate" if first else f"simulate-{os.getpid()}"  # several may run side by side
     if args.method is not None:
         over["vision"] = {"method": args.method}
     if args.exposure is not None:
         over["camera"] = {"exposure": args.exposure}
     if args.bays is not None:
         over["bays"] = [{"name": f"bay{n}", "unit_id": n} for n in range(1, args.bays + 1)]
+    return over
+
+
+def _settings(args: argparse.Namespace, *, first: bool) -> GatewayConfig:
+    over = _overrides(args)
+    if args.config is None:
+        over["instance"] = "simulate" if first else f"simulate-{os.getpid()}"  # several may run side by side
     settings = config.load(args.config or run_loop.shipped("simulate.toml"), over)
     if args.trials:  # the paper's table is of the paper's own rule
         settings = settings.model_copy(update={"bays": tuple(_plain(bay) for bay in settings.bays)})
@@ -215,6 +225,7 @@ class _Simulation:
         clock: SystemClock,
         bays: list[Bay],
         live: bool,
+        in_place_restart: InPlaceRestart,
     ) -> None:
         self._args = args
         self._scenario = scenario
@@ -222,6 +233,7 @@ class _Simulation:
         self._clock = clock
         self._bays = bays
         self._live = live
+        self._in_place_restart = in_place_restart
         self._header = "starting"
         self._trials = [sim_trials.Recorder(bay) for bay in bays] if args.trials else []
         self._lead_s = max(0.0, (bays[0].origin_ns - clock.now_ns()) / NS_PER_S)  # the show is what `--duration` counts
@@ -236,9 +248,16 @@ class _Simulation:
             rangers = {bay.name: self._ranger(bay) for bay in self._bays}
             for ranger in rangers.values():
                 await stack.enter_async_context(ranger)
+            fixed = {bay.name: settings_of(bay.camera.controls) for bay in self._settings.bays}
             ports = app.Ports(
                 camera={
-                    bay.name: SimCameraSpec(bay.scenario, bay.origin_ns, f"simulated camera of {bay.name}", bay.hold)
+                    bay.name: SimCameraSpec(
+                        bay.scenario,
+                        bay.origin_ns,
+                        f"simulated camera of {bay.name}",
+                        bay.hold,
+                        fixed[bay.name],
+                    )
                     for bay in self._bays
                 },
                 ranger={name: ranger.port for name, ranger in rangers.items()},
@@ -257,6 +276,8 @@ class _Simulation:
                 extra_tasks=extra_tasks,
                 stop=self._stop,
                 source=str(self._args.config.resolve()) if self._args.config else "",
+                startup=Startup(overrides=_overrides(self._args), warnings=check.warnings),
+                in_place_restart=self._in_place_restart,
             )
         if self._trials:
             self._out.close(None)  # the report follows on the same stdout

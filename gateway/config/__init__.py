@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, ValidationError, model_validator
 
+from gateway.config.sections.camera_controls import ControlsConfig
 from gateway.config.sections.common import Reconnect
 from gateway.config.sections.fusion import (
     CrossCheck,
@@ -25,16 +26,17 @@ from gateway.config.sections.modbus import HandshakeConfig, ModbusConfig, TlsCon
 from gateway.config.sections.mqtt import MqttConfig, MqttTls, SparkplugConfig
 from gateway.config.sections.ranger import RangerConfig
 from gateway.config.sections.records import RecordsConfig
-from gateway.config.sections.vision import CameraConfig, Intrinsics, PictureConfig, VisionConfig
-from gateway.config.strict.errors import FieldError, explain
+from gateway.config.sections.vision import CameraConfig, CropConfig, Intrinsics, PictureConfig, VisionConfig
+from gateway.config.strict.errors import FaultsError, FieldError, faults_of
 from gateway.config.strict.section import Section
 from gateway.config.strict.toml_file import merge, read_toml
-from gateway.errors import ConfigError
 
 __all__ = [
     "SHARED_SECTIONS",
     "BayConfig",
     "CameraConfig",
+    "ControlsConfig",
+    "CropConfig",
     "CrossCheck",
     "FusionConfig",
     "GatewayConfig",
@@ -89,10 +91,14 @@ class BayConfig(Section):
     @model_validator(mode="after")
     def _one_picture_size(self) -> Self:
         lens = self.vision.intrinsics
-        for key in ("width_px", "height_px"):
-            asked, held = getattr(self.camera, key), None if lens is None else getattr(lens, key)
+        camera = self.camera
+        what = (
+            "camera.{}" if camera.crop is None and not camera.rotation_deg else "{} after camera.crop and rotation_deg"
+        )
+        for key, asked in zip(("width_px", "height_px"), camera.picture_px, strict=True):
+            held = None if lens is None else getattr(lens, key)
             if None not in (asked, held) and asked != held:
-                raise FieldError(f"camera.{key} is {asked}: other intrinsics", "vision", "intrinsics", key)
+                raise FieldError(f"{what.format(key)} is {asked}: other intrinsics", "vision", "intrinsics", key)
         return self
 
 
@@ -111,6 +117,11 @@ class GatewayConfig(Section):
         "a truck in place; "
         "auto: the folder of `StateDirectory=` under systemd, else ~/.local/state/loading-gateway, and for root or a "
         "user without a home /var/lib/loading-gateway; empty: nothing is kept",
+    )
+    initial_function_check: bool = Field(
+        default=False,
+        description="a bay of which state_dir keeps no file, because it has never run, begins with a function check: "
+        "may_move and in_place stay off until a technician ends it",
     )
     modbus: ModbusConfig = Field(default_factory=ModbusConfig)
     mqtt: MqttConfig | None = None
@@ -144,19 +155,20 @@ class GatewayConfig(Section):
 def load(path: Path, overrides: Mapping[str, Any] | None = None) -> GatewayConfig:
     """Read and check one TOML file; `overrides` (from the command line) are merged over it.
 
-    Raises ConfigError, one line per fault: `file:line: key = value: what is wrong and what is allowed`.
+    Raises ConfigError where it can't be read, FaultsError with one line per fault: `file:line: key = value: what is
+    wrong and what is allowed`.
     """
     data, text = read_toml(path)
     return parse(merge(data, overrides or {}), source=str(path), text=text)
 
 
 def parse(data: Mapping[str, Any], *, source: str = "config", text: str = "") -> GatewayConfig:
-    """Check a parsed document. `text` is its TOML, for line numbers. Raises ConfigError."""
+    """Check a parsed document. `text` is its TOML, for line numbers. Raises FaultsError."""
     try:
         return GatewayConfig.model_validate(_with_shared_sections(data))
     except ValidationError as error:
-        lines = explain(error, source=source, text=text, model=GatewayConfig, shared=SHARED_SECTIONS)
-    raise ConfigError("\n".join(lines))  # outside `except`: the checker's error quotes passwords, so it is not chained
+        faults = faults_of(error, source=source, text=text, model=GatewayConfig, shared=SHARED_SECTIONS)
+    raise FaultsError(faults)  # outside `except`: the checker's error quotes passwords, so it is not chained
 
 
 def _with_shared_sections(data: Mapping[str, Any]) -> dict[str, Any]:

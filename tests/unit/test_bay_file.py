@@ -17,9 +17,9 @@ from hypothesis import strategies as st
 
 from gateway import bay_file
 from gateway.bay import BayControl
-from gateway.bay_file import BayFiles, default_folder, path_of, write_file
+from gateway.bay_file import BayFiles, default_folder, path_of
 from gateway.bay_file_format import decoded, encoded
-from gateway.config import BayConfig, CameraConfig, GatewayConfig, MqttConfig
+from gateway.config import BayConfig, CameraConfig, CropConfig, GatewayConfig, MqttConfig
 from gateway.core.detection import Circle
 from gateway.core.events import EventKind
 from gateway.core.plc import Writer
@@ -27,6 +27,7 @@ from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.retained import RetainedState, RetainedTruck
 from gateway.core.scale import MAX_VISITS, ScaleSample
 from gateway.core.state import FunctionCheck, Moved, TruckPosition
+from gateway.files import write_file
 from gateway.hub import Hub
 from gateway.records.service import folder_of as recordings_of
 from gateway.sinks.outbox.durable import opened_outbox
@@ -54,6 +55,44 @@ def file_in(folder: Path) -> Path:
     return path
 
 
+class TestABayThatIsNew:
+    def test_it_begins_with_a_function_check(self, tmp_path: Path) -> None:
+        assert bay_file.begin_with_function_check(config(tmp_path / "state"), BAY)
+        kept = BayFiles.read(config(tmp_path / "state"), LoopClock()).retained("bay1")
+        assert kept == RetainedState(FunctionCheck.MAY_MOVE_OFF)
+
+    def test_what_else_its_file_keeps_stays(self, tmp_path: Path) -> None:
+        write_file(file_in(tmp_path), encoded(OCCUPIED, BAY, OFFSET_NS))
+        assert bay_file.begin_with_function_check(config(tmp_path), BAY)
+        assert decoded(file_in(tmp_path).read_bytes(), BAY) == replace(
+            decoded(encoded(OCCUPIED, BAY, OFFSET_NS), BAY), function_check=FunctionCheck.MAY_MOVE_OFF
+        )
+
+    def test_a_damaged_file_stays_one(self, tmp_path: Path) -> None:
+        write_file(file_in(tmp_path), b"{")
+        assert bay_file.begin_with_function_check(config(tmp_path), BAY)
+        assert file_in(tmp_path).read_bytes() == b"{"
+
+    def test_one_of_which_nothing_is_kept_begins_with_a_function_check_where_the_file_says_so(
+        self, tmp_path: Path, caplog: pytest.LogCaptureFixture
+    ) -> None:
+        wanted = config(tmp_path, initial_function_check=True)
+        caplog.set_level("WARNING")
+        assert BayFiles.read(wanted, LoopClock()).retained("bay1") == RetainedState(FunctionCheck.MAY_MOVE_OFF)
+        assert "bay1: there is no" in caplog.text
+        assert BayFiles.read(config(tmp_path), LoopClock()).retained("bay1") == RetainedState()
+        write_file(file_in(tmp_path), encoded(OCCUPIED, BAY, OFFSET_NS))  # its function check has been ended
+        assert BayFiles.read(wanted, LoopClock()).retained("bay1").function_check is FunctionCheck.OFF
+
+    def test_where_nothing_is_kept_every_start_is_the_first(self) -> None:
+        for on, check in ((True, FunctionCheck.MAY_MOVE_OFF), (False, FunctionCheck.OFF)):
+            without = GatewayConfig(state_dir="", initial_function_check=on)
+            assert BayFiles.read(without, LoopClock()).retained("bay1") == RetainedState(check)
+
+    def test_where_nothing_is_kept_it_can_not_be(self) -> None:
+        assert not bay_file.begin_with_function_check(GatewayConfig(state_dir=""), BAY)
+
+
 class TestText:
     def test_it_says_what_it_was_told_with_dates(self) -> None:
         text = json.loads(encoded(KNOWN, BAY, OFFSET_NS))
@@ -78,6 +117,19 @@ class TestText:
         }
         away = replace(OCCUPIED, truck=None)
         assert json.loads(encoded(away, BAY, OFFSET_NS)).keys() == {"version", "function_check", "picture_px", "visits"}
+
+    def test_a_place_holds_for_one_rotation_and_crop_and_the_learned_size_for_any(self) -> None:
+        part = CropConfig(x_px=20, y_px=0, width_px=600, height_px=480)
+        cropped = BayConfig(camera=CameraConfig(width_px=640, height_px=480, crop=part))
+        turned = BayConfig(camera=CameraConfig(width_px=640, height_px=480, crop=part, rotation_deg=180))
+        for bay in (BAY, cropped, turned):
+            data = encoded(OCCUPIED, bay, OFFSET_NS)
+            for other in (BAY, cropped, turned):
+                kept = decoded(data, other)
+                assert kept.truck is not None
+                assert (kept.truck.place is None) == (bay is not other)
+                assert len(kept.scale_samples) == len(VISITS)
+        assert "framing" not in json.loads(encoded(KNOWN, turned, OFFSET_NS))
 
     def test_the_file_of_an_older_gateway_is_read(self) -> None:
         old = b"""{
@@ -304,7 +356,7 @@ class TestFile:
         async def main() -> None:
             clock = LoopClock()
             files = BayFiles.read(GatewayConfig(state_dir="", bays=(BAY,)), clock)
-            assert files.retained("bay1") is None
+            assert files.retained("bay1") == RetainedState()
             BayControl(BAY, Hub(["bay1"]), clock, (files.note,)).check_function(FunctionCheck.MAY_MOVE_OFF)
 
         run(main())

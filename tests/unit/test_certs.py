@@ -33,6 +33,7 @@ def openssl(*args: str | Path) -> str:
 def test_a_whole_plant(plant: Folder, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["certs", "server", "--host", "10.0.0.5", "--host", "gateway.plant.example", "--host", "::1"]) == 0
     said = capsys.readouterr().out
+    assert '[hmi]\ntls_cert = "certs/gateway.pem"\ntls_key = "certs/gateway.key"\n' in said
     assert '[modbus.tls]\ncert = "certs/gateway.pem"\nkey = "certs/gateway.key"\nca = "certs/ca.pem"\n' in said
     assert "good until" in said
     assert main(["certs", "client", "plc1"]) == 0

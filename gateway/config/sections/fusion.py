@@ -61,8 +61,8 @@ class FusionConfig(Section):
     )
     scale_lasting_s: float = Field(0.3, ge=0, le=60, description="such a change must last so long to be a fault")
     arrive_by_camera: bool = Field(
-        False,
-        description="a truck beyond the ranger may move, if it is beyond by the learned R x Z; else it waits",
+        True,
+        description="a truck beyond the ranger's range may move, if R alone shows that it is; false: it waits",
     )
     raise_debounce_s: float = Field(0.0, ge=0, le=5, description="D must be 1 for so long before stop: it delays stop")
     clear_debounce_s: float = Field(0.0, ge=0, le=60, description="D must be 0 for so long before a stop by D ends")
@@ -97,6 +97,15 @@ class VisitConfig(Section):
     band_share: float = Field(
         0.35, ge=0.05, le=2, description="a centre or radius that differs more, as a share of R: the marker has moved"
     )
+    rolling_mm: float = Field(
+        12.0, ge=2, le=1000, description="in place, a Z that differs more from where the truck stands: it rolls"
+    )
+    rolling_share: float = Field(
+        0.02,
+        ge=0.005,
+        le=1,
+        description="in place, an R that differs by so much of itself, or a centre by twice as much: it rolls",
+    )
     hold_limit_s: float = Field(
         1800.0, ge=0, le=86_400, description="in_place is held by the ranger alone for so long at most; 0: never"
     )
@@ -123,6 +132,9 @@ class GuidanceConfig(Section):
     )
     slow_mm: float = Field(500.0, ge=0, le=4000, description="SLOW when no more than this is to go")
     slow_s: float = Field(2.0, ge=0, le=60, description="SLOW when it is to go within this time at the present speed")
+    stop_lead_s: float = Field(
+        1.5, ge=0, le=5, description="STOP when D = 1 is so near in time: a driver's reaction time; 0: at D = 1"
+    )
     overshoot_mm: float = Field(100.0, ge=1, le=4000, description="so far past the stopping place is TOO_FAR or BACK")
     still_mm_s: float = Field(20.0, gt=0, le=1000, description="a truck slower than this is at rest")
 
@@ -154,5 +166,10 @@ class RecipeConfig(Section):
 
     id: int = Field(ge=1, le=65535, description="what the PLC writes to recipe_select; 0 is the configuration as it is")
     name: str = Field(min_length=1, max_length=64, description="for people")
+    language: str | None = Field(
+        None,
+        pattern="^[a-z]{2,3}$",
+        description="of the driver's display, by its code (de); absent: as chosen at the display",
+    )
     fusion: RecipeFusion = Field(default_factory=RecipeFusion)
     guidance: RecipeGuidance = Field(default_factory=RecipeGuidance)

@@ -90,11 +90,19 @@ class HmiConfig(Section):
         max_length=64,
         description="names and addresses by which the pages are called; empty: host, on loopback also localhost",
     )
+    setup_page: bool = Field(
+        True,
+        description="technicians may change every key of this file and restart the gateway on the page /setup; false: "
+        "only who may write the file (docs/setup-page.md)",
+    )
     session_hours: float = Field(12.0, ge=0.1, le=168, description="a login ends after so long in any case")
     session_idle_minutes: float = Field(60.0, ge=1, le=10_080, description="and after so long without an open page")
     max_viewers: int = Field(64, ge=1, le=1000, description="live pages at the same time")
     viewers_per_address: int = Field(
         16, ge=1, le=1000, description="of max_viewers, for one address; more where all connect through one proxy"
+    )
+    languages_folder: str | None = Field(
+        None, min_length=1, description="folder of a plant's own languages and words, one JSON file each (docs/hmi.md)"
     )
     picture_max_hz: float = Field(10.0, ge=0.5, le=60, description="of one bay's picture, for all viewers together")
     picture_max_width_px: int = Field(1280, ge=160, le=4096, description="wider pictures are made smaller")

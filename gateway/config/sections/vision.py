@@ -4,6 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
+from gateway.config.sections.camera_controls import ControlsConfig
 from gateway.config.sections.common import Reconnect
 from gateway.config.strict.errors import FieldError
 from gateway.config.strict.section import NameIn, Section
@@ -126,6 +127,15 @@ class RawConfig(Section):
         return self
 
 
+class CropConfig(Section):
+    """The part of the picture that is used, px of the picture as it is delivered, before the rotation."""
+
+    x_px: int = Field(ge=0, le=16384, description="left edge: columns that are cut off at the left")
+    y_px: int = Field(ge=0, le=16384, description="upper edge: rows that are cut off at the top")
+    width_px: int = Field(ge=16, le=16384, description="width of the part")
+    height_px: int = Field(ge=16, le=16384, description="height of the part")
+
+
 class CameraConfig(Section):
     url: str = Field(
         "0",
@@ -136,9 +146,17 @@ class CameraConfig(Section):
         None,
         ge=16,
         le=16384,
-        description="width of the pictures: requested from cameras, required of any source; default: the first frame's",
+        description="width of the pictures as delivered, before crop and rotation: requested from cameras, required of "
+        "any source; default: the first frame's",
     )
     height_px: int | None = Field(None, ge=16, le=16384, description="height of the pictures, likewise")
+    rotation_deg: int = Field(
+        0,
+        ge=0,
+        le=270,
+        multiple_of=90,
+        description="the picture is turned clockwise: 0, 90, 180 or 270; after the crop",
+    )
     fps: float | None = Field(None, ge=0.1, le=1000, description="requested from a camera; pace of an image folder")
     pace: Literal["realtime", "fast"] = Field(
         "realtime", description="files: at their own pace, or every frame as fast as vision can"
@@ -185,6 +203,45 @@ class CameraConfig(Section):
     reconnect: Reconnect = Field(default_factory=Reconnect)
     picture: PictureConfig = Field(default_factory=PictureConfig)
     raw: RawConfig = Field(default_factory=RawConfig)
+    crop: CropConfig | None = Field(None, description="only this part of the picture is used")
+    controls: ControlsConfig = Field(default_factory=ControlsConfig)
+
+    @property
+    def picture_px(self) -> tuple[int | None, int | None]:
+        """Width and height of the pictures that are used, after crop and rotation; None: not known before the first."""
+        part = self.crop or self
+        size = part.width_px, part.height_px
+        return size[::-1] if self.rotation_deg % 180 else size
+
+    @model_validator(mode="after")
+    def _inside(self) -> Self:
+        crop = self.crop
+        for key, begin, length, whole in (
+            ()
+            if crop is None
+            else (
+                ("width_px", crop.x_px, crop.width_px, self.width_px),
+                ("height_px", crop.y_px, crop.height_px, self.height_px),
+            )
+        ):
+            if whole is not None and begin + length > whole:
+                raise FieldError(f"it ends at {begin + length} px: camera.{key} is {whole}", "crop", key)
+        return self
+
+    @property
+    def owned_controls(self) -> tuple[str, ...]:
+        """The keys of `[camera.controls]` that `exposure = "marker"` sets itself; also of gain, if controlled."""
+        if self.exposure != "marker":
+            return ()
+        own = ("auto_exposure", "exposure_dynamic_framerate", "exposure_time_absolute")
+        return own if self.gain_range_db is None else (*own, "gain_automatic", "gain")
+
+    @model_validator(mode="after")
+    def _one_hand(self) -> Self:
+        for key in self.owned_controls:
+            if getattr(self.controls, key) is not None:
+                raise FieldError('camera.exposure = "marker" sets it', "controls", key)
+        return self
 
     @model_validator(mode="after")
     def _gains(self) -> Self:

@@ -4,12 +4,14 @@ import json
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
 from gateway.config.strict.section import bounds_of, inner_model
 from gateway.config.strict.toml_file import line_of
+from gateway.errors import ConfigError
 
 _MESSAGES = {
     "extra_forbidden": "unknown key (misspelt?)",
@@ -18,6 +20,7 @@ _MESSAGES = {
     "tuple_type": "should be an array",
 }
 _SECRET = re.compile(r"(?i)(pass(word|wd|phrase)?|pwd|secret|token)[^.]*$")
+_IN_QUERY = re.compile(r"(?i)([?&][^=&]*(?:pass|pwd|secret|token|key)[^=&]*=)([^&#]*)")
 
 
 class FieldError(ValueError):
@@ -28,48 +31,80 @@ class FieldError(ValueError):
         self.place = place
 
 
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One fault of a file; as text its line of an error. `where`: the file's name, or the command line; `line` is
+    1-based, None: not known. `place`: where it is written. `message`: what is wrong and what is allowed."""
+
+    where: str
+    line: int | None
+    place: tuple[str | int, ...]
+    shown: str  # ` = value`, or nothing
+    message: str
+
+    def __str__(self) -> str:
+        where = f"{self.where}:{self.line}" if self.line else self.where
+        return f"{where}: {'.'.join(map(str, self.place)) or '(whole file)'}{self.shown}: {self.message}"
+
+
+class FaultsError(ConfigError):
+    """All faults that were found in a file, one line each."""
+
+    def __init__(self, faults: Sequence[Fault]) -> None:
+        super().__init__("\n".join(map(str, faults)))
+        self.faults = tuple(faults)
+
+
 def explain(
     error: ValidationError, *, source: str, text: str, model: type[BaseModel], shared: tuple[str, ...] = ()
 ) -> list[str]:
-    """One line per fault, in the terms of the file rather than of the checker.
+    """One line per fault: see `faults_of`."""
+    return list(map(str, faults_of(error, source=source, text=text, model=model, shared=shared)))
+
+
+def faults_of(
+    error: ValidationError, *, source: str, text: str, model: type[BaseModel], shared: tuple[str, ...] = ()
+) -> list[Fault]:
+    """The faults in the terms of the file rather than of the checker.
 
     `model` is what was checked; `shared` are sections at the top of the file, which hold for every bay.
     """
     document = tomllib.loads(text)
     faults = error.errors()
-    lines: list[str] = []
+    found: list[Fault] = []
     for fault in faults:
         place, value = fault["loc"], fault["input"]
         message = _MESSAGES.get(fault["type"], fault["msg"].removeprefix("Value error, "))
         cause = fault.get("ctx", {}).get("error")
         if isinstance(cause, FieldError):
-            depth, found = _follow(value, cause.place)
-            place, value = (*place, *cause.place), found if depth == len(cause.place) else {}
+            depth, inside = _follow(value, cause.place)
+            place, value = (*place, *cause.place), inside if depth == len(cause.place) else {}
         elif fault["type"] == "too_short" and any(f["loc"][: len(place)] == place != f["loc"] for f in faults):
             continue  # the checker leaves faulty items out of a tuple, and then finds it too short
         path = _written_at(document, place, shared)
         depth, written = _follow(document, path)
         number = line_of(text, path)
-        where = f"{source}:{number}" if number else source
+        where = source
         if text and fault["type"] != "missing" and not _is_table(value):
             same = depth == len(path) and _repr(written) == _repr(value)
-            where = where if same else "command line"  # merged over the file
-        key = ".".join(str(part) for part in path) or "(whole file)"
-        shown = "" if _is_table(value) else f" = {'***' if _SECRET.search(key) else _shown(value)}"
-        line = f"{where}: {key}{shown}: {message}{_allowed(place, model, shared)}"
-        if line not in lines:  # a fault in a shared section shows up once per bay
-            lines.append(line)
-    return lines
+            where, number = (source, number) if same else ("command line", None)  # merged over the file
+        key = ".".join(str(part) for part in path)
+        shown = "" if _is_table(value) else f" = {'***' if is_secret(key) else _shown(value)}"
+        one = Fault(where, number, path, shown, f"{message}{_allowed(place, model, shared)}")
+        if one not in found:  # a fault in a shared section shows up once per bay
+            found.append(one)
+    return found
 
 
-def located(place: tuple[str | int, ...], message: str, *, source: str, text: str, shared: tuple[str, ...] = ()) -> str:
-    """The same line for a fault that a part of the gateway, and not the checker, found in the value at `place`."""
+def located(
+    place: tuple[str | int, ...], message: str, *, source: str, text: str, shared: tuple[str, ...] = ()
+) -> Fault:
+    """The same for a fault that a part of the gateway, and not the checker, found in the value at `place`."""
     document = tomllib.loads(text)
     path = _written_at(document, place, shared)
     if _follow(document, path)[0] < len(path):
-        return f"command line: {'.'.join(str(part) for part in place if part != 'bays')}: {message}"
-    number = line_of(text, path)
-    return f"{source}:{number}: {'.'.join(map(str, path))}: {message}"
+        return Fault("command line", None, tuple(part for part in place if part != "bays"), "", message)
+    return Fault(source, line_of(text, path), path, "", message)
 
 
 def _follow(tree: Any, place: Sequence[str | int]) -> tuple[int, object]:
@@ -118,13 +153,23 @@ def _repr(value: object) -> str:
         return "(a number of thousands of digits)"
 
 
+def is_secret(key: str) -> bool:
+    """Is the value of a key of this name not to be shown?"""
+    return _SECRET.search(key) is not None
+
+
 def without_password(text: str) -> str:
     """A URL that may be shown: user and password before the last `@` are masked, and passwords in the query."""
     head, at, tail = text.rpartition("@")
     if at and ":" in head:
         scheme = re.match(r"[A-Za-z0-9+.-]+://", text)
         text = f"{scheme[0] if scheme else ''}***@{tail}"
-    return re.sub(r"(?i)([?&][^=&]*(?:pass|pwd|secret|token|key)[^=&]*=)[^&#]*", r"\1***", text)
+    return _IN_QUERY.sub(r"\1***", text)
+
+
+def query_passwords(url: str) -> list[tuple[str, str]]:
+    """Name and value of each password in the query, as it is written."""
+    return [(match[1][1:-1], match[2]) for match in _IN_QUERY.finditer(url) if match[2]]
 
 
 def without_passwords(value: Any) -> Any:

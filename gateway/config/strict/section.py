@@ -21,6 +21,8 @@ class Section(BaseModel):
         """TOML has types: `true` is no number and "off" no boolean, though the checker would turn them into one."""
         annotation = cls.model_fields[info.field_name or ""].annotation
         kinds = get_args(annotation) if get_origin(annotation) in (Union, UnionType) else (annotation,)
+        if value is None:
+            return value
         if bool in kinds and not isinstance(value, bool):
             raise ValueError("should be true or false, without quotes")
         if (int in kinds or float in kinds) and isinstance(value, bool | str):

@@ -54,8 +54,18 @@ def line_of(text: str, place: Sequence[str | int]) -> int | None:
     return None
 
 
+def headers(text: str) -> list[tuple[int, KeyPath]]:
+    """1-based line and path of each `[table]` and `[[item]]`, those of a list with their number in it."""
+    return _read(text)[1]
+
+
 def _index(text: str) -> dict[KeyPath, int]:
+    return _read(text)[0]
+
+
+def _read(text: str) -> tuple[dict[KeyPath, int], list[tuple[int, KeyPath]]]:
     known: dict[KeyPath, int] = {}
+    heads: list[tuple[int, KeyPath]] = []
     arrays: dict[KeyPath, int] = {}
     table: KeyPath = ()
     fence: str | None = None  # inside a multi-line string
@@ -67,6 +77,7 @@ def _index(text: str) -> dict[KeyPath, int]:
             is_array = header[1] == "[["
             table = _enter(_keys(header[2]), arrays, is_array=is_array)
             known.setdefault(table, number)
+            heads.append((number, table))
             if is_array:
                 known.setdefault(table[:-1], number)
         elif key := _KEY.match(line):
@@ -74,7 +85,7 @@ def _index(text: str) -> dict[KeyPath, int]:
             for length in range(len(table) + 1, len(path) + 1):
                 known.setdefault(path[:length], number)
             fence, depth = _scan(line[key.end() :], fence, depth)
-    return known
+    return known, heads
 
 
 def _scan(line: str, fence: str | None, depth: int) -> tuple[str | None, int]:

@@ -88,6 +88,7 @@ def test_a_blocked_stream_blocks_nobody_and_what_was_dropped_is_counted() -> Non
         outlet.write("last\n")
         assert lines == ["first\n", "(7 outputs dropped: not read in time)\n", "0\n", "1\n", "2\n"]
         assert out.line() == "last\n"
+        assert outlet.dropped == 7
         outlet.close(None)
 
 

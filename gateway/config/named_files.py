@@ -1,0 +1,27 @@
+"""The certificates, keys and password files that a configuration names. Pure."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from gateway.config import GatewayConfig
+
+_SERVED = {("modbus", "tls"): ("cert", "key", "ca", "crl"), ("hmi",): ("tls_cert", "tls_key")}
+_PRIVATE = ("key", "tls_key", "key_file")
+
+
+def named_files(config: GatewayConfig) -> Iterator[tuple[str, str, bool]]:
+    """Of each its key, the path as it is written, and whether it holds a private key or a password."""
+    for path, value in _leaves((), config.model_dump()):
+        key = path[-1]
+        if not isinstance(value, str) or not value:
+            continue
+        if key in _SERVED.get(path[:-1], ()) or (key.endswith("_file") and key != "outbox_file"):
+            yield ".".join(path), value, key in _PRIVATE or key.endswith("password_file")
+
+
+def _leaves(path: tuple[str, ...], value: Any) -> Iterator[tuple[tuple[str, ...], Any]]:
+    if isinstance(value, Mapping):
+        for key, inner in value.items():
+            yield from _leaves((*path, str(key)), inner)
+    elif path:
+        yield path, value

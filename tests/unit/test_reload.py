@@ -1,0 +1,58 @@
+"""What a reload hands to the vision of a bay."""
+
+import asyncio
+from typing import Any, cast
+
+import pytest
+
+from gateway.config import BayConfig, CameraConfig, ControlsConfig, GatewayConfig, VisionConfig
+from gateway.reload import Reloader, ReloadRequests
+
+
+class Part:
+    """Notes what it is given; stands in for whatever is not looked at."""
+
+    certificates = None
+
+    def __init__(self) -> None:
+        self.settings = VisionConfig()
+        self.applied: list[tuple[VisionConfig, ControlsConfig | None]] = []
+        self.told: list[str] = []
+
+    def apply(self, vision: VisionConfig, controls: ControlsConfig | None = None) -> None:
+        self.applied.append((vision, controls))
+
+    def settings_changed(self, what: str, who: object) -> None:
+        self.told.append(what)
+
+
+PAPER, GAIN = VisionConfig(method="paper"), ControlsConfig(gain=5)
+
+
+@pytest.mark.parametrize(
+    ("new", "applied"),
+    [
+        (BayConfig(), []),
+        (BayConfig(vision=PAPER), [(PAPER, None)]),
+        (BayConfig(camera=CameraConfig(controls=GAIN)), [(VisionConfig(), GAIN)]),
+        (BayConfig(vision=PAPER, camera=CameraConfig(controls=GAIN)), [(PAPER, GAIN)]),
+        (BayConfig(camera=CameraConfig(controls=GAIN, rotation_deg=90)), []),  # the bay waits for a restart
+    ],
+)
+def test_other_settings_of_vision_and_of_the_cameras_controls_replace_the_vision_process_once(
+    new: BayConfig, applied: list[Any]
+) -> None:
+    vision, control, other = Part(), Part(), cast("Any", Part())
+    reloader = Reloader(
+        ReloadRequests(lambda: GatewayConfig(bays=(new,))),
+        GatewayConfig(),
+        cast("Any", {"bay1": control}),
+        cast("Any", {"bay1": vision}),
+        other,
+        None,
+        other,
+        other,
+    )
+    asyncio.run(reloader._reload())
+    assert vision.applied == applied
+    assert bool(control.told) == bool(applied)
