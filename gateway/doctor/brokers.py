@@ -20,7 +20,7 @@ def brokers(config: GatewayConfig) -> Iterator[Finding]:
         name = without_password(url)
         tried = "log in, publish, read it back"
         try:
-            result = asyncio.run(_in_time(probe(mqtt, config.site, config.instance, url)))
+            result = asyncio.run(in_time(probe(mqtt, config.site, config.instance, url)))
         except GatewayError as error:
             result = str(error).removeprefix(f"{name}: ")
             yield Finding("broker", name, Verdict.FAULT, tried, result, _remedy(result))
@@ -30,7 +30,7 @@ def brokers(config: GatewayConfig) -> Iterator[Finding]:
             yield Finding("broker", name, Verdict.OK, tried, result)
 
 
-async def _in_time(work: Coroutine[None, None, str]) -> str:
+async def in_time(work: Coroutine[None, None, str]) -> str:
     async with asyncio.timeout(LIMIT_S):
         return await work
 

@@ -15,15 +15,17 @@ from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote, urlsplit
+from urllib.parse import unquote, unquote_plus, urlsplit
 
 import psutil
 
 from gateway import __version__
 from gateway.config import GatewayConfig
+from gateway.config.strict.errors import is_secret, query_passwords
 from gateway.doctor.examine import findings
+from gateway.files import plain_bytes
 from gateway.records import service as records
-from gateway.records.names import PICTURES, SEGMENT, parsed
+from gateway.records.names import PICTURES, PIN, SEGMENT, parsed
 from gateway.sinks import registry
 from gateway.sinks.contract import SettingError
 from gateway.sinks.credentials import one_line
@@ -32,6 +34,7 @@ UNIT = "loading-gateway"
 JOURNAL_LINES, JOURNAL_S = 20_000, 20.0
 SEGMENTS, INCIDENTS = 4, 5  # the newest of each bay: an hour; pictures only where they are asked for
 FILE_BYTES = 64_000_000  # a larger one is left out
+SHORT = 4  # a value in an address that has fewer characters may occur anywhere: it is removed with its name only
 
 
 def write(config: GatewayConfig, out: Path, seconds: float, *, pictures: bool) -> Iterator[str]:
@@ -42,9 +45,10 @@ def write(config: GatewayConfig, out: Path, seconds: float, *, pictures: bool) -
     secrets = list(secrets_of(config))
     contents = [f"gateway {__version__}, {datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC", ""]
     fresh = out.with_name(f"{out.name}.new")
+    fresh.unlink(missing_ok=True)
     try:
         with (
-            os.fdopen(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "wb") as file,
+            os.fdopen(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600), "wb") as file,
             zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive,
         ):
             for name, data in _texts(config, seconds):
@@ -63,11 +67,12 @@ def write(config: GatewayConfig, out: Path, seconds: float, *, pictures: bool) -
 def secrets_of(config: GatewayConfig) -> Iterator[bytes]:
     """Every password that the configuration holds or names a file or variable of."""
     for value in _strings(config.model_dump(mode="json")):
-        with suppress(ValueError):
-            if (found := urlsplit(value).password) and "://" in value:
-                yield from {found.encode(), unquote(found).encode()}
+        yield from _in_address(value)
     for user in config.hmi.users:
         yield user.password_hash.encode()
+    for key, value in _named(config.sinks):
+        if is_secret(key) and not key.endswith(("_file", "_env")) and isinstance(value, str) and value:
+            yield value.encode()
     sections = [] if config.mqtt is None else [("mqtt", config.mqtt.model_dump())]
     sections += [(f"sinks.{name}", dict(table)) for name, table in config.sinks.items()]
     for section, table in sections:
@@ -79,12 +84,26 @@ def secrets_of(config: GatewayConfig) -> Iterator[bytes]:
                 yield found.encode()
 
 
-def _named(table: dict[str, Any]) -> Iterator[tuple[str, Any]]:
-    for key, value in table.items():
-        if isinstance(value, dict):
-            yield from _named(value)
+def _in_address(value: str) -> Iterator[bytes]:
+    """As they are written there, and as they are meant: a log may have either."""
+    with suppress(ValueError):
+        if (found := urlsplit(value).password) and "://" in value:
+            yield from {found.encode(), unquote(found).encode()}
+    for name, found in query_passwords(value):
+        if len(found) < SHORT:
+            yield f"{name}={found}".encode()
         else:
-            yield key, value
+            yield from {found.encode(), unquote(found).encode(), unquote_plus(found).encode()}
+
+
+def _named(table: Any) -> Iterator[tuple[str, Any]]:
+    """Each value with its key, however deep."""
+    for key, value in table.items():
+        for item in value if isinstance(value, list) else [value]:
+            if isinstance(item, dict):
+                yield from _named(item)
+            else:
+                yield key, item
 
 
 def _strings(value: Any) -> Iterator[str]:
@@ -149,26 +168,36 @@ def _journal() -> bytes:
 
 
 def _recordings(config: GatewayConfig, *, pictures: bool) -> Iterator[tuple[Path, str]]:
-    """Path and name in the bundle, of the newest files."""
+    """Path and name in the bundle: the newest hour; of the newest incidents, and of the newest that somebody keeps, the
+    segment in which each of them is, and its pictures."""
     folder = records.folder_of(config)
     if folder is None:
         return
     for bay in config.bays:
         with suppress(OSError):
-            files = [(name, path) for path in (folder / bay.name).iterdir() if (name := parsed(path.name)) is not None]
-            for kind, count in ((SEGMENT, SEGMENTS), (PICTURES, INCIDENTS if pictures else 0)):
-                newest = sorted((n, p) for n, p in files if n.kind == kind)[-count:] if count else []
-                for _, path in newest:
-                    yield path, f"records/{bay.name}/{path.name}"
+            paths = list((folder / bay.name).iterdir())
+            pinned = {path.name.removesuffix(PIN) for path in paths if path.name.endswith(PIN)}
+            files = sorted((name, path) for path in paths if (name := parsed(path.name)) is not None)
+            segments = [(name, path) for name, path in files if name.kind == SEGMENT]
+            incidents = [(name, path) for name, path in files if name.kind == PICTURES]
+            kept = [(name, path) for name, path in incidents if path.name in pinned]
+            chosen = {*incidents[-INCIDENTS:], *kept[-INCIDENTS:]}
+            wanted = {path for _, path in segments[-SEGMENTS:]}
+            for incident, path in chosen:
+                # Numbers count up whatever the clock does.
+                wanted.update([one for name, one in segments if name.number < incident.number][-1:])
+                wanted.update([path] if pictures else [])
+            for path in sorted(wanted):
+                yield path, f"records/{bay.name}/{path.name}"
 
 
 def _add(archive: zipfile.ZipFile, path: Path, name: str, secrets: list[bytes]) -> str:
     try:
-        if path.stat().st_size > FILE_BYTES:
-            return f"{name}: left out, larger than {FILE_BYTES // 1_000_000} MB"
-        data = path.read_bytes()
+        data = plain_bytes(path, FILE_BYTES + 1)
     except OSError as error:
         return f"{name}: left out, {error.strerror}"
+    if len(data) > FILE_BYTES:
+        return f"{name}: left out, larger than {FILE_BYTES // 1_000_000} MB"
     if any(secret in data for secret in secrets):
         return f"{name}: left out, its head has a password"
     archive.writestr(name, data, zipfile.ZIP_STORED)

@@ -6,15 +6,20 @@ import socket
 from collections.abc import Iterator
 from contextlib import closing
 
+import psutil
+
+from gateway.clock import Clock
 from gateway.config import GatewayConfig
 from gateway.doctor.finding import Finding, Verdict
 from gateway.errors import GatewayError
 from gateway.net import tls
-from gateway.net.listener import bound_sockets
+from gateway.net.certificate_ends import CertificateEnds
+from gateway.net.listener import bound_sockets, from_here
 from gateway.net.tls import TlsFiles
 from gateway.sinks.mqtt.broker import brokers_of, certificates_of
 
 CONNECT_S = 3.0
+ANY = ("0.0.0.0", "::", "")  # hosts that are all addresses of this machine
 DISCARD_PORT = 9  # of the address whose route is looked up; nothing is sent
 
 
@@ -47,7 +52,7 @@ def _port(name: str, section: str, host: str, port: int, *, running: bool) -> Fi
 
 def _served(name: str, host: str, port: int) -> Finding:
     """Does the running gateway answer there?"""
-    here = {"0.0.0.0": "127.0.0.1", "::": "::1", "": "localhost"}.get(host, host)
+    here = from_here(host)
     tried = f"connect to the running gateway at {here} port {port}"
     try:
         socket.create_connection((here, port), CONNECT_S).close()
@@ -55,6 +60,24 @@ def _served(name: str, host: str, port: int) -> Finding:
         remedy = "look at its log; was it started with this configuration?"
         return Finding("port", name, Verdict.FAULT, tried, error.strerror or str(error), remedy)
     return Finding("port", name, Verdict.OK, tried, "accepted")
+
+
+def reached(host: str) -> Finding:
+    """`host`: modbus.host. From where could a PLC connect at all?"""
+    tried = "look at modbus.host"
+    outside = [address for address in own_addresses() if not ipaddress.ip_address(address).is_loopback]
+    at = " or ".join(outside) or "no address: plug in its network cable"
+    if host not in ANY and all(ipaddress.ip_address(one).is_loopback for one in addresses(host)):
+        remedy = f"set modbus.host to this machine's address in the PLC's network ({at})"
+        result = f"{host}: only programs of this machine reach it, no PLC"
+        return Finding("plc", "", Verdict.WARNING, tried, result, remedy)
+    return Finding("plc", "", Verdict.OK, tried, f"a PLC reaches it at {at if host in ANY else host}")
+
+
+def own_addresses() -> list[str]:
+    """IPv4 addresses of this machine, loopback last."""
+    found = [a.address for each in psutil.net_if_addrs().values() for a in each if a.family == socket.AF_INET]
+    return sorted(set(found), key=lambda address: (ipaddress.ip_address(address).is_loopback, address))
 
 
 def routes(config: GatewayConfig) -> Iterator[Finding]:
@@ -74,14 +97,14 @@ def _route(address: str, text: str, host: str) -> Finding:
     except OSError as error:
         remedy = "is the network cable in, has the interface an address in the PLC's network?"
         return Finding("plc", text, Verdict.FAULT, tried, error.strerror or str(error), remedy)
-    listens = _addresses(host)
+    listens = addresses(host)
     if not any(ipaddress.ip_address(one).is_unspecified or one == ours for one in listens):
         result = f"it leaves from {ours}, but modbus.host = {host}"
         return Finding("plc", text, Verdict.WARNING, tried, result, f'set modbus.host to "{ours}", or to "0.0.0.0"')
     return Finding("plc", text, Verdict.OK, tried, f"the PLC reaches this machine at {ours}")
 
 
-def _addresses(host: str) -> set[str]:
+def addresses(host: str) -> set[str]:
     try:
         found = socket.getaddrinfo(host or None, 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
     except OSError:
@@ -89,18 +112,23 @@ def _addresses(host: str) -> set[str]:
     return {str(address[0]) for *_, address in found}
 
 
-def certificates(config: GatewayConfig, wall_ns: int) -> Iterator[Finding]:
+def certificates(config: GatewayConfig, clock: Clock) -> Iterator[Finding]:
     """Of what the gateway serves, and of its connections to brokers."""
+    days_left, wall_ns = CertificateEnds(config, clock).days_left(), clock.wall_ns()
     modbus = None if config.modbus.tls is None else TlsFiles.of_modbus(config.modbus.tls)
-    for name, files in (("modbus tls", modbus), ("pages", TlsFiles.of_pages(config.hmi))):
+    pages = TlsFiles.of_pages(config.hmi) if config.hmi.enabled else None
+    for name, server, files, docs in (
+        ("modbus tls", "modbus", modbus, "docs/modbus-security.md"),
+        ("pages", "hmi", pages, "docs/hmi-security.md"),
+    ):
         if files is None:
             continue
         found = tls.warnings(files, wall_ns)
         for line in found:
             verdict = Verdict.FAULT if "expired" in line or "can't be read" in line else Verdict.WARNING
-            yield Finding("certificate", name, verdict, "read its files", line, "docs/modbus-security.md")
+            yield Finding("certificate", name, verdict, "read its files", line, f"renew or correct it: {docs}")
         if not found:
-            yield _lasts(name, None)
+            yield _lasts(name, days_left[server])
     mqtt = None if config.mqtt is None else certificates_of(config.mqtt, brokers_of(config.mqtt))
     if mqtt is None or (days := mqtt.days_left(wall_ns)) is None:
         return
@@ -111,6 +139,5 @@ def certificates(config: GatewayConfig, wall_ns: int) -> Iterator[Finding]:
         yield _lasts("mqtt", days)
 
 
-def _lasts(name: str, days: int | None) -> Finding:
-    least = f"{tls.WARN_DAYS} days" if days is None else f"{days - 1} days"
-    return Finding("certificate", name, Verdict.OK, "read its files", f"valid for more than {least}")
+def _lasts(name: str, days: int) -> Finding:
+    return Finding("certificate", name, Verdict.OK, "read its files", f"valid for {days} days")

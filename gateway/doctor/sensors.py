@@ -22,6 +22,7 @@ from gateway.vision.detect import registry
 from gateway.vision.process.service import frame_rules
 from gateway.vision.source.checks import FrameChecks
 from gateway.vision.source.contract import Frame, Source
+from gateway.vision.source.framing import Framing
 from gateway.vision.source.specs import source_spec
 from gateway.vision.transport.messages import DetectorSpec
 
@@ -56,7 +57,7 @@ def _running(part: str, bay: str, result: str, *, well: bool) -> Finding:
     return Finding(part, bay, verdict, "ask the running gateway, which has it", result, remedy)
 
 
-def _in_time(work: Callable[[], None], timeout_s: float) -> bool:
+def in_time(work: Callable[[], None], timeout_s: float) -> bool:
     """False: `work` did not come back. Its thread is not waited for, and ends with the program."""
     thread = threading.Thread(target=work, daemon=True)
     thread.start()
@@ -71,13 +72,22 @@ class CameraLook:
     error: str = ""
     opened_ns: int = 0
     first_ns: int = 0
-    size_px: tuple[int, int] = (0, 0)
+    delivered_px: tuple[int, int] = (0, 0)
     arrived_ns: list[int] = field(default_factory=list)
     late_ns: list[int] = field(default_factory=list)  # from capture to arrival
     fresh: int = 0  # frames that have proved to be new
     radius_px: list[float] = field(default_factory=list)
     detector_s: list[float] = field(default_factory=list)  # processor time
     finite: bool = False
+
+    @property
+    def rate_hz(self) -> float:
+        span_s = (self.arrived_ns[-1] - self.arrived_ns[0]) / NS_PER_S
+        return (len(self.arrived_ns) - 1) / span_s if span_s else 0.0
+
+    @property
+    def late_ms(self) -> float:
+        return statistics.median(self.late_ns) / NS_PER_MS
 
 
 def camera(bay: BayConfig, clock: Clock, seconds: float) -> Iterator[Finding]:
@@ -100,12 +110,12 @@ def camera(bay: BayConfig, clock: Clock, seconds: float) -> Iterator[Finding]:
         except GatewayError as error:
             look.error = str(error).removeprefix(f"{spec.label}: ")
 
-    if not _in_time(work, config.open_deadline_s + seconds + HANG_S):
+    if not in_time(work, config.open_deadline_s + seconds + HANG_S):
         what = "it opened, then no frame came" if look.first_ns == 0 else "it stopped giving frames"
         yield Finding("camera", bay.name, Verdict.FAULT, tried, f"no answer: {what}", "check cable, power and address")
     elif (look.error and not (look.finite and look.fresh)) or not look.arrived_ns:  # a film may end
         result = look.error or "it gave no frame"
-        yield Finding("camera", bay.name, Verdict.FAULT, tried, result, _camera_remedy(result))
+        yield Finding("camera", bay.name, Verdict.FAULT, tried, result, camera_remedy(result))
     else:
         yield from _judged(bay, look, tried)
 
@@ -118,23 +128,36 @@ def _processor_s() -> float:
 
 def _read(source: Source, bay: BayConfig, label: str, clock: Clock, seconds: float, look: CameraLook) -> None:
     """Frames as the vision process would check them; the last ones are searched afterwards, which takes its time."""
-    checks = FrameChecks(label, frame_rules(bay.camera, bay.vision), None, may_repeat=source.may_repeat)
     newest: deque[Frame] = deque(maxlen=SEARCHED)
-    until_ns, look.finite = None, source.finite
     try:
-        while until_ns is None or clock.now_ns() < until_ns:
-            frame = source.read()
-            now_ns = clock.now_ns()
-            if until_ns is None:
-                look.first_ns, until_ns = now_ns, now_ns + round(seconds * NS_PER_S)
-                look.size_px = (frame.image.shape[1], frame.image.shape[0])
-            look.arrived_ns.append(now_ns)
-            look.late_ns.append(max(0, now_ns - frame.t_capture_ns))
-            if checks.passed(frame) is not None:
-                look.fresh += 1
-                newest.append(frame)
+        read(source, bay, label, clock, seconds, look, newest.append)
     finally:
         _search(newest, bay, clock, look)
+
+
+def read(
+    source: Source,
+    bay: BayConfig,
+    label: str,
+    clock: Clock,
+    seconds: float,
+    look: CameraLook,
+    fresh: Callable[[Frame], None],
+) -> None:
+    """For so long after the first frame; `fresh` gets those that have proved to be new. Raises LinkError."""
+    checks = FrameChecks(label, frame_rules(bay.camera, bay.vision), None, may_repeat=source.may_repeat)
+    until_ns, look.finite = None, source.finite
+    while until_ns is None or clock.now_ns() < until_ns:
+        frame = source.read()
+        now_ns = clock.now_ns()
+        if until_ns is None:
+            look.first_ns, until_ns = now_ns, now_ns + round(seconds * NS_PER_S)
+            look.delivered_px = (frame.image.shape[1], frame.image.shape[0])
+        look.arrived_ns.append(now_ns)
+        look.late_ns.append(max(0, now_ns - frame.t_capture_ns))
+        if (passed := checks.passed(frame)) is not None:
+            look.fresh += 1
+            fresh(passed.used)
 
 
 def _search(frames: Iterable[Frame], bay: BayConfig, clock: Clock, look: CameraLook) -> None:
@@ -148,32 +171,32 @@ def _search(frames: Iterable[Frame], bay: BayConfig, clock: Clock, look: CameraL
 
 
 def _judged(bay: BayConfig, look: CameraLook, tried: str) -> Iterator[Finding]:
-    frames = len(look.arrived_ns)
-    span_s = (look.arrived_ns[-1] - look.arrived_ns[0]) / NS_PER_S
-    rate_hz = (frames - 1) / span_s if span_s else 0.0
-    late_ms = statistics.median(look.late_ns) / NS_PER_MS
-    width_px, height_px = look.size_px
+    frames, rate_hz, late_ms = len(look.arrived_ns), look.rate_hz, look.late_ms
+    width_px, height_px = look.delivered_px
+    used_px = Framing.of(bay.camera).size_px(look.delivered_px)
     first_s = (look.first_ns - look.opened_ns) / NS_PER_S
+    used = "" if used_px == look.delivered_px else f" ({used_px[0]} x {used_px[1]} px after crop and rotation)"
     result = (
-        f"{width_px} x {height_px} px, {rate_hz:.1f} frames/s, the first after {first_s:.1f} s, {late_ms:.0f} ms old "
-        f"when they arrive; {look.fresh} of {frames} proved to be new"
+        f"{width_px} x {height_px} px{used}, {rate_hz:.1f} frames/s, the first after {first_s:.1f} s, "
+        f"{late_ms:.0f} ms old when they arrive; {look.fresh} of {frames} proved to be new"
     )
-    asked_hz = bay.camera.fps
-    problem = remedy = ""
-    if frames > 1 and not look.fresh:
-        problem, remedy = "equal pictures", "the camera repeats one picture: check it, or its encoder"
-    elif asked_hz is not None and rate_hz < SLOW_SHARE * asked_hz:
-        problem, remedy = (
-            f"camera.fps asks for {asked_hz:g}",
-            "more light, a shorter exposure, another format",
-        )
-    elif late_ms > LATE_MS:
-        problem, remedy = "late", "a camera or encoder with less delay; fewer key frames between; a wired network"
+    problem, remedy = pace_advice(look, bay.camera.fps)
     verdict = Verdict.WARNING if problem else Verdict.OK
     yield Finding("camera", bay.name, verdict, tried, f"{result}; {problem}" if problem else result, remedy)
-    for line in settings.of_picture(bay, width_px, height_px):
+    for line in settings.of_picture(bay, *used_px):
         yield Finding("camera", bay.name, Verdict.WARNING, "compare picture and configuration", line, "edit it")
     yield from _marker(bay, look, rate_hz)
+
+
+def pace_advice(look: CameraLook, asked_hz: float | None) -> tuple[str, str]:
+    """What is wrong with the pace of the frames, and what to do; empty: nothing."""
+    if len(look.arrived_ns) > 1 and not look.fresh:
+        return "equal pictures", "the camera repeats one picture: check it, or its encoder"
+    if asked_hz is not None and look.rate_hz < SLOW_SHARE * asked_hz:
+        return f"camera.fps asks for {asked_hz:g}", "more light, a shorter exposure, another format"
+    if look.late_ms > LATE_MS:
+        return "late", "a camera or encoder with less delay; fewer key frames between; a wired network"
+    return "", ""
 
 
 def _marker(bay: BayConfig, look: CameraLook, rate_hz: float) -> Iterator[Finding]:
@@ -192,9 +215,13 @@ def _marker(bay: BayConfig, look: CameraLook, rate_hz: float) -> Iterator[Findin
     yield Finding("marker", bay.name, verdict, f'search for it, vision.method = "{bay.vision.method}"', result, remedy)
 
 
-def _camera_remedy(result: str) -> str:
+def camera_remedy(result: str) -> str:
     if "cannot be opened" in result:
         return "is it plugged in, is the address right, does another program have it, may this user open it?"
+    if "camera.controls" in result:
+        return "set it to what the camera takes (line `controls`), or remove the key"
+    if "camera.crop" in result:
+        return "make the crop fit the picture that the camera gives"
     if "frames are" in result:
         return "set the size that the camera gives, or set the camera to the size that is configured"
     return "check cable, power and address"
@@ -213,23 +240,32 @@ def ranger(bay: BayConfig, clock: Clock, seconds: float) -> Iterator[Finding]:
 
     def work() -> None:
         try:
-            _listen(config, clock, seconds, look)
+            listen(config, clock, seconds, look)
         except GatewayError as error:
             look.error = str(error).removeprefix(f"ranger port {config.port}: ")
 
-    if not _in_time(work, seconds + 2 * HANG_S):
+    if not in_time(work, seconds + 2 * HANG_S):
         yield Finding("ranger", bay.name, Verdict.FAULT, tried, "no answer", "check cable, power and address")
     elif look.error:
-        remedy = "is it plugged in, is the port right (ls -l /dev/serial/by-id), does another program have it?"
-        if "permission" in look.error:
-            remedy = "add this user to the port's group, often dialout: usermod -aG dialout USER, then log in anew"
-        yield Finding("ranger", bay.name, Verdict.FAULT, tried, look.error, remedy)
+        yield Finding("ranger", bay.name, Verdict.FAULT, tried, look.error, port_remedy(look.error))
     else:
-        yield _ranger_judged(bay.name, look, tried, seconds)
+        yield ranger_judged(bay.name, look, tried, seconds)
 
 
-def _listen(config: RangerConfig, clock: Clock, seconds: float, look: RangerLook) -> None:
-    """Raises LinkError, ConfigError."""
+def port_remedy(error: str) -> str:
+    if "permission" in error:
+        return "add this user to the port's group, often dialout: usermod -aG dialout USER, then log in anew"
+    return "is it plugged in, is the port right (ls -l /dev/serial/by-id), does another program have it?"
+
+
+def listen(
+    config: RangerConfig,
+    clock: Clock,
+    seconds: float,
+    look: RangerLook,
+    heard: Callable[[], None] = lambda: None,
+) -> None:
+    """`heard` is called after every read, ten times a second or more. Raises LinkError, ConfigError."""
     service = RangerService(config, clock, lambda reading: None)
     session, connection = service.session, service.connect()
     try:
@@ -242,13 +278,14 @@ def _listen(config: RangerConfig, clock: Clock, seconds: float, look: RangerLook
             now_ns = clock.now_ns()
             look.readings += session.feed(data, now_ns) + session.tick(now_ns)
             look.identity = session.identity
+            heard()
     finally:
         connection.close()
     if not look.readings:
         raise LinkError("nothing was measured")
 
 
-def _ranger_judged(bay: str, look: RangerLook, tried: str, seconds: float) -> Finding:
+def ranger_judged(bay: str, look: RangerLook, tried: str, seconds: float) -> Finding:
     last = look.readings[-1]
     good = [reading.distance_mm for reading in look.readings if reading.distance_mm is not None]
     noise_mm = statistics.stdev(good) if len(good) > 1 else 0.0

@@ -1,7 +1,7 @@
 """What is legal in a configuration, and makes no sense in a plant. Pure.
 
 One line each, with the key to edit: `gateway check` and `gateway doctor` print them. What can never work is a fault of
-the file (`gateway.config`, `app.check`), and is not repeated here.
+the file (`gateway.config`, `config_check.check`), and is not repeated here.
 """
 
 from collections.abc import Iterator
@@ -11,6 +11,7 @@ from gateway.config import BayConfig, GatewayConfig
 from gateway.config.sections.common import is_loopback
 from gateway.ranger.hcsr04.protocol import PERIOD_MS
 
+USUAL_FPS = 30.0  # of a camera whose rate nobody has set
 FOCAL_SHARE = 0.1  # two focal lengths of one camera that differ more are not both right
 
 
@@ -47,8 +48,14 @@ def _geometry(bay: BayConfig) -> Iterator[str]:
             f"fusion.cross_check.focal_px = {check.focal_px:g} and vision.intrinsics.fx = {lens.fx:g} are the same "
             "camera's focal length, and differ by more than a tenth"
         )
-    width_px = bay.camera.width_px or (None if lens is None else lens.width_px)
-    height_px = bay.camera.height_px or (None if lens is None else lens.height_px)
+    if lens is not None and lens.width_px is None and (bay.camera.crop is not None or bay.camera.rotation_deg):
+        yield (
+            "vision.intrinsics without width_px and height_px: nothing shows that they hold for the picture after "
+            "camera.crop and camera.rotation_deg"
+        )
+    width_px, height_px = bay.camera.picture_px
+    width_px = width_px or (None if lens is None else lens.width_px)
+    height_px = height_px or (None if lens is None else lens.height_px)
     if width_px is None or height_px is None:
         return
     yield from of_picture(bay, width_px, height_px)
@@ -79,11 +86,12 @@ def of_picture(bay: BayConfig, width_px: int, height_px: int) -> Iterator[str]:
 
 
 def _deadlines(bay: BayConfig) -> Iterator[str]:
-    fps, fusion = bay.camera.fps, bay.fusion
-    if fps is not None and fusion.vision_deadline_s < 2 / fps:
+    fps, fusion = bay.camera.fps or USUAL_FPS, bay.fusion
+    if fusion.vision_deadline_s < 2 / fps:
+        rate = f"camera.fps = {fps:g}" if bay.camera.fps else f"the usual {fps:g} frames/s (camera.fps is not set)"
         yield (
-            f"fusion.vision_deadline_s = {fusion.vision_deadline_s:g}: at camera.fps = {fps:g} a frame comes every "
-            f"{1 / fps:g} s, so that one lost frame is a stop; at least {2 / fps:g}"
+            f"fusion.vision_deadline_s = {fusion.vision_deadline_s:g}: at {rate} a frame comes every "
+            f"{1 / fps:.3g} s, so that one lost frame is a stop; at least {2 / fps:.3g}"
         )
     if bay.ranger.type == "hcsr04":
         # The median's middle reading is as old as half of the others; the next one is a period later.

@@ -20,15 +20,19 @@ from tests.e2e.test_run import started
 WELL = ("camera", "marker", "ranger", "port", "plc", "broker", "disk")
 
 
-@pytest.fixture(scope="module")
-def pictures(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A truck that stands at 27 cm: R = 200 px."""
-    scenario = scenarios.parse({"start": {"distance_cm": 27}})
+def draw_truck(folder: Path, distance_cm: float) -> Path:
+    """Ten pictures of a truck that stands."""
+    scenario = scenarios.parse({"start": {"distance_cm": distance_cm}})
     world, painter = World(scenario), Painter(scenario)
-    folder = tmp_path_factory.mktemp("pictures")
     for n in range(10):
         assert cv2.imwrite(str(folder / f"{n:02}.png"), painter.frame(world.truth(n / 10), n))
     return folder
+
+
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """R = 200 px."""
+    return draw_truck(tmp_path_factory.mktemp("pictures"), 27)
 
 
 @pytest.fixture

@@ -1,5 +1,6 @@
 """The bundle for support has what was asked for, and none of the passwords: every byte of it is searched."""
 
+import os
 import zipfile
 import zlib
 from pathlib import Path
@@ -7,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from gateway.cli.main import main
-from gateway.config import GatewayConfig, load
+from gateway.config import load, parse
 from gateway.doctor import bundle
 from gateway.doctor.finding import Finding, Verdict
 from gateway.records.segment import Block, BlockKind, blocks
@@ -22,6 +23,7 @@ SECRETS = (
     "Of The Camera",
     "Db-Pw",
 )
+LOGGED = "DESCRIBE rtsp://u:Of%20The%20Camera@h failed; postgresql://u@h?sslpassword=Db-Pw"
 HASH = "$argon2id$v=19$m=19456,t=2,p=1$c2FsdHNhbHQ$q6urq6urq6urq6urq6urq6urq6urq6urq6urq6urq6s"
 
 
@@ -45,10 +47,11 @@ url = "rtsp://u:Of%20The%20Camera@127.0.0.1/live"
 enabled = true
 users = [{{ name = "ann", role = "viewer", password_hash = "{HASH}" }}]
 [sinks.postgresql]
-url = "postgresql://u@127.0.0.1:3/db"
+url = "postgresql://u@127.0.0.1:3/db?sslpassword=Db-Pw"
 password_env = "DB_PASSWORD"
 """)
     monkeypatch.setattr(bundle, "findings", lambda *_: iter(SAID))
+    monkeypatch.setattr(bundle, "_journal", LOGGED.encode)
     return path
 
 
@@ -79,6 +82,7 @@ def test_it_has_all_parts_and_no_password(file: Path, tmp_path: Path, capsys: py
     assert set(found) - set(kept) == {"settings.txt", "doctor.jsonl", "machine.json", "journal.txt", "contents.txt"}
     assert b'camera.url = "rtsp://***@127.0.0.1/live"' in found["settings.txt"]
     assert b"401 for *** and ***" in found["doctor.jsonl"]
+    assert found["journal.txt"] == b"DESCRIBE rtsp://u:***@h failed; postgresql://u@h?sslpassword=***"
     for name, data in found.items():
         for secret in SECRETS:
             assert secret.encode() not in everything(data), name
@@ -105,10 +109,94 @@ def test_pictures_only_where_they_are_asked_for(file: Path, tmp_path: Path) -> N
 
 def test_every_password_of_a_configuration_is_known(file: Path) -> None:
     known = set(bundle.secrets_of(load(file)))
-    assert known == {b"In A File", b"In-The-Environment", b"Of%20The%20Camera", b"Of The Camera", HASH.encode()}
-    assert set(bundle.secrets_of(GatewayConfig.model_validate({"mqtt": {"url": "mqtt://u:In-The-Url@b"}}))) == {
-        b"In-The-Url"
+    assert known == {
+        b"In A File",
+        b"In-The-Environment",
+        b"Of%20The%20Camera",
+        b"Of The Camera",
+        HASH.encode(),
+        b"Db-Pw",
     }
+
+
+@pytest.mark.parametrize(
+    ("settings", "known"),
+    [
+        ({"mqtt": {"url": "mqtt://u:In-The-Url@b"}}, {b"In-The-Url"}),
+        ({"camera": {"url": "rtsp://h/live?user=admin&password=ge%40heim"}}, {b"ge%40heim", b"ge@heim"}),
+        ({"camera": {"url": "rtsp://h/live?PWD=geheim+1"}}, {b"geheim+1", b"geheim 1"}),
+        # So short a value occurs anywhere, and this one is no password at all.
+        ({"camera": {"url": "rtsp://h/live?keyframe=1&x=2"}}, {b"keyframe=1"}),
+        ({"sinks": {"x": {"token": "T0ken", "header": {"api_secret": "S3cret"}}}}, {b"T0ken", b"S3cret"}),
+        ({"sinks": {"x": {"clients": [{"password": "Of-One"}]}}}, {b"Of-One"}),
+        ({"sinks": {"x": {"token_file": "/etc/t", "passive": True, "token": ""}}}, set()),
+    ],
+)
+def test_passwords_of_addresses_and_of_sinks_are_known(settings: dict[str, object], known: set[bytes]) -> None:
+    assert set(bundle.secrets_of(parse(settings, source=""))) == known
+
+
+def test_only_recordings_are_read_whatever_the_service_has_put_there(file: Path, tmp_path: Path) -> None:
+    """It may be root that runs this, and the folder is the service's."""
+    bay = tmp_path / "site.gateway" / "bay1"
+    bay.mkdir(parents=True)
+    (tmp_path / "of-root").write_bytes(b"root's alone")
+    (bay / "00000001-20261123T031500Z.seg").symlink_to(tmp_path / "of-root")
+    os.mkfifo(bay / "00000002-20261123T031500Z.seg")
+    out = tmp_path / "case.zip"
+    lines = list(bundle.write(load(file), out, 1, pictures=False))
+    assert not any(name.startswith("records/") for name in parts(out))
+    assert [line.partition(": ")[2] for line in lines[-2:]] == [
+        "left out, Too many levels of symbolic links",
+        "left out, not a regular file",
+    ]
+
+
+def test_a_link_in_the_place_of_the_bundle_is_not_followed(file: Path, tmp_path: Path) -> None:
+    """Its name can be guessed, and the folder may be everybody's."""
+    victim = tmp_path / "victim"
+    victim.write_bytes(b"as it was")
+    for name in ("case.zip", "case.zip.new"):
+        (tmp_path / name).symlink_to(victim)
+    list(bundle.write(load(file), tmp_path / "case.zip", 1, pictures=False))
+    assert victim.read_bytes() == b"as it was"
+    assert not (tmp_path / "case.zip").is_symlink()
+    assert "contents.txt" in parts(tmp_path / "case.zip")
+
+
+def test_a_link_that_is_put_there_just_then_is_not_followed(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    victim, fresh = tmp_path / "victim", tmp_path / "case.zip.new"
+    victim.write_bytes(b"as it was")
+    real = Path.unlink
+
+    def unlink(self: Path, missing_ok: bool = False) -> None:
+        real(self, missing_ok=missing_ok)
+        if self == fresh:
+            fresh.symlink_to(victim)
+
+    monkeypatch.setattr(Path, "unlink", unlink)
+    with pytest.raises(FileExistsError):
+        list(bundle.write(load(file), tmp_path / "case.zip", 1, pictures=False))
+    assert victim.read_bytes() == b"as it was"
+
+
+def test_segments_of_the_newest_incidents_and_of_those_that_somebody_keeps_are_in_it(
+    file: Path, tmp_path: Path
+) -> None:
+    recorded = Recorded(tmp_path)
+    for n in range(1, 9):  # numbers 1 to 16: a segment, and pictures of an incident in it
+        recorded.write(n * 10**9)
+        recorded.picture(n * 10**9, n, "stop")
+    for n in range(9, 15):
+        recorded.write(n * 10**9)
+    kept = next(recorded.path.glob("00000004-*.pictures"))
+    kept.with_name(f"{kept.name}.pin").touch()
+    list(bundle.write(load(file), tmp_path / "case.zip", 1, pictures=True))
+    found = [name.partition("bay1/")[2] for name in parts(tmp_path / "case.zip") if name.startswith("records/")]
+    assert sorted(int(name[:8]) for name in found if name.endswith(".seg")) == [3, 7, 9, 11, 13, 15, 19, 20, 21, 22]
+    assert sorted(int(name[:8]) for name in found if name.endswith(".pictures")) == [4, 8, 10, 12, 14, 16]
 
 
 def test_a_place_that_cannot_be_written_is_an_error_and_leaves_nothing(file: Path, tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 import socket
 from contextlib import closing
-from datetime import timedelta
 from pathlib import Path
 
 import pytest
@@ -10,7 +9,7 @@ import pytest
 from gateway.config import GatewayConfig
 from gateway.doctor import network
 from gateway.doctor.finding import Verdict
-from tests.plant_certs import NOW, Plant
+from tests.plant_certs import DAYS, LaterClock, Plant
 
 OK, WARNING, FAULT = Verdict.OK, Verdict.WARNING, Verdict.FAULT
 
@@ -69,13 +68,39 @@ def test_a_plc_that_would_connect_to_an_address_where_nothing_listens(monkeypatc
 def test_certificates_that_will_end(tmp_path: Path, days: int, verdict: Verdict) -> None:
     certs = Plant(tmp_path)
     made = config().model_copy(update={"modbus": config().modbus.model_copy(update={"tls": certs.config()})})
-    wall_ns = round((NOW + timedelta(days=days)).timestamp() * 1e9)
-    assert {f.verdict for f in network.certificates(made, wall_ns)} == {verdict}
+    found = list(network.certificates(made, LaterClock(days=[days])))
+    assert {f.verdict for f in found} == {verdict}
+    if verdict is OK:
+        assert found[0].result == f"valid for {DAYS - 1 - days} days"
 
 
 @pytest.mark.parametrize(("days", "verdict"), [(3600, OK), (3630, WARNING), (3651, FAULT)])
 def test_the_authority_of_a_broker(tmp_path: Path, days: int, verdict: Verdict) -> None:
     ca_file = str(Plant(tmp_path).folder.certificate_path("ca"))  # for 3650 days
     made = GatewayConfig.model_validate({"mqtt": {"url": "mqtts://broker", "tls": {"ca_file": ca_file}}})
-    wall_ns = round((NOW + timedelta(days=days)).timestamp() * 1e9)
-    assert [f.verdict for f in network.certificates(made, wall_ns)] == [verdict]
+    assert [f.verdict for f in network.certificates(made, LaterClock(days=[days]))] == [verdict]
+
+
+def test_the_certificate_of_pages_that_are_off_is_no_finding(tmp_path: Path) -> None:
+    certs = Plant(tmp_path).folder
+    files = {"tls_cert": str(certs.certificate_path("ca")), "tls_key": str(tmp_path / "none")}
+    made = GatewayConfig.model_validate({"hmi": {"enabled": False, **files}})
+    assert list(network.certificates(made, LaterClock())) == []
+
+
+@pytest.mark.parametrize(
+    ("host", "verdict", "result"),
+    [
+        ("127.0.0.1", WARNING, "127.0.0.1: only programs of this machine reach it, no PLC"),
+        ("localhost", WARNING, "localhost: only programs of this machine reach it, no PLC"),
+        ("0.0.0.0", OK, "a PLC reaches it at 192.0.2.4 or 198.51.100.9"),
+        ("192.0.2.4", OK, "a PLC reaches it at 192.0.2.4"),
+    ],
+)
+def test_from_where_a_plc_could_connect(
+    monkeypatch: pytest.MonkeyPatch, host: str, verdict: Verdict, result: str
+) -> None:
+    monkeypatch.setattr(network, "own_addresses", lambda: ["192.0.2.4", "198.51.100.9", "127.0.0.1"])
+    found = network.reached(host)
+    assert (found.verdict, found.result) == (verdict, result)
+    assert ("192.0.2.4 or 198.51.100.9" in found.remedy) == (verdict is WARNING)

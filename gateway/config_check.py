@@ -1,0 +1,89 @@
+"""What a configuration's addresses, ports and files say about each other, found without opening a device or a port."""
+
+import re
+from collections.abc import Callable, Iterator
+from functools import partial
+
+from gateway.config import SHARED_SECTIONS, GatewayConfig
+from gateway.config.strict.errors import Fault, FaultsError, located
+from gateway.errors import ConfigError
+from gateway.files import device_at
+from gateway.net import tls
+from gateway.net.tls import TlsFiles
+from gateway.ranger.service import check_port
+from gateway.sinks import registry as sink_registry
+from gateway.sinks.contract import SettingError
+from gateway.vision.detect import registry as detection_methods
+from gateway.vision.source.specs import check_exposure, source_spec
+from gateway.web import languages
+
+
+def check(config: GatewayConfig, *, source: str, text: str) -> None:
+    """What can be checked of ports and addresses without opening them. Raises FaultsError, one line per fault.
+
+    `text` is the TOML that `config` was read from, and `source` its name, so that each fault is reported with its line.
+    """
+    faults: list[Fault] = []
+
+    def look(place: tuple[str | int, ...], part: Callable[[], object]) -> None:
+        try:
+            part()
+        except ConfigError as error:
+            message = re.sub(r"^(modbus\.tls\.|camera\.url|camera\.exposure|ranger port)\b[:= ]*", "", str(error))
+            fault = located(place, message, source=source, text=text, shared=SHARED_SECTIONS)
+            if fault not in faults:  # a shared section is checked once per bay
+                faults.append(fault)
+
+    for n, bay in enumerate(config.bays):
+        look(("bays", n, "camera", "url"), partial(source_spec, bay.camera))
+        look(("bays", n, "camera", "exposure"), partial(check_exposure, bay.camera))
+        look(("bays", n, "ranger", "port"), partial(check_port, bay.ranger))
+        look(("bays", n, "vision", "proposals"), partial(detection_methods.method(bay.vision.method).check, bay.vision))
+    if config.modbus.tls is not None:
+        look(("modbus", "tls"), partial(tls.check, TlsFiles.of_modbus(config.modbus.tls)))
+    for part in sink_registry.checks(config):
+        try:
+            part()
+        except SettingError as error:
+            faults.append(located(error.place, error.fault, source=source, text=text, shared=SHARED_SECTIONS))
+    if config.hmi.enabled:
+        try:
+            tls.check(TlsFiles.of_pages(config.hmi))
+        except ConfigError as error:
+            key, _, message = str(error).partition(": ")
+            faults.append(located(tuple(key.split(".")), message, source=source, text=text))
+    if not faults:
+        faults = [
+            located(place, what, source=source, text=text, shared=SHARED_SECTIONS) for place, what in _shared(config)
+        ]
+    if faults:
+        raise FaultsError(faults)
+
+
+def check_languages(config: GatewayConfig, *, source: str, text: str) -> None:
+    """A plant's own languages: by itself, as the gateway starts without one that is faulty. Raises FaultsError."""
+    found: list[ConfigError] = []
+    if config.hmi.enabled:
+        languages.own(config, found.append)
+    if found:
+        raise FaultsError([located(("hmi", "languages_folder"), str(one), source=source, text=text) for one in found])
+
+
+def _shared(config: GatewayConfig) -> Iterator[tuple[tuple[str | int, ...], str]]:
+    """What two bays or two servers would have to share: place and fault. A bay on another one's sensor would report
+    the wrong truck."""
+    for key, devices in (
+        ("camera.url", [str(bay.camera.url) for bay in config.bays]),
+        ("ranger.port", [bay.ranger.port for bay in config.bays]),
+    ):
+        places = [device_at(device) for device in devices]
+        for n, device in enumerate(devices):
+            if (first := places.index(places[n])) != n:
+                owner = config.bays[first].name
+                yield ("bays", n, "name"), f"its {key}, {device}, is that of bay {owner!r}, too: each bay needs its own"
+    modbus, tls_port = config.modbus, None if config.modbus.tls is None else config.modbus.tls.port
+    if config.hmi.enabled and config.hmi.port:
+        if modbus.plain and config.hmi.port == modbus.port:
+            yield ("hmi", "port"), "the port of [modbus], too: the pages need their own"
+        if config.hmi.port == tls_port:
+            yield ("hmi", "port"), "the port of [modbus.tls], too: the pages need their own"

@@ -1,0 +1,90 @@
+"""The gateway's own Modbus port as the doctor tries it: what each kind of answer is called."""
+
+import socket
+import struct
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import closing
+
+import pytest
+
+from gateway.config import GatewayConfig
+from gateway.doctor import plc
+from gateway.doctor.finding import Finding, Verdict
+from gateway.modbus.registers.register_map import BLOCK_WORDS, MAP_VERSION, REGISTERS
+from tests.virtual_time import BlockingClock
+
+ADDRESS = {register.name: register.address for register in REGISTERS}
+Answer = Callable[[int], bytes | None]  # to the request of this number; None: the connection ends
+
+
+def answered(server: socket.socket, answer: Answer) -> None:
+    """Of one connection, each request of 12 bytes."""
+    with closing(server), closing(server.accept()[0]) as sock:
+        for number in range(10):
+            if not sock.recv(12) or (pdu := answer(number)) is None:
+                return
+            sock.sendall(struct.pack(">HHHB", 1, 0, len(pdu) + 1, 1) + pdu)
+
+
+def block(heartbeat: int) -> bytes:
+    values = [0] * BLOCK_WORDS
+    values[ADDRESS["map_version"]] = MAP_VERSION
+    values[ADDRESS["heartbeat"]] = heartbeat
+    values[ADDRESS["stop"]] = 1
+    values[40:42] = 0x1234, 0x5678  # the known value that shows the order of words
+    return struct.pack(f">BB{BLOCK_WORDS}H", 3, 2 * BLOCK_WORDS, *values)
+
+
+@pytest.fixture
+def served() -> Iterator[Callable[[Answer], int]]:
+    threads: list[threading.Thread] = []
+
+    def serve(answer: Answer) -> int:
+        server = socket.create_server(("127.0.0.1", 0))
+        port: int = server.getsockname()[1]
+        threads.append(threading.Thread(target=answered, args=(server, answer)))
+        threads[-1].start()
+        return port
+
+    yield serve
+    for thread in threads:
+        thread.join(10)
+        assert not thread.is_alive()
+
+
+def port_line(config: dict[str, object], port: int | None) -> Finding:
+    made = GatewayConfig.model_validate({"modbus": {"host": "127.0.0.1", **config}})
+    (found,) = (f for f in plc.findings(made, port, BlockingClock(0)) if f.part == "port")
+    return found
+
+
+@pytest.mark.parametrize(
+    ("step", "verdict", "result"),
+    [
+        (1, Verdict.OK, "it answers; the heartbeat runs; stop is 1, reason 0"),
+        (0, Verdict.FAULT, "it answers, but its heartbeat stands at 7"),
+    ],
+)
+def test_the_heartbeat(served: Callable[[Answer], int], step: int, verdict: Verdict, result: str) -> None:
+    found = port_line({}, served(lambda number: block(7 + step * number)))
+    assert (found.verdict, found.result) == (verdict, result)
+
+
+def test_a_connection_that_is_refused_by_the_list_of_addresses_is_normal(served: Callable[[Answer], int]) -> None:
+    refused = port_line({"allow": ["10.0.0.7"]}, served(lambda _: None))
+    assert (refused.verdict, refused.remedy) == (
+        Verdict.WARNING,
+        "modbus.allow lacks this machine: normal; try it with the PLC",
+    )
+    assert port_line({}, served(lambda _: None)).verdict is Verdict.FAULT
+
+
+def test_an_exception_is_a_fault(served: Callable[[Answer], int]) -> None:
+    found = port_line({}, served(lambda _: bytes([0x83, 0x0B])))
+    assert (found.verdict, found.result) == (Verdict.FAULT, "it answers with exception 0B")
+
+
+def test_no_open_port() -> None:
+    found = port_line({}, None)
+    assert (found.verdict, found.result) == (Verdict.WARNING, "no port for plain Modbus TCP is open")

@@ -1,0 +1,65 @@
+"""What two bays or two servers of one configuration would have to share, however each writes it."""
+
+from pathlib import Path
+
+import pytest
+
+from gateway import config_check
+from gateway.config import GatewayConfig
+from gateway.config.strict.errors import FaultsError
+from gateway.files import device_at
+from tests.plant_certs import Plant
+
+
+def faults(camera: str, other_camera: str, port: str, other_port: str, **sections: object) -> str:
+    bays = [
+        {"name": "a", "unit_id": 1, "camera": {"url": camera}, "ranger": {"port": port}},
+        {"name": "b", "unit_id": 2, "camera": {"url": other_camera}, "ranger": {"port": other_port}},
+    ]
+    try:
+        config_check.check(GatewayConfig.model_validate({"bays": bays, **sections}), source="bay.toml", text="")
+    except FaultsError as error:
+        return str(error)
+    return ""
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ("/dev/video0", "0"),
+        (" 0", "0"),
+        ("/dev/../dev/video0", "/dev/video0"),
+        ("rtsp://camera/stream", "RTSP://user:secret@CAMERA/stream"),
+    ],
+)
+def test_one_camera_for_two_bays(one: str, other: str) -> None:
+    found = faults(one, other, "/dev/ttyACM0", "/dev/ttyACM1")
+    assert "is that of bay 'a', too: each bay needs its own" in found
+    assert "camera.url" in found
+
+
+def test_links_to_one_board(tmp_path: Path) -> None:
+    device, link = tmp_path / "ttyACM0", tmp_path / "board-7"
+    device.touch()
+    link.symlink_to(device)
+    assert "ranger.port" in faults("0", "1", str(device), str(link))
+    assert faults("0", "1", str(device), str(tmp_path / "ttyACM1")) == ""
+
+
+@pytest.mark.parametrize("other", ["rtsp://camera/other", "rtsp://camera2/stream", "http://camera/stream", "1"])
+def test_different_cameras(other: str) -> None:
+    assert faults("rtsp://camera/stream", other, "/dev/ttyACM0", "/dev/ttyACM1") == ""
+
+
+def test_what_an_address_names(tmp_path: Path) -> None:
+    assert device_at("3", tmp_path) == tmp_path / "video3"
+    assert device_at("rtsp://u:p@Host:554/Path@x", tmp_path) == "rtsp://host:554/Path@x"
+    assert device_at("COM3") == "COM3"
+
+
+@pytest.mark.parametrize(("port", "expected"), [(802, "the port of [modbus.tls], too"), (803, "")])
+def test_the_pages_on_the_port_of_modbus_tls(tmp_path: Path, port: int, expected: str) -> None:
+    tls = {**Plant(tmp_path).config().model_dump(), "port": 802}
+    found = faults("0", "1", "/dev/ttyACM0", "/dev/ttyACM1", modbus={"tls": tls}, hmi={"enabled": True, "port": port})
+    assert expected in found
+    assert bool(found) == bool(expected)
