@@ -60,6 +60,20 @@ def _truck_moved_detail(inputs: BayInputs) -> str:
     return f"{MOVED_MEANING[inputs.state.visit.moved]}{was}" + ("" if now_mm is None else f", now {now_mm:.0f} mm")
 
 
+def _truck_rolling(inputs: BayInputs) -> bool:
+    """Likewise."""
+    visit = inputs.state.visit
+    return visit.rolling and (visit.rolls_covered or inputs.state.plc.link is not PlcLink.UNUSED)
+
+
+def _truck_rolling_detail(inputs: BayInputs) -> str:
+    reference, now_mm = inputs.state.visit.reference, inputs.state.range.distance_mm
+    if reference is None:
+        return ""
+    stood = "" if reference.distance_mm is None else f"; it stood at {reference.distance_mm:.0f} mm"
+    return f"by {reference.sensor}{stood}" + ("" if now_mm is None else f", now {now_mm:.0f} mm")
+
+
 def _in_place_lost(inputs: BayInputs) -> bool:
     state, visit = inputs.state, inputs.state.visit
     was_in_place = visit.monitored and not visit.in_place and not visit.released and visit.moved is Moved.NO
@@ -351,6 +365,25 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         on_delay_s=30 * MINUTE_S,
         off_delay_s=0.0,
         suppressed_by=frozenset({Suppression.SHUTDOWN}),
+    ),
+    AlarmDefinition(
+        "truck_rolling",
+        "Truck rolls while in place",
+        Priority.HIGH,
+        "a truck that is in place begins to move: with the marker covered, as under the spout, or, where the PLC "
+        "writes, without its release; it has not left its place yet",
+        "in_place is still on until visit.band_mm is left; a spout that is down may be torn off, or may spill",
+        (
+            "brakes that do not hold, on a slope or while a person climbs about",
+            "the driver drives off",
+            "the PLC's program does not set release before the truck leaves (docs/visit.md)",
+        ),
+        "stop loading and raise the spout; the driver's display shows BRAKE; ask the driver to hold the truck",
+        1,
+        _truck_rolling,
+        _truck_rolling_detail,
+        on_delay_s=0.0,
+        off_delay_s=5.0,
     ),
     AlarmDefinition(
         "truck_moved",

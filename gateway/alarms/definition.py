@@ -67,6 +67,7 @@ class GatewayConditions:
     crashes: int = 0  # counter: tasks that failed with an unexpected error
     crashed: str = ""  # the newest of them
     bay_file_fault: str = ""  # why a bay's file can't be written
+    config_fault: str = ""  # why the configuration file that was to be read again was not loaded
     recorder_fault: str = ""  # why nothing is recorded
     records_lost: int = 0  # counter
     index_fault: str = ""  # why the index of the recordings can't be written or read

@@ -31,18 +31,18 @@ from gateway.core.state import StateVector
 
 HISTORY = 1000  # changes kept, of all alarms
 MAX_DETAIL = 120
-# What an operator must see first.
-_ORDER = (
-    AlarmState.UNACKNOWLEDGED,
-    AlarmState.LATCHED_UNACKNOWLEDGED,
-    AlarmState.RETURNED,
-    AlarmState.ACKNOWLEDGED,
-    AlarmState.LATCHED_ACKNOWLEDGED,
-    AlarmState.SHELVED,
-    AlarmState.OUT_OF_SERVICE,
-    AlarmState.SUPPRESSED,
-    AlarmState.NORMAL,
-)
+# What an operator must see first. Of those that wait for somebody, priority decides, not whether the cause is active.
+_ORDER = {
+    AlarmState.UNACKNOWLEDGED: 0,
+    AlarmState.LATCHED_UNACKNOWLEDGED: 0,
+    AlarmState.RETURNED: 0,
+    AlarmState.ACKNOWLEDGED: 1,
+    AlarmState.LATCHED_ACKNOWLEDGED: 1,
+    AlarmState.SHELVED: 2,
+    AlarmState.OUT_OF_SERVICE: 3,
+    AlarmState.SUPPRESSED: 4,
+    AlarmState.NORMAL: 5,
+}
 
 
 class AlarmEngine:
@@ -206,6 +206,9 @@ def _invalid(action: OperatorAction) -> str:
     return ""
 
 
-def _display_order(instance: _AlarmInstance[BayInputs] | _AlarmInstance[GatewayInputs]) -> tuple[int, int, int]:
-    """Sorts the most important first: unacknowledged ones, then by priority, then the newest."""
-    return _ORDER.index(instance.alarm.state), -instance.kind.priority, -(instance.alarm.raised_ns or 0)
+def _display_order(
+    instance: _AlarmInstance[BayInputs] | _AlarmInstance[GatewayInputs],
+) -> tuple[int, int, bool, int]:
+    """Sorts the most important first: unacknowledged ones, then by priority, then the active, then the newest."""
+    alarm = instance.alarm
+    return _ORDER[alarm.state], -instance.kind.priority, not alarm.active, -(alarm.raised_ns or 0)

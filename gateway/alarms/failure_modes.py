@@ -89,6 +89,10 @@ MODES: Mapping[str, tuple[FailureMode, ...]] = {
                "camera_stale"),
         _stops("C9", "a film or stream ends", "the end of a film gives values for ever",
                "the source's end; without `loop` it is not begun again", 100, Reason.CAMERA_DOWN, "camera_down"),
+        _stops("C10", "set otherwise than `[camera.controls]` says: by another program, or another camera in its place",
+               "the marker is darker, clipped or out of focus",
+               "each is read back at the opening and every 10 s; a lost camera, whose error names the key", 10_100,
+               Reason.CAMERA_DOWN, "camera_down"),
     ),
     "Vision process": (
         _stops("V1", "dies: killed, out of memory, a crash in a driver", UNSEEN, "the process's end; it is replaced",
@@ -105,6 +109,10 @@ MODES: Mapping[str, tuple[FailureMode, ...]] = {
                Reason.VISION_FAULT, "vision_fault"),
         _stops("V6", "a driver hangs and lets no other thread run", UNSEEN,
                "`fusion.vision_deadline_s`, then the monitor from outside", 320, Reason.VISION_STALE, "vision_fault"),
+        _stops("V7", "its settings are changed while a truck is there (tuning page, settings page, reload)",
+               "a value of the old settings counts beside the new ones",
+               "all values are withdrawn at once; those of the new process count after `fusion.recovery_s`", 50,
+               Reason.VISION_STALE),
     ),
     "Marker": (
         FailureMode("M1", "hidden: by dust, a tarpaulin, the spout", "no place is measured", "no marker in the picture",
@@ -156,8 +164,9 @@ MODES: Mapping[str, tuple[FailureMode, ...]] = {
     ),
     "Truck": (
         FailureMode("T1", "rolls while in place, marker seen or covered", "the spout is torn, material is spilled",
-                    "Z leaves its band, or the marker is seen elsewhere: `moved`", 300, None,
-                    "stop; `moved`, or `no_target` while the marker is covered", "truck_moved"),
+                    "it begins to move: `rolling`, BRAKE; Z leaves its band, or the marker is seen "
+                    "elsewhere: `moved`", 300, None,
+                    "stop; `moved`, or `no_target` while the marker is covered", "truck_rolling"),
         FailureMode("T2", "drives off without release", "the same", "as T1", 300, None,
                     "stop, until it has left or a reset; `moved`, or `no_target` while the marker is covered",
                     "truck_moved"),

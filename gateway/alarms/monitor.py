@@ -1,5 +1,5 @@
-"""Evaluates the alarms once a second, as a supervised task of the main process: with and without pages. Pure but for
-the clock, which is passed in."""
+"""Evaluates the alarms once a second, and as soon as a truck in place moves, as a supervised task of the main process:
+with and without pages. Pure but for the clock, which is passed in."""
 
 from collections.abc import Callable, Iterable, Mapping
 from typing import NoReturn
@@ -9,9 +9,10 @@ from gateway.alarms.engine import AlarmEngine
 from gateway.alarms.records import ActionReply, Alarm, AlarmChange, AlarmSummary, OperatorAction
 from gateway.clock import Clock
 from gateway.config import FusionConfig
-from gateway.core.state import StateVector
+from gateway.core.state import Moved, StateVector
 
 PERIOD_S = 1.0
+MOTION_S = 0.05  # between two looks at whether a truck in place moves: its alarm does not wait for the next second
 REPORTED_CHANGES = 20
 
 
@@ -39,7 +40,16 @@ class AlarmMonitor:
     async def run(self) -> NoReturn:
         while True:
             self.scan()
-            await self._clock.sleep(PERIOD_S)
+            seen = self._motion()
+            for _ in range(round(PERIOD_S / MOTION_S)):
+                await self._clock.sleep(MOTION_S)
+                if self._motion() != seen:
+                    break
+
+    def _motion(self) -> list[tuple[bool, Moved, bool]]:
+        """Of each bay."""
+        visits = [self._state(bay).visit for bay in self._bays]
+        return [(visit.rolling, visit.moved, visit.in_place) for visit in visits]
 
     def scan(self) -> None:
         now_ns = self.scanned_ns = self._clock.now_ns()

@@ -22,6 +22,7 @@ class EventKind(StrEnum):
     IN_PLACE = "in_place"
     IN_PLACE_ENDED = "in_place_ended"
     MOVED = "moved"
+    ROLLING = "rolling"
     RELEASED = "released"
     VISIT_ENDED = "visit_ended"
     VISIT = "visit"
@@ -134,6 +135,10 @@ def _visit(old: StateVector, new: StateVector) -> list[Event]:
     found: list[tuple[EventKind, str]] = []
     if now.in_place and not was.in_place and now.place is not None:
         found.append((EventKind.IN_PLACE, _where(now.place.distance_mm, now.place.circle)))
+    if now.rolling and not was.rolling and was.reference is not None and now.reference is not None:
+        distance_mm, circle = was.reference.distance_mm, was.reference.circle
+        after = _where(new.range.distance_mm, new.vision.circle)
+        found.append((EventKind.ROLLING, f"by {now.reference.sensor}: {_where(distance_mm, circle)} -> {after}"))
     if now.moved is not was.moved and now.moved is not Moved.NO and now.place is not None:
         before = _where(now.place.distance_mm, now.place.circle)
         after = _where(new.range.distance_mm, new.vision.circle)

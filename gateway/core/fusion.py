@@ -6,7 +6,7 @@ Equation 13 is the state, equation 14 the decision:
 
 computed only from values that are fresh and good. Where one of them is not, D is unknowable (None), and `stop` is on
 unless `fail_safe` has been switched off. `may_move` requires more than `not stop`: both sensors good, no contradiction.
-One exception, off by default: with `arrive_by_camera` D is 0 for a truck that is too far away for the ranger.
+One exception: with `arrive_by_camera` D is 0 for a truck that is too far away for the ranger.
 
 Stop is set at once. By default (`decision = "held"`) it ends later than by equation 14: D
 ends only when both sensors show that the truck moved away from where equation 14 last held; a sensor that was dead must
@@ -92,7 +92,7 @@ def step(
     known = vision.quality is Quality.GOOD and rng.quality is Quality.GOOD
     d = memory.d if known else None
     fault = _fault(vision, rng, memory)
-    if _arrives(memory, vision, rng, config):
+    if not state.visit.monitored and _arrives(memory, vision, rng, config):
         d, fault = False, Reason.NONE
     stop = bool(d) or (config.fail_safe and fault is not Reason.NONE)
     reason = Reason.NONE
@@ -144,7 +144,7 @@ def forced_stop(state: StateVector, reason: Reason, now_ns: int) -> StateVector:
         t_ns=now_ns,
         seq=state.seq + 1,
         vision=_without_circle(state.vision, not_good(state.vision.quality)),
-        range=replace(state.range, quality=not_good(state.range.quality), distance_mm=None),
+        range=replace(state.range, quality=not_good(state.range.quality), distance_mm=None, echo_mm=None),
         d=None,
         stop=True,
         may_move=False,
@@ -199,12 +199,16 @@ def _checked_vision(reading: VisionReading, now_ns: int) -> VisionReading:
 def _checked_range(reading: RangeReading, now_ns: int) -> RangeReading:
     if reading.t_ns > now_ns:
         reading = replace(reading, t_ns=now_ns)
-    z = reading.distance_mm
+    z, echo_mm = reading.distance_mm, reading.echo_mm
+    if echo_mm is not None and not (reading.quality is Quality.GOOD and in_range(echo_mm) and echo_mm > 0):
+        reading = replace(reading, echo_mm=None)
     if reading.quality is not Quality.GOOD:
         return replace(reading, distance_mm=None) if z is not None else reading
     if z is not None and in_range(z) and z > 0:
         return reading
-    return replace(reading, quality=Quality.UNSTABLE, distance_mm=None, detail="reading without a usable distance")
+    return replace(
+        reading, quality=Quality.UNSTABLE, distance_mm=None, echo_mm=None, detail="reading without a usable distance"
+    )
 
 
 def _newest_vision(held: VisionReading, new: VisionReading) -> VisionReading:
@@ -230,7 +234,8 @@ def _aged_range(reading: RangeReading, now_ns: int, config: FusionConfig) -> Ran
     ages = reading.quality not in (Quality.LINK_DOWN, Quality.WRONG_VERSION, Quality.STALE)
     deadline_s = config.start_grace_s if reading.quality is Quality.WAITING else config.range_deadline_s
     if ages and now_ns - reading.t_ns > deadline_s * NS_PER_S:
-        return replace(reading, quality=Quality.STALE, distance_mm=None, detail=f"no reading for {deadline_s:g} s")
+        late = f"no reading for {deadline_s:g} s"
+        return replace(reading, quality=Quality.STALE, distance_mm=None, echo_mm=None, detail=late)
     return reading
 
 
@@ -247,7 +252,7 @@ def _recovering(
     if of_vision.quality is not None and vision.quality in FRESH_FRAME:
         vision = replace(_without_circle(vision, of_vision.quality), detail=RECOVERING)
     if of_range.quality is not None and rng.quality not in DEAD and rng.quality is not Quality.WAITING:
-        rng = replace(rng, quality=of_range.quality, distance_mm=None, detail=RECOVERING)
+        rng = replace(rng, quality=of_range.quality, distance_mm=None, echo_mm=None, detail=RECOVERING)
     return memory, vision, rng
 
 
@@ -328,14 +333,25 @@ def _no_cause_for_long(memory: FusionMemory, now_ns: int, config: FusionConfig) 
 def _arrives(memory: FusionMemory, vision: VisionReading, rng: RangeReading, config: FusionConfig) -> bool:
     """Is D surely 0 though the ranger sees nothing yet? A small marker, beyond the range from which echoes return.
 
-    A ranger without echoes is detected when the marker, by the learned R Z, is within the ranger's range.
+    A ranger without echoes is detected when the marker, by its R Z, is within the ranger's range.
     """
-    if not config.arrive_by_camera or memory.scale is None or memory.d or memory.disagree or vision.circle is None:
+    if not config.arrive_by_camera or memory.d or memory.disagree or vision.circle is None:
         return False
     radius_px = vision.circle.radius_px
     beyond = rng.quality in (Quality.NO_ECHO, Quality.TOO_FAR)
     small = 0 < radius_px <= FAR_SHARE * config.radius_threshold_px
-    return beyond and small and distance_of(memory.scale, radius_px) >= BEYOND_RANGE_MM
+    return beyond and small and _distance_mm(memory, radius_px, config) >= BEYOND_RANGE_MM
+
+
+def _distance_mm(memory: FusionMemory, radius_px: float, config: FusionConfig) -> float:
+    """How far away the marker is by its radius alone: as learned, else as configured, else as if both thresholds held
+    at one place. A marker larger than that seems nearer, and waits for the ranger."""
+    check = config.cross_check
+    if memory.scale is not None:
+        return distance_of(memory.scale, radius_px)
+    if check is not None:
+        return check.focal_px * check.marker_radius_mm / radius_px - check.camera_offset_mm
+    return config.radius_threshold_px * config.distance_threshold_mm / radius_px
 
 
 def _settled(memory: FusionMemory) -> FusionMemory:

@@ -14,12 +14,14 @@ from itertools import combinations
 from statistics import median
 
 from gateway.config import CrossCheck, FusionConfig, GuidanceConfig
+from gateway.core.plc import PlcLink
 from gateway.core.readings import Quality, RangeReading
 from gateway.core.state import FunctionCheck, Guidance, GuidanceCode, StateVector, VisitPhase
 
 NS_PER_S = 1_000_000_000
 TRACK_NS = 1_000_000_000  # readings older than this show nothing of the speed now
 TRACK_MAX = 16  # of them are kept: 120 pairs
+SLOW_HELD = 2.0  # SLOW, once shown, ends beyond so many times slow_mm
 TRACK_MIN = 4
 TRACK_MIN_NS = 150_000_000  # over a shorter time the ranger's 1 mm steps would look like speed
 
@@ -88,8 +90,14 @@ def advise(
             offset_mm = offset_u * true_mm / circle.radius_px
         if distance_mm is not None:
             go = to_go_mm(circle.radius_px, distance_mm, fusion)
-    code = _code(state, config, go, offset_u, speed, in_use=in_use, broken=broken)
-    amount: float | None = None
+    brakes = _brakes(state, fusion, config)
+    past_mm = _past_view_mm(state, fusion, config) if in_use and not broken and not brakes else None
+    if past_mm is not None:
+        code = _past(-past_mm, speed, config)
+        amount = None if code is GuidanceCode.STOP else past_mm
+        return Guidance(code, amount, closing_mm_s=speed, to_go_mm=-past_mm)
+    code = _code(state, config, go, offset_u, speed, brakes=brakes, in_use=in_use, broken=broken)
+    amount = None
     if code in (GuidanceCode.LEFT, GuidanceCode.RIGHT):
         amount = None if offset_mm is None else abs(offset_mm)
     elif code in (GuidanceCode.FORWARD, GuidanceCode.SLOW, GuidanceCode.BACK, GuidanceCode.TOO_FAR):
@@ -104,6 +112,7 @@ def _code(
     offset_u_px: float | None,
     speed: float | None,
     *,
+    brakes: bool,
     in_use: bool,
     broken: bool,
 ) -> GuidanceCode:
@@ -115,7 +124,7 @@ def _code(
         active.add(GuidanceCode.WAIT)
     if state.memory.latched and state.d is not True:
         active.add(GuidanceCode.STOP)
-    if code := _from_visit(state, active, speed, config):
+    if code := _from_visit(state, active, go_mm, speed, config, brakes=brakes):
         return code
     if found := [code for code in _WORST_FIRST if code in active]:
         return found[0]
@@ -124,37 +133,90 @@ def _code(
     if offset_u_px is not None and abs(offset_u_px) > config.tolerance_px:
         # The marker is right of the aim point: the truck must go to the picture's left.
         return GuidanceCode.LEFT if (offset_u_px > 0) != config.mirrored else GuidanceCode.RIGHT
-    soon = speed is not None and speed > 0 and go_mm <= speed * config.slow_s
-    return GuidanceCode.SLOW if soon or go_mm <= config.slow_mm else GuidanceCode.FORWARD
+    closing = max(0.0, speed or 0.0)
+    if closing > config.still_mm_s and go_mm <= closing * config.stop_lead_s:
+        return GuidanceCode.STOP  # the truck comes to the mark while the driver reacts
+    soon = closing > 0 and go_mm <= closing * config.slow_s
+    # A truck that has slowed down need not be told to drive on at once: the sign would alternate.
+    held = state.guidance.code in (GuidanceCode.SLOW, GuidanceCode.STOP) and go_mm <= SLOW_HELD * config.slow_mm
+    return GuidanceCode.SLOW if soon or held or go_mm <= config.slow_mm else GuidanceCode.FORWARD
 
 
 def _from_visit(
-    state: StateVector, active: set[GuidanceCode], speed: float | None, config: GuidanceConfig
+    state: StateVector,
+    active: set[GuidanceCode],
+    go_mm: float | None,
+    speed: float | None,
+    config: GuidanceConfig,
+    *,
+    brakes: bool,
 ) -> GuidanceCode | None:
     """The visit's instruction, which precedes those of the single sensors: in place, leaving, arriving."""
     if GuidanceCode.FAULT in active or state.function_check is not FunctionCheck.OFF:
         return None
     phase = state.visit.phase
-    if state.in_place:
-        return GuidanceCode.OK  # the spout covers the marker: no fault, no wait
+    if brakes or state.in_place:  # the spout covers the marker: no fault, no wait
+        return GuidanceCode.BRAKE if brakes else GuidanceCode.OK
     if not state.may_move:
         return None
     if phase is VisitPhase.ARRIVING:
         return GuidanceCode.DRIVE_UP
-    backing = speed is not None and speed < -config.still_mm_s
-    if phase is VisitPhase.RELEASED or (phase is VisitPhase.LEAVING and (state.visit.released or backing)):
+    # Loaded, it is only sent back to the mark once it drives there: one that stands or creeps is on its way out.
+    returns = not state.visit.released and speed is not None and speed > config.still_mm_s
+    # One that rolled off before it was loaded has nothing to leave for, as long as it is near.
+    returns |= state.visit.rolled_off and go_mm is not None and go_mm <= config.slow_mm
+    if phase is VisitPhase.RELEASED or (phase is VisitPhase.LEAVING and not returns):
         return GuidanceCode.LEAVE
     return None
 
 
+def _brakes(state: StateVector, fusion: FusionConfig, config: GuidanceConfig) -> bool:
+    """Does it roll, and is not the truck that goes back as it is told?
+
+    Where no PLC can release a truck, each one that leaves rolls: only one under the spout is told.
+    """
+    visit, reference = state.visit, state.visit.reference
+    brakes = visit.rolls_covered or (visit.rolling and state.plc.link is not PlcLink.UNUSED)
+    if not brakes or reference is None or reference.distance_mm is None or state.range.distance_mm is None:
+        return brakes
+    stood_past = reference.distance_mm < fusion.distance_threshold_mm - config.overshoot_mm
+    return not (visit.rolled_off and stood_past and state.range.distance_mm > reference.distance_mm)
+
+
 def _at_mark(state: StateVector, config: GuidanceConfig, go_mm: float | None, speed: float | None) -> GuidanceCode:
     """Stop is on though nothing is broken: at the mark and not yet in place, or past it."""
-    still = speed is not None and abs(speed) < config.still_mm_s
     if state.d is not True or go_mm is None:
         return GuidanceCode.STOP
-    if go_mm < -config.overshoot_mm:
-        return GuidanceCode.BACK if still else GuidanceCode.TOO_FAR
-    return GuidanceCode.STOP
+    # BACK stays until the middle of what is allowed, where it ends for a truck that goes back, too: noise at the edge
+    # would let the sign alternate. A truck that stands within is in place by then, or soon.
+    back = state.guidance.code is GuidanceCode.BACK and go_mm < -config.overshoot_mm / 2
+    held = back and speed is not None and speed < config.still_mm_s
+    return _past(go_mm, speed, config) if held or go_mm < -config.overshoot_mm else GuidanceCode.STOP
+
+
+def _past(go_mm: float, speed: float | None, config: GuidanceConfig) -> GuidanceCode:
+    """Too far in: BACK also while the truck goes back, until it comes to the middle of what is allowed."""
+    if speed is None or speed >= config.still_mm_s:
+        return GuidanceCode.TOO_FAR
+    backs = speed < -config.still_mm_s
+    if backs and config.stop_lead_s and go_mm - speed * config.stop_lead_s >= -config.overshoot_mm / 2:
+        return GuidanceCode.STOP
+    return GuidanceCode.BACK
+
+
+def _past_view_mm(state: StateVector, fusion: FusionConfig, config: GuidanceConfig) -> float | None:
+    """How far past the mark a truck is that is too near for the camera to see its marker; None: it is not.
+
+    By the ranger alone, which may only send a truck back: one for which both sensors gave D = 1 just before, and that
+    was not in place yet, or was seen to roll off its place before the spout was down.
+    """
+    sees_nothing = state.vision.quality in (Quality.NO_TARGET, Quality.COASTED) and state.vision.wrong_size is None
+    visit = state.visit
+    new = (visit.rolled_off or not (visit.monitored or visit.released)) and state.function_check is FunctionCheck.OFF
+    if not (sees_nothing and new and state.memory.d and not state.memory.disagree) or state.range.distance_mm is None:
+        return None
+    past_mm = fusion.distance_threshold_mm - state.range.distance_mm
+    return past_mm if past_mm > config.overshoot_mm else None
 
 
 def _marker_radius_mm(config: GuidanceConfig, check: CrossCheck | None) -> float | None:

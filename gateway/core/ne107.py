@@ -42,8 +42,8 @@ def active(state: StateVector) -> frozenset[Ne107]:
     """Every signal that holds; empty: good."""
     vision, rng = state.vision.quality, state.range.quality
     qualities = {vision, rng}
-    # With no marker in sight the bay is empty, and an ultrasonic ranger that hears nothing is right.
-    beyond = rng in _BEYOND_RANGE and vision is not Quality.NO_TARGET
+    # An ultrasonic ranger that hears nothing is right where no marker is in sight, or where the marker is far off.
+    beyond = rng in _BEYOND_RANGE and vision is not Quality.NO_TARGET and not state.may_move
     holds = {
         Ne107.FAILURE: bool(qualities & DEAD) or state.plc.missed or state.reason is Reason.GATEWAY_FAULT,
         Ne107.FUNCTION_CHECK: state.function_check is not FunctionCheck.OFF

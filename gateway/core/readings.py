@@ -185,3 +185,4 @@ class RangeReading:
     detail: str = ""
     stats: RangeStats = field(default_factory=RangeStats)
     oldest_ns: int | None = None  # time of the oldest echo that counts in the distance; None: t_ns
+    echo_mm: float | None = None  # the newest of these echoes by itself; None: the ranger does not report it

@@ -128,13 +128,13 @@ class VisitPhase(IntEnum):
 VISIT_PHASE_MEANING: dict[VisitPhase, str] = {
     VisitPhase.UNKNOWN: "a sensor has no usable value, or both contradict each other",
     VisitPhase.EMPTY: "no truck: no marker in sight, and nothing before the ranger",
-    VisitPhase.ARRIVING: "a marker in sight, still beyond the ranger's range",
+    VisitPhase.ARRIVING: "a truck on its way in: a marker in sight, still beyond the ranger's range",
     VisitPhase.APPROACHING: "a truck on its way in, D = 0",
     VisitPhase.AT_MARK: "D = 1, but not in place: still moving, askew, too far in, moved, or in place was lost",
     VisitPhase.IN_PLACE: "in place, seen by both sensors",
     VisitPhase.HELD: "in place, with the marker covered: held by the ranger alone",
     VisitPhase.RELEASED: "the PLC has released the truck; it has not left its place yet",
-    VisitPhase.LEAVING: "the truck was in place and is on its way out",
+    VisitPhase.LEAVING: "the truck was in place and is on its way out, until it is out of sight",
 }
 
 
@@ -151,6 +151,31 @@ MOVED_MEANING: dict[Moved, str] = {
     Moved.DISTANCE: "the distance left its band",
     Moved.MARKER: "the marker was seen elsewhere, at a fitting size",
 }
+
+
+@dataclass(frozen=True, slots=True)
+class WayOut:
+    """How far a truck that was in place has been seen on its way out, until it is out of sight or another one comes."""
+
+    farthest_mm: float
+    smallest_px: float | None = None  # of its marker, beyond the ranger's range
+
+
+@dataclass(frozen=True, slots=True)
+class ReferencePosition:
+    """Where a truck in place has been standing, by each sensor, and since when it rolls (gateway/core/rolling.py)."""
+
+    distance_mm: float | None = None
+    range_ns: int = 0  # time of the newest distance compared
+    nearer_mm: float = 0.0  # sum of what the newest echoes were nearer than that, less the slack; never negative
+    farther_mm: float = 0.0  # likewise
+    circle: Circle | None = None
+    frame_ns: int = 0
+    odd_frames: int = 0  # running, with the marker elsewhere
+    rolling_since_ns: int | None = None
+    sensor: str = ""  # which one has shown it first: "range" or "vision"
+    covered: bool = False  # the marker was, when it began to roll: under the spout
+    still_since_ns: int | None = None  # rolling, and stands again since
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,7 +202,28 @@ class Visit:
     candidate: TruckPosition | None = None  # where the truck stood when still_since_ns began
     off_mark: bool = False  # since it was in place, D was 0 and Z well beyond Z_th
     farthest_mm: float | None = None  # Z at most since the release; an approaching truck is not leaving
+    way_out: WayOut | None = None  # of a truck that was in place; outlives the visit, and only guides
+    unseen_since_ns: int | None = None  # on its way out, and neither sensor has seen it since
+    covered: bool = False  # the marker was, while in place, for hold_grace_s: the spout may be down, or it is loaded
+    seen_moving: bool = False  # the camera has seen the marker while the truck rolled off its place
     ended: str = ""  # why in_place ended last, in words
+    reference: ReferencePosition | None = None  # of a truck that is in place, or has left its place without release
+
+    @property
+    def rolling(self) -> bool:
+        """A truck that was in place, and was not released, moves."""
+        return self.reference is not None and self.reference.rolling_since_ns is not None
+
+    @property
+    def rolls_covered(self) -> bool:
+        """It does so under the spout, as far as it can be known."""
+        return self.reference is not None and self.rolling and (self.reference.covered or self.moved_covered)
+
+    @property
+    def rolled_off(self) -> bool:
+        """It has left its place without release and before anything was loaded: no spout is down."""
+        begun = self.in_place or self.released or self.restored or self.covered or self.moved_covered
+        return self.place is not None and self.seen_moving and not begun
 
     @property
     def held(self) -> bool:
@@ -214,6 +260,7 @@ class GuidanceCode(IntEnum):
     FAULT = 9
     LEAVE = 10
     DRIVE_UP = 11
+    BRAKE = 12
 
 
 GUIDANCE_MEANING: dict[GuidanceCode, str] = {
@@ -229,6 +276,7 @@ GUIDANCE_MEANING: dict[GuidanceCode, str] = {
     GuidanceCode.FAULT: "stop: something is broken; a display shows it as STOP",
     GuidanceCode.LEAVE: "leave the bay: released, or on the way out",
     GuidanceCode.DRIVE_UP: "drive on; too far away for the ranger to measure",
+    GuidanceCode.BRAKE: "the truck rolls or drives off while it is in place: brake now",
 }
 
 

@@ -13,13 +13,24 @@ import math
 from dataclasses import dataclass, replace
 
 from gateway.config import FusionConfig, GuidanceConfig, VisitConfig
+from gateway.core import rolling
 from gateway.core.agreement import FAR_SHARE
 from gateway.core.detection import Circle
 from gateway.core.guidance import to_go_mm
 from gateway.core.readings import DEAD, Quality
-from gateway.core.state import FunctionCheck, Moved, StateVector, TruckPosition, Visit, VisitPhase
+from gateway.core.state import (
+    FunctionCheck,
+    Moved,
+    ReferencePosition,
+    StateVector,
+    TruckPosition,
+    Visit,
+    VisitPhase,
+    WayOut,
+)
 
 NS_PER_S = 1_000_000_000
+NEARER_SHARE = 1.2  # R grows by more only when a truck comes nearer, or another one is seen
 LEFT_BEYOND_MM = 700.0  # beyond Z_th, where leave_distance_mm is not configured
 NO_TRUCK_RANGE = frozenset({Quality.NO_ECHO, Quality.TOO_FAR})
 NOT_MEASURING = DEAD | {Quality.WAITING}
@@ -74,6 +85,12 @@ def step(
         if visit.place is not None:
             visit = _monitored(visit, visit.place, state, limits)
         visit = _settled(visit, state, speed_mm_s, limits)
+    way_out, unseen_since_ns = _way_out(visit, state, limits)
+    if (way_out, unseen_since_ns) != (visit.way_out, visit.unseen_since_ns):
+        visit = replace(visit, way_out=way_out, unseen_since_ns=unseen_since_ns)
+    reference = _reference(visit, state, speed_mm_s, limits)
+    if reference is not visit.reference:
+        visit = replace(visit, reference=reference)
     phase = _phase(visit, state, limits)
     return visit if phase is visit.phase else replace(visit, phase=phase)
 
@@ -124,6 +141,43 @@ def _leaving(visit: Visit, state: StateVector, limits: Limits, *, released: bool
     if nearer or dead or doubtful or not released:
         return replace(visit, released=False, farthest_mm=None, unconfirmed_since_ns=None)
     return _farther(visit, distance_mm)
+
+
+def _way_out(visit: Visit, state: StateVector, limits: Limits) -> tuple[WayOut | None, int | None]:
+    """Of a truck that was in place and has left the mark, for as long as it is seen and none comes nearer; and since
+    when it has not been seen."""
+    way, distance_mm, circle = visit.way_out, state.range.distance_mm, state.vision.circle
+    if visit.in_place or state.d is True:
+        return None, None
+    if way is None:
+        return (WayOut(distance_mm) if visit.off_mark and distance_mm is not None else None), None
+    if distance_mm is not None:
+        nearer = distance_mm < way.farthest_mm - limits.visit.band_mm
+        return (None if nearer else WayOut(max(distance_mm, way.farthest_mm))), None
+    none = state.vision.quality is Quality.NO_TARGET and state.range.quality in NO_TRUCK_RANGE
+    unseen_since_ns = _since(visit.unseen_since_ns, state, on=none)
+    if _lasts(unseen_since_ns, state, limits.visit.leave_s):
+        return None, None
+    if circle is not None:  # beyond the ranger's range
+        if way.smallest_px is not None and circle.radius_px > NEARER_SHARE * way.smallest_px:
+            return None, None
+        way = WayOut(way.farthest_mm, min(circle.radius_px, way.smallest_px or circle.radius_px))
+    return way, unseen_since_ns
+
+
+def _reference(visit: Visit, state: StateVector, speed_mm_s: float | None, limits: Limits) -> ReferencePosition | None:
+    """From in place until the truck was released, has left, or nobody knows where it stands any more."""
+    gone = visit.place is None or visit.released or visit.restored
+    if gone or (visit.reference is None and not visit.in_place) or (visit.off_mark and not visit.rolling):
+        return None
+    reference = visit.reference
+    if reference is not None and visit.place is not None and _compared(visit.place, state, limits.visit)[1]:
+        return rolling.without_marker(reference) if reference.rolling_since_ns is None else reference
+    new = rolling.step(reference, state, speed_mm_s, limits.visit, limits.guidance)
+    if reference is not None and new.rolling_since_ns is not None and reference.rolling_since_ns is None:
+        # As for `moved`: one frame without the marker is not enough to decide.
+        return replace(new, covered=_lasts(visit.covered_since_ns, state, limits.visit.hold_grace_s))
+    return new
 
 
 def _farther(visit: Visit, distance_mm: float | None) -> Visit:
@@ -195,6 +249,11 @@ def _monitored(visit: Visit, place: TruckPosition, state: StateVector, limits: L
         visit = replace(visit, covered_since_ns=covered_since_ns)
     if not visit.in_place:
         return visit
+    if not visit.seen_moving and not contradicts and _seen_elsewhere(place, state, limits.visit):
+        visit = replace(visit, seen_moving=True)
+    short_s = min(limits.visit.hold_grace_s, limits.visit.hold_limit_s)
+    if not visit.covered and covered and _lasts(visit.covered_since_ns, state, short_s):
+        visit = replace(visit, covered=True)
     if why := _ended(visit, state, moved):
         return _out_of_place(visit, why)
     disagree = contradicts or state.memory.disagree or state.vision.wrong_size is not None
@@ -205,6 +264,15 @@ def _monitored(visit: Visit, place: TruckPosition, state: StateVector, limits: L
     if covered and _lasts(visit.covered_since_ns, state, limits.visit.hold_limit_s):
         return _out_of_place(visit, "held for too long")
     return visit
+
+
+def _seen_elsewhere(place: TruckPosition, state: StateVector, config: VisitConfig) -> bool:
+    """Is the marker seen, and has the truck left its place by more than a truck that stands?"""
+    circle, distance_mm, was_px = state.vision.circle, state.range.distance_mm, place.circle.radius_px
+    if circle is None or distance_mm is None:
+        return False
+    larger = state.vision.visible is not None and abs(circle.radius_px - was_px) > config.rolling_share * was_px
+    return larger or abs(distance_mm - place.distance_mm) > config.rolling_mm
 
 
 def _ended(visit: Visit, state: StateVector, moved: Moved) -> str:
@@ -253,7 +321,9 @@ def _phase(visit: Visit, state: StateVector, limits: Limits) -> VisitPhase:
         phase = VisitPhase.UNKNOWN
     elif state.d is True:
         phase = VisitPhase.AT_MARK
-    elif state.vision.circle is not None and state.range.quality in NO_TRUCK_RANGE:
+    elif visit.way_out is not None and (state.d is False or state.vision.circle is not None):
+        phase = VisitPhase.LEAVING
+    elif state.vision.circle is not None and state.range.quality in NO_TRUCK_RANGE and not visit.monitored:
         phase = VisitPhase.ARRIVING
     elif state.d is False:
         phase = VisitPhase.LEAVING if visit.monitored else VisitPhase.APPROACHING
@@ -283,5 +353,7 @@ def _after_visit(visit: Visit) -> Visit:
         phase=visit.phase,
         clear_since_ns=visit.clear_since_ns,
         usable_since_ns=visit.usable_since_ns,
+        way_out=visit.way_out,
+        unseen_since_ns=visit.unseen_since_ns,
         ended="the bay is clear" if visit.in_place else visit.ended,
     )

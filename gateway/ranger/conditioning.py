@@ -188,7 +188,7 @@ class Conditioner:
         if not good:
             return self._emit(t_ns, quality, None, seq, detail or f"{raw_mm:.0f} mm")
         value_mm, value_ns = self._median.push(raw_mm, t_ns)
-        return self._emit(value_ns, Quality.GOOD, value_mm, seq, "", self._median.oldest_ns)
+        return self._emit(value_ns, Quality.GOOD, value_mm, seq, "", self._median.oldest_ns, raw_mm)
 
     def fault(self, quality: Quality, now_ns: int, seq: int, detail: str) -> list[RangeReading]:
         """A fault without a measurement: at once when it is new, then again every REPEAT_NS."""
@@ -202,7 +202,14 @@ class Conditioner:
         return RangeReading(now_ns, Quality.LINK_DOWN, detail=detail, stats=self.stats)
 
     def _emit(
-        self, t_ns: int, quality: Quality, mm: float | None, seq: int, detail: str, oldest_ns: int | None = None
+        self,
+        t_ns: int,
+        quality: Quality,
+        mm: float | None,
+        seq: int,
+        detail: str,
+        oldest_ns: int | None = None,
+        echo_mm: float | None = None,
     ) -> list[RangeReading]:
         self._reported = (quality, t_ns)
-        return [RangeReading(t_ns, quality, mm, seq, detail, self.stats, oldest_ns)]
+        return [RangeReading(t_ns, quality, mm, seq, detail, self.stats, oldest_ns, echo_mm)]

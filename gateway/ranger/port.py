@@ -3,11 +3,13 @@
 import errno
 import io
 import os
+import re
 import select
 import termios
 from urllib.parse import parse_qs, urlsplit
 
 import serial
+from serial.tools import list_ports
 
 from gateway.errors import ConfigError, LinkError
 
@@ -30,22 +32,18 @@ NETWORK_OPTIONS = {
     "socket": {"logging"},
     "rfc2217": {"logging", "ign_set_control", "poll_modem", "timeout"},
 }
+OTHER_SCHEMES = ("hwgrep", "loop")
+"""Of pyserial's others, spy:// opens a file of any name for writing as soon as its URL is read."""
 
 
 def check_url(url: str) -> None:
-    """Raise ConfigError for a URL that can never be opened on any machine."""
+    """Raise ConfigError for a URL that can never be opened on any machine. Opens nothing."""
     scheme, separator, _ = url.partition("://")
     if not separator:
         return
     options = NETWORK_OPTIONS.get(scheme.lower())
     if options is None:
-        try:
-            serial.serial_for_url(url, do_not_open=True)
-        except ValueError as error:
-            known = "a device path, socket://host:port or rfc2217://host:port"
-            raise ConfigError(f"ranger port {url!r}: {scheme}:// is not supported; use {known}") from error
-        except serial.SerialException:
-            return  # hwgrep:// looks for the device at once; it may be plugged in later
+        _check_other(scheme.lower(), url)
         return
     try:
         parts = urlsplit(url)
@@ -56,6 +54,23 @@ def check_url(url: str) -> None:
         raise ConfigError(f"ranger port {url!r}: needs a host and a port from 0 to 65535, {scheme}://host:port")
     if unknown := sorted(set(parse_qs(parts.query, keep_blank_values=True)) - options):
         raise ConfigError(f"ranger port {url!r}: unknown option {unknown[0]!r}; known: {', '.join(sorted(options))}")
+
+
+def _check_other(scheme: str, url: str) -> None:
+    if scheme not in OTHER_SCHEMES:
+        known = "a device path, socket://host:port or rfc2217://host:port"
+        raise ConfigError(f"ranger port {url!r}: {scheme}:// is not supported; use {known}")
+    try:
+        serial.serial_for_url(url, do_not_open=True)
+    except (ValueError, re.error) as error:
+        raise ConfigError(f"ranger port {url!r}: {error}") from error
+    except serial.SerialException:
+        return  # hwgrep:// looks for the device at once; it may be plugged in later
+
+
+def serial_ports() -> list[tuple[str, str]]:
+    """Device path and name of every serial port of this machine, from the kernel's list; none is opened."""
+    return [(port.device, port.description or "") for port in list_ports.comports()]
 
 
 class Port:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from enum import Enum, IntEnum
 
 from gateway.core.readings import FRESH_FRAME, Quality
-from gateway.modbus.registers.register_map import KNOWN_FLOAT32, KNOWN_UINT32, MAP_VERSION
+from gateway.modbus.registers.register_map import BLOCK_WORDS, KNOWN_FLOAT32, KNOWN_UINT32, MAP_VERSION
 
 HEARTBEAT_TIMEOUT_MS = 500
 HEARTBEAT_CHANGES = 2  # an image left over from before and one frozen image make one change, never two
@@ -85,6 +85,7 @@ CONTRADICTIONS: tuple[str, ...] = (
     "#Raw.position_status_in_place XOR (#Raw.in_place = 1)",
     "#Raw.position_status_moved XOR (#Raw.moved <> 0)",
     "#Raw.position_status_held AND (#Raw.in_place = 0)",
+    "(#Raw.signal_lamps_green OR #Raw.signal_lamps_amber) AND (#Raw.may_move = 0)",
 )
 
 SOUND: tuple[Check, ...] = (
@@ -105,13 +106,13 @@ SOUND: tuple[Check, ...] = (
         Diagnosis.FOREIGN,
         f"#Raw.known_u32 <> {KNOWN_UINT32}",
         "the known constants are not there: nothing polled yet, another device, or another start address",
-        "read 100 registers from address 0 of this gateway, function code 3; check for an offset of one",
+        f"read {BLOCK_WORDS} registers from address 0 of this gateway, function code 3; check for an offset of one",
     ),
     Check(
         Diagnosis.TORN,
         "#Raw.seq_begin <> #Raw.seq_end",
         "the block holds parts of two images",
-        "read all 100 registers in one request",
+        f"read all {BLOCK_WORDS} registers in one request",
     ),
     Check(
         Diagnosis.OLD_MAP,

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 from gateway.config import BayConfig, GatewayConfig, parse
+from gateway.core import rolling
 from gateway.core.interlock import Rules
 from gateway.modbus.exports.diagnosis import HEARTBEAT_TIMEOUT_MS
 from gateway.modbus.exports.tables import markdown_table
@@ -114,6 +115,16 @@ def at_shipped_rates(bay: BayConfig, range_ms: int) -> tuple[Bound, ...]:
             f"in place, Z leaves its band of {bay.visit.band_mm:g} mm",
             "InPlace off, Moved on",
             (distances, line, *_tail()),
+        ),
+        Bound(
+            f"in place, Z differs by {bay.visit.rolling_mm:g} mm from where the truck stands",
+            "`rolling` on",
+            (distances, line, *_tail()),
+        ),
+        Bound(
+            f"in place, R differs by {bay.visit.rolling_share:.0%} of itself, or the centre by twice as much",
+            "`rolling` on",
+            (Part(f"{rolling.FRAMES} pictures, {FRAME_MS} ms each", rolling.FRAMES * FRAME_MS), seen, *_tail()),
         ),
         Bound(
             "in place, the marker seen elsewhere at a fitting size",

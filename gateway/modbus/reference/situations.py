@@ -15,6 +15,7 @@ from gateway.core.plc import Control
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.shown import withdrawn
 from gateway.core.state import Reason, StateVector, VisitPhase
+from gateway.modbus.reference import lamps
 from gateway.modbus.reference.timing_diagrams import (
     BIT,
     NEVER_MS,
@@ -59,6 +60,7 @@ class Scene:
 
 
 EMPTY = Scene(1500, vision=Quality.NO_TARGET, range=Quality.NO_ECHO)
+BEYOND = Scene(2000, z_mm=4900.0, range=Quality.TOO_FAR)
 COMING = Scene(2000, z_mm=FAR_MM)
 DRIVING = Scene(3000, z_mm=FAR_MM, to_mm=MARK_MM)
 STANDING = Scene(2000)
@@ -72,6 +74,7 @@ HELD = (*PLACED, COVERED)
 Ending = Callable[[StateVector], StateVector]
 SITUATIONS: dict[str, tuple[tuple[Scene, ...], Ending | None]] = {
     "empty bay": ((EMPTY,), None),
+    "arriving, beyond the ranger's range": ((EMPTY, BEYOND), None),
     "approaching": (MOVING, None),
     "at the mark, still rolling": ((*MOVING, DRIVING, Scene(60)), None),
     "in place, seen by both": (PLACED, None),
@@ -95,7 +98,7 @@ SITUATIONS: dict[str, tuple[tuple[Scene, ...], Ending | None]] = {
     "in place, the gateway's decision stands still": (PLACED, lambda state: withdrawn(state, state.t_ns)),
     "in place, the gateway shuts down": (PLACED, lambda state: forced_stop(state, Reason.SHUTDOWN, state.t_ns)),
 }
-COLUMNS = ("D", "stop", "may_move", "in_place", "moved", "reason", "visit_phase")
+COLUMNS = ("D", "stop", "may_move", "in_place", "moved", "reason", "visit_phase", "signal_lamps")
 
 
 @cache
@@ -115,7 +118,14 @@ def _cells(image: Image) -> tuple[str, ...]:
     flags = (f"**{image[name]}**" if image[name] else "0" for name in ("stop", "may_move", "in_place"))
     d, reason = image["d"], Reason(image["reason"])
     phase = VisitPhase(image["visit_phase"])
-    return ("-" if d is None else str(d), *flags, str(image["moved"]), f"{reason.value} {_code(reason)}", _code(phase))
+    return (
+        "-" if d is None else str(d),
+        *flags,
+        str(image["moved"]),
+        f"{reason.value} {_code(reason)}",
+        _code(phase),
+        lamps.names(int(image["signal_lamps"] or 0)),
+    )
 
 
 def _code(code: Reason | VisitPhase) -> str:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from gateway.modbus.registers.register_map import REGISTERS
 
-BIT_REGISTERS = ("status", "position_status", "plc_control")
+BIT_REGISTERS = ("status", "position_status", "plc_control", "signal_lamps")
 _BY_NAME = {register.name: register for register in REGISTERS}
 _ADDRESSES = tuple(_BY_NAME[name].address for name in BIT_REGISTERS)
 BLOCK_BITS = 16 * len(_ADDRESSES)

@@ -15,6 +15,8 @@ POSITION_STATUS = StatusWord((
     ("moved", "the truck left its place without release; how it was detected: register moved",
      lambda s: s.visit.moved is not Moved.NO),
     ("released", "the PLC has released the truck, which has not left yet", lambda s: s.visit.released),
+    ("rolling", "a truck that was in place moves without release: stop loading; before `moved`",
+     lambda s: s.visit.rolling),
 ))  # fmt: skip
 
 

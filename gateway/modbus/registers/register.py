@@ -121,8 +121,10 @@ class StatusWord:
 
     def mask(self, *names: str) -> int:
         """The bits of these names. Raises ValueError for an unknown one."""
-        known = [name for name, _, _ in self.rows]
-        return sum(1 << known.index(name) for name in names)
+        known = {name: 1 << bit for bit, (name, _, _) in enumerate(self.rows)}
+        if unknown := set(names) - known.keys():
+            raise ValueError(f"no bit is named {', '.join(sorted(unknown))}")
+        return sum(known[name] for name in names)
 
     def on(self, word: int) -> set[str]:
         """The names of the bits that are on in `word`."""

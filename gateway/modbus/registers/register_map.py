@@ -1,7 +1,8 @@
 """The register map is data: one table, from which the image, its decoding, docs/registers.md and the exports are made.
 
-One block of 100 registers from address 0, the same on function codes 3 and 4, encoded from one state. Addresses
-are never renumbered: a new register takes a reserved place and raises MAP_VERSION.
+One block of BLOCK_WORDS registers from address 0, the same on function codes 3 and 4, encoded from one state.
+Addresses are never renumbered: a new register takes a reserved place and raises MAP_VERSION. Up to version 4 the block
+ended with `seq_end` (99); what came later lies behind it, where programs that read 100 registers never look.
 
 Sequence number: `seq_begin` and `seq_end` carry 2 * StateVector.seq modulo 65536. The odd number in between belongs to
 the image of a gateway whose control task has died, so that it can't share a number with the state that follows it.
@@ -16,6 +17,7 @@ from gateway.core.state import REASON_MEANING, Reason, StateVector
 from gateway.errors import ProtocolError
 from gateway.modbus.registers.handshake import HANDSHAKE
 from gateway.modbus.registers.health import HEALTH, PICTURE
+from gateway.modbus.registers.lamps import SIGNAL_LAMPS
 from gateway.modbus.registers.position import POSITION
 from gateway.modbus.registers.register import (
     FLOAT32,
@@ -37,8 +39,8 @@ from gateway.modbus.registers.register import (
 from gateway.modbus.registers.register import Register as Register  # noqa: PLC0414 - for those who read the table
 from gateway.modbus.registers.register import Value as Value  # noqa: PLC0414
 
-MAP_VERSION = 4
-BLOCK_WORDS = 100
+MAP_VERSION = 5
+BLOCK_WORDS = 110  # a request takes 125 at most, some clients 120
 KNOWN_UINT32 = 0x12345678  # 305419896; four different bytes, so every wrong order reads as another number
 _KNOWN_WORDS = (KNOWN_UINT32 >> 16, KNOWN_UINT32 & 0xFFFF)
 KNOWN_FLOAT32 = 123456.0  # 0x47F12000
@@ -115,7 +117,7 @@ def _age_ms(state: StateVector, t_ns: int, quality: Quality) -> Value:
 _QUALITY = named(QUALITY_MEANING)
 _REASON = named(REASON_MEANING)
 _TRACKING = named(TRACKING_MEANING)
-_NEVER_DECIDE = "predicted while coasted; never decide on it"
+_NEVER_DECIDE = "while coasted; never decide on it"
 _WRAPS = "count since the start of the gateway, modulo 65536"
 
 REGISTERS: tuple[Register, ...] = (
@@ -211,9 +213,10 @@ REGISTERS: tuple[Register, ...] = (
     *HANDSHAKE,
     *PICTURE[5:],
     Register(99, "seq_end", UINT16, 1, "", "sequence number of the image, again", _sequence),
+    SIGNAL_LAMPS,
 )  # fmt: skip
 
-RESERVED: tuple[Reserved, ...] = ()  # the block is full
+RESERVED: tuple[Reserved, ...] = (Reserved(101, 9, "for later map versions"),)
 
 _ADDRESS = {register.name: register.address for register in REGISTERS}
 STATUS_ADDRESS = _ADDRESS["status"]

@@ -36,7 +36,16 @@ from gateway.core.readings import (
     VisionReading,
 )  # fmt: skip
 from gateway.core.scale import MarkerScale, ScaleSample
-from gateway.core.state import FunctionCheck, FusionMemory, Moved, Reason, StateVector, TruckPosition, Visit
+from gateway.core.state import (
+    FunctionCheck,
+    FusionMemory,
+    Moved,
+    Reason,
+    ReferencePosition,
+    StateVector,
+    TruckPosition,
+    Visit,
+)
 from tests.examples import examples
 from tests.permitted import permitted
 
@@ -188,6 +197,13 @@ CAUSES = {
     "exposure_uncontrolled": exposed(ExposureState.IGNORED),
     "maintenance": permitted(memory=FusionMemory(restarts=1, restarted_ns=4_000_000_000)),
     "function_check_forgotten": permitted(function_check=FunctionCheck.MAY_MOVE_KEPT),
+    "truck_rolling": permitted(
+        visit=Visit(
+            in_place=True,
+            place=PLACE,
+            reference=ReferencePosition(280.0, rolling_since_ns=1, sensor="range", covered=True),
+        )
+    ),
     "truck_moved": permitted(visit=Visit(place=PLACE, moved=Moved.DISTANCE, moved_covered=True)),
     "in_place_lost": permitted(d=None, visit=Visit(place=PLACE, ended="held for too long")),
     "scale_changed": permitted(memory=FusionMemory(scale=SCALE)),
@@ -209,6 +225,9 @@ NO_ALARM = {
     "stop latched": permitted(memory=FusionMemory(latched=True), stop=True, reason=Reason.STOP_LATCHED),
     "in place": permitted(d=True, stop=True, may_move=False, visit=Visit(in_place=True, place=PLACE)),
     "held": permitted(d=None, stop=True, may_move=False, visit=Visit(in_place=True, place=PLACE, covered_since_ns=1)),
+    "a truck begins to leave where nobody can release it": permitted(
+        visit=Visit(in_place=True, place=PLACE, reference=ReferencePosition(280.0, rolling_since_ns=1, sensor="vision"))
+    ),
     "a truck leaves where nobody can release it": permitted(visit=Visit(place=PLACE, moved=Moved.DISTANCE)),
     "released": permitted(d=True, plc=Handshake(link=PlcLink.ALIVE), visit=Visit(place=PLACE, released=True)),
     "gone by both sensors": permitted(d=False, visit=Visit(place=PLACE, ended="D = 0")),
@@ -240,6 +259,7 @@ class TestTheTable:
             ("events_lost", GatewayConditions(events_lost=1)),
             ("event_store_fault", GatewayConditions(store_fault="disk full")),
             ("task_crashed", GatewayConditions(crashes=1)),
+            ("configuration_not_loaded", GatewayConditions(config_fault="g.toml:7: hmi.port = -1: ...")),
             ("recorder_fault", GatewayConditions(recorder_fault="no space left")),
             ("records_lost", GatewayConditions(records_lost=5)),
             ("index_fault", GatewayConditions(index_fault="index.sqlite: database is locked")),
@@ -452,6 +472,15 @@ class TestSummaryAndHistory:
         assert standing.newest_change == 4
         short = alarms.summary(most=1)
         assert ([a.id for a in short.alarms], short.omitted) == (["bay2.camera_down"], 2)
+
+    def test_one_of_high_priority_that_is_over_and_not_acknowledged_precedes_an_active_low_one(self) -> None:
+        alarms = new_engine()
+        look(alarms, CAUSES["maintenance"], 0, 10)
+        look(alarms, camera(Quality.LINK_DOWN, bay="bay2"), 20, 22)
+        look(alarms, permitted(bay="bay2"), 30, 36)
+        first, second = alarms.summary().alarms
+        assert (first.id, first.state, first.active) == ("bay2.camera_down", AlarmState.RETURNED, False)
+        assert (second.id, second.state) == ("bay1.maintenance", AlarmState.UNACKNOWLEDGED)
 
     def test_the_history_is_bounded_and_shows_what_it_has_lost(self) -> None:
         alarms = new_engine()

@@ -191,6 +191,18 @@ def test_a_stale_value_is_withdrawn_but_its_time_stays() -> None:
     assert (stale.d, stale.stop, stale.may_move, stale.reason) == (None, True, False, Reason.VISION_STALE)
 
 
+def test_the_single_echo_goes_with_its_distance() -> None:
+    state = after(seen(T0), replace(heard(T0), echo_mm=251.0))
+    assert state.range.echo_mm == 251.0
+    assert step(state, Tick(), T0 + 10 * 1_000_000_000, PAPER).range.echo_mm is None, "stale"
+    assert forced_stop(state, Reason.GATEWAY_FAULT, T0).range.echo_mm is None
+    for odd_mm in (math.nan, math.inf, -1.0, 0.0):
+        reading = after(replace(heard(T0), echo_mm=odd_mm)).range
+        assert (reading.distance_mm, reading.echo_mm) == (250.0, None)
+    faulty = RangeReading(T0, Quality.NO_ECHO, echo_mm=251.0)
+    assert after(faulty).range.echo_mm is None
+
+
 def test_a_value_that_arrives_too_late_never_counts() -> None:
     state = after(heard(T0))
     late = step(state, seen(T0 + 1), T0 + 1 + 300 * MS + 1, PAPER)
@@ -415,7 +427,7 @@ def test_every_fault_of_a_sensor_stops_with_its_reason(quality: Quality) -> None
         (VisionReading(T0 + 1, quality), VISION_FAULTS.get(quality, Reason.VISION_FAULT)),
         (RangeReading(T0 + 1, quality), RANGE_FAULTS.get(quality, Reason.RANGER_DOWN)),
     ):
-        state = after(seen(T0, 10.0), heard(T0, 2000.0), fault)
+        state = after(seen(T0, 27.0), heard(T0, 2000.0), fault)
         assert (state.d, state.stop, state.may_move, state.reason) == (None, True, False, reason)
 
 
@@ -583,7 +595,7 @@ def test_a_moment_beyond_the_thresholds_before_d_was_1_holds_nothing() -> None:
     ],
 )
 def test_a_small_marker_beyond_the_ranger_is_d_0(radius_px: float, quality: Quality, moves: bool) -> None:
-    config = plain(arrive_by_camera=True)
+    config = plain(radius_threshold_px=90.0)  # which R x Z is not that of the marker
     start = initial("bay1", T0)
     scale = learned((ScaleSample(0, 180.0, 300.0),) * 3, recipe=0)
     start = replace(start, memory=replace(start.memory, scale=scale))

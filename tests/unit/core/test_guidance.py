@@ -32,6 +32,7 @@ def advise(
     stop: bool = False,
     memory: FusionMemory | None = None,
     visit: Visit | None = None,
+    before: GuidanceCode = GuidanceCode.WAIT,
     may_move: bool = False,
     check: FunctionCheck = FunctionCheck.OFF,
     config: GuidanceConfig = AIM,
@@ -48,6 +49,7 @@ def advise(
         may_move=may_move,
         memory=memory or FusionMemory(),
         visit=visit or Visit(),
+        guidance=Guidance(before),
         function_check=check,
     )
     return guidance.advise(state, fusion, config, **({"in_use": True, "broken": False, "speed": 0.0} | how))
@@ -161,6 +163,37 @@ def test_at_the_mark_and_past_it(
     assert (advice.code, advice.amount_mm) == (code, amount)
 
 
+@pytest.mark.parametrize(
+    ("distance_mm", "before", "speed", "code"),
+    [
+        (205.0, GuidanceCode.BACK, 0.0, GuidanceCode.BACK),  # 95 mm past: noise at the edge of 100 mm
+        (205.0, GuidanceCode.STOP, 0.0, GuidanceCode.STOP),
+        (205.0, GuidanceCode.BACK, 20.0, GuidanceCode.STOP),  # it comes nearer again
+        (205.0, GuidanceCode.BACK, None, GuidanceCode.STOP),
+        (251.0, GuidanceCode.BACK, 0.0, GuidanceCode.STOP),  # beyond the middle
+        (205.0, GuidanceCode.BACK, -40.0, GuidanceCode.STOP),  # there within stop_lead_s
+    ],
+)
+def test_back_stays_until_the_middle(
+    distance_mm: float, before: GuidanceCode, speed: float | None, code: GuidanceCode
+) -> None:
+    assert advise(900.0, distance_mm, d=True, stop=True, before=before, speed=speed).code is code
+
+
+@pytest.mark.parametrize(
+    ("speed", "code", "amount"),
+    [
+        (0.0, GuidanceCode.BACK, 150.0),
+        (30.0, GuidanceCode.TOO_FAR, 150.0),
+        (-30.0, GuidanceCode.BACK, 150.0),
+        (-300.0, GuidanceCode.STOP, None),  # it comes to the middle of the tolerance while the driver reacts
+    ],
+)
+def test_past_the_mark_and_too_near_for_the_camera(speed: float, code: GuidanceCode, amount: float | None) -> None:
+    advice = advise(None, 150.0, vision=Quality.NO_TARGET, memory=FusionMemory(d=True), speed=speed)
+    assert (advice.code, advice.amount_mm, advice.to_go_mm) == (code, amount, -150.0)
+
+
 def test_past_the_mark_is_stop_while_d_is_0() -> None:
     assert advise(900.0, 150.0, d=False, stop=True).code is GuidanceCode.STOP
 
@@ -175,10 +208,11 @@ def test_past_the_mark_is_stop_while_d_is_0() -> None:
         (VisitPhase.RELEASED, False, None, GuidanceCode.LEAVE),
         (VisitPhase.LEAVING, True, 0.0, GuidanceCode.LEAVE),
         (VisitPhase.LEAVING, True, None, GuidanceCode.LEAVE),
-        (VisitPhase.LEAVING, False, -20.5, GuidanceCode.LEAVE),  # it drives out
-        (VisitPhase.LEAVING, False, -20.0, GuidanceCode.FORWARD),  # still_mm_s is not yet driving
-        (VisitPhase.LEAVING, False, 0.0, GuidanceCode.FORWARD),
-        (VisitPhase.LEAVING, False, None, GuidanceCode.FORWARD),
+        (VisitPhase.LEAVING, True, 100.0, GuidanceCode.LEAVE),
+        (VisitPhase.LEAVING, False, -100.0, GuidanceCode.LEAVE),
+        (VisitPhase.LEAVING, False, None, GuidanceCode.LEAVE),
+        (VisitPhase.LEAVING, False, 20.0, GuidanceCode.LEAVE),  # still_mm_s is not yet driving
+        (VisitPhase.LEAVING, False, 20.5, GuidanceCode.FORWARD),  # it drives back to the mark
     ],
 )
 def test_a_truck_that_may_move_is_directed_by_its_visit(

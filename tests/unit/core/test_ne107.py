@@ -60,7 +60,12 @@ def with_(vision: Quality = Quality.GOOD, rng: Quality = Quality.GOOD) -> StateV
     ],
 )
 def test_sensors(vision: Quality, rng: Quality, expected: Ne107) -> None:
-    assert status(with_(vision, rng)) is expected
+    assert status(replace(with_(vision, rng), may_move=False)) is expected
+
+
+def test_a_truck_that_arrives_from_beyond_the_rangers_range_is_as_specified() -> None:
+    arrives = replace(with_(Quality.GOOD, Quality.TOO_FAR), may_move=True)
+    assert status(arrives) is Ne107.GOOD
 
 
 def test_what_is_no_sensor() -> None:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from itertools import pairwise
+from itertools import groupby, pairwise
 from typing import Any
 
 import pytest
@@ -15,7 +15,7 @@ from gateway.core.detection import Circle
 from gateway.core.events import EventKind
 from gateway.core.plc import Control, PlcWrite, ResetVerdict
 from gateway.core.readings import DEAD, Quality, RangeReading, VisionReading
-from gateway.core.retained import RetainedState
+from gateway.core.retained import RetainedState, RetainedTruck
 from gateway.core.scale import ScaleSample
 from gateway.core.state import (
     FunctionCheck,
@@ -118,8 +118,7 @@ def test_a_complete_visit_has_its_phases_in_order() -> None:
         VisitPhase.HELD,
         VisitPhase.IN_PLACE,
         VisitPhase.RELEASED,
-        VisitPhase.LEAVING,
-        VisitPhase.APPROACHING,  # it stands at 1.5 m, in sight of both sensors: a new visit
+        VisitPhase.LEAVING,  # also where it stands at 1.5 m, in sight of both sensors
     ]
     story = {EventKind.TARGET_FOUND, EventKind.TARGET_LOST, EventKind.PLC_RETURNED}
     assert [event.kind for event in bench.events if event.kind not in story] == [
@@ -253,8 +252,9 @@ def arriving(*, learned: bool = True, deaf: bool = False, **keys: Any) -> Bench:
     return bench
 
 
-def test_a_truck_beyond_the_ranger_drives_up_by_the_learned_r_z() -> None:
-    bench = arriving(arrive_by_camera=True)
+@pytest.mark.parametrize("learned", [True, False])
+def test_a_truck_beyond_the_ranger_drives_up(learned: bool) -> None:
+    bench = arriving(learned=learned)
     bench.run(0)
     assert bench.state.range.quality in (Quality.TOO_FAR, Quality.NO_ECHO)
     assert (bench.state.visit.phase, bench.state.stop, bench.state.may_move) == (VisitPhase.ARRIVING, False, True)
@@ -262,19 +262,122 @@ def test_a_truck_beyond_the_ranger_drives_up_by_the_learned_r_z() -> None:
     bench.run(14)
     assert bench.state.in_place
     assert complained(bench) == []
+    assert {moment.state.guidance.code for moment in bench.moments if 0 < moment.t_s < 3} <= NEARER, "and never WAIT"
 
 
-@pytest.mark.parametrize("why", ["off by default", "nothing learned"])
-def test_otherwise_it_waits_until_the_ranger_hears_it(why: str) -> None:
-    bench = arriving() if why == "off by default" else arriving(arrive_by_camera=True, learned=False)
+@pytest.mark.parametrize(
+    ("keys", "why"),
+    [
+        ({"arrive_by_camera": False}, "switched off"),
+        ({"radius_threshold_px": 120.0}, "nothing learned, and larger than a marker for these thresholds"),
+        ({"cross_check": CROSS_CHECK | {"camera_offset_mm": 1300.0}}, "within the ranger's range, by the lens"),
+    ],
+)
+def test_otherwise_it_waits_until_the_ranger_hears_it(keys: dict[str, Any], why: str) -> None:
+    bench = arriving(learned=False, **keys)
     bench.run(0.5)
-    assert (bench.state.visit.phase, bench.state.stop) == (VisitPhase.ARRIVING, True)
+    assert (bench.state.visit.phase, bench.state.stop) == (VisitPhase.ARRIVING, True), why
     assert bench.state.guidance.code is GuidanceCode.WAIT
+
+
+def test_a_truck_in_the_bay_is_not_one_that_arrives() -> None:
+    """In place before the restart, its marker covered, the ranger silent: something red far off permits nothing."""
+    rules = interlock.Rules.of(gateway(writes=False).bays[0])
+    stood = RetainedState(truck=RetainedTruck(TruckPosition(280.0, Circle(320, 240, 193))))
+    for retained, stop in ((None, False), (stood, True)):
+        state = interlock.initial("bay1", 0, rules, retained)
+        for n in range(1, 200):
+            now_ns = n * 20_000_000
+            far = VisionReading(now_ns, Quality.GOOD, Circle(400, 200, 12))
+            for observation in (far, RangeReading(now_ns, Quality.NO_ECHO), Tick()):
+                state = interlock.step(state, observation, now_ns, rules)
+        assert (state.stop, state.may_move) == (stop, not stop)
+        assert state.visit.phase is (VisitPhase.UNKNOWN if stop else VisitPhase.ARRIVING)
+
+
+OUT = ({"distance_cm": 28, "hold_s": 4}, {"distance_cm": 480, "speed_cm_s": 30, "hold_s": 4})
+COVERED = {"kind": "marker_hidden", "at_s": 0.5, "for_s": 1.5}  # as by the spout: loading has begun
+
+
+@pytest.mark.parametrize("writes", [True, False])
+def test_a_loaded_truck_that_backs_off_is_told_to_leave_until_it_is_out_of_sight(writes: bool) -> None:
+    """From the first moment at which it may move; beyond the end of its visit and the ranger's range."""
+    bench = in_place(stands(*OUT, for_s=0, at_cm=28, faults=(COVERED,)), gateway(writes=writes))
+    if writes:
+        release_at(bench, 3)
+    bench.run_until(lambda state: state.may_move, 8)
+    bench.run(24)
+    assert bench.world.truth(bench.t_s).distance_mm == pytest.approx(4800, abs=1)
+    guided = {moment.state.guidance.code for moment in bench.moments if moment.state.may_move}
+    assert guided == {GuidanceCode.LEAVE}
+    assert bench.state.visit.phase is VisitPhase.LEAVING
+    assert complained(bench) == []
+
+
+@pytest.mark.parametrize(
+    ("to_cm", "hidden", "code"),
+    [
+        (36.0, False, GuidanceCode.SLOW),  # 6 cm short of the mark
+        (36.0, True, GuidanceCode.LEAVE),
+        (90.0, False, GuidanceCode.LEAVE),  # farther out than slow_mm: it drives off
+        (15.0, False, GuidanceCode.BACK),  # too near for the camera
+        (15.0, True, GuidanceCode.WAIT),  # the spout may be down
+    ],
+)
+def test_a_truck_that_rolls_off_before_it_is_loaded_is_guided_back(
+    to_cm: float, hidden: bool, code: GuidanceCode
+) -> None:
+    away = {"distance_cm": to_cm, "speed_cm_s": 6, "hold_s": 30}
+    bench = in_place(stands(away, for_s=3.0, faults=(COVERED,) if hidden else ()), gateway(writes=False))
+    bench.run(3 + abs(to_cm - 28) / 6 + 3)
+    assert bench.state.visit.moved is Moved.DISTANCE
+    assert (bench.state.guidance.code, bench.state.in_place) == (code, False)
+    # Never nearer while stop is on, and never back under a spout that came down while the truck stood.
+    assert not any(m.state.stop and m.state.guidance.code in NEARER for m in bench.moments)
+
+
+def test_a_truck_that_rolls_in_out_of_the_cameras_view_is_told_to_brake_until_it_stands() -> None:
+    bench = in_place(stands({"distance_cm": 15, "speed_cm_s": 6, "hold_s": 30}, for_s=3.0), gateway(writes=True))
+    bench.run(12)
+    guided = [(moment.state.guidance.code, moment.state.visit.rolling) for moment in bench.moments]
+    assert [key for key, _ in groupby(guided)] == [
+        (GuidanceCode.OK, False),
+        (GuidanceCode.BRAKE, True),
+        (GuidanceCode.BACK, False),
+    ]
+
+
+def test_a_truck_that_goes_back_as_it_is_told_is_not_told_to_brake() -> None:
+    """It rolled in until the camera lost its marker, stood, and goes back to the mark."""
+    legs = ({"distance_cm": 15, "speed_cm_s": 6, "hold_s": 5}, {"distance_cm": 27, "speed_cm_s": 6, "hold_s": 20})
+    bench = in_place(stands(*legs, for_s=3.0), gateway(writes=True))
+    bench.run(20)
+    codes = [code for code, _ in groupby(moment.state.guidance.code for moment in bench.moments)]
+    assert codes[:3] == [GuidanceCode.OK, GuidanceCode.BRAKE, GuidanceCode.BACK]
+    assert GuidanceCode.BRAKE not in codes[2:]
+    assert codes[-1] is GuidanceCode.OK
+
+
+def test_the_next_truck_is_not_told_to_leave() -> None:
+    back = {"distance_cm": 100, "speed_cm_s": 40, "hold_s": 4}
+    bench = in_place(stands(*OUT, back, for_s=0, at_cm=28), gateway(writes=False))
+    bench.run(24)
+    assert bench.state.guidance.code is GuidanceCode.LEAVE
+    codes: list[GuidanceCode] = []
+    while bench.t_s < 36:
+        bench.run(bench.t_s + 0.2)
+        codes += [bench.state.guidance.code] if bench.state.guidance.code not in codes[-1:] else []
+    assert codes == [
+        GuidanceCode.LEAVE,
+        GuidanceCode.DRIVE_UP,
+        GuidanceCode.FORWARD,
+        GuidanceCode.SLOW,  # and stays: a truck that waits there is near
+    ]
 
 
 def test_a_deaf_ranger_stops_a_truck_that_drives_up_where_it_should_have_been_heard() -> None:
     """3.6 m: a tenth less than the ranger's range."""
-    bench = arriving(arrive_by_camera=True, deaf=True)
+    bench = arriving(deaf=True)
     bench.run_until(lambda state: state.may_move, 5)
     stopped = bench.run_until(lambda state: state.stop, 10)
     assert stopped.reason is Reason.NO_ECHO

@@ -1,8 +1,12 @@
-"""The bits of FC 1 and 2 are those of three registers."""
+"""The bits of FC 1 and 2 are those of four registers."""
+
+from dataclasses import replace
 
 import pytest
 
+from gateway.core.fusion import initial
 from gateway.core.plc import Control
+from gateway.core.state import ReferencePosition, Visit
 from gateway.modbus.registers import bits
 from gateway.modbus.registers.bits import Bit
 from gateway.modbus.registers.position import POSITION_STATUS
@@ -11,9 +15,10 @@ from gateway.modbus.registers.register_map import BLOCK_WORDS, STATUS
 
 def test_every_bit_of_the_table() -> None:
     rows = list(bits.table())
-    assert [row.address for row in rows] == [*range(15), *range(16, 21), *range(32, 38)]
+    assert [row.address for row in rows] == [*range(15), *range(16, 22), *range(32, 38), *range(48, 56)]
     assert [(row.name, row.meaning) for row in rows[:15]] == [STATUS.names[n] for n in range(15)]
-    assert [row.name for row in rows[20:]] == [bit.name.lower() for bit in Control]
+    assert [row.name for row in rows[21:27]] == [bit.name.lower() for bit in Control]
+    assert [row.name for row in rows[27:]] == ["red", "amber", "green", "forward", "back", "left", "right", "flash"]
     assert rows[16] == Bit(17, "in_place", "position_status", 1, POSITION_STATUS.names[1][1])
 
 
@@ -26,7 +31,13 @@ def test_the_address_of_a_bit() -> None:
 
 def test_bits_of_an_image() -> None:
     image = [0] * BLOCK_WORDS
-    image[3], image[35], image[81] = 0x8001, 0x0002, 0x0020
-    assert bits.bits_of(image) == (48, 0x0020_0002_8001)
-    assert bits.bits_of(image[:82]) == (48, 0x0020_0002_8001)
-    assert bits.bits_of(image[:81]) == (0, 0), "too short to have plc_control"
+    image[3], image[35], image[81], image[100] = 0x8001, 0x0002, 0x0020, 0x000C
+    assert bits.bits_of(image) == (64, 0x000C_0020_0002_8001)
+    assert bits.bits_of(image[:101]) == (64, 0x000C_0020_0002_8001)
+    assert bits.bits_of(image[:100]) == (0, 0), "too short to have signal_lamps"
+
+
+def test_a_truck_that_rolls_is_bit_5_of_the_position_status() -> None:
+    visit = Visit(reference=ReferencePosition(rolling_since_ns=1, sensor="range"))
+    assert POSITION_STATUS.read(replace(initial("bay1", 1), visit=visit), 1) == 0b100000
+    assert POSITION_STATUS.read(initial("bay1", 1), 1) == 0

@@ -68,7 +68,7 @@ STATE = StateVector(
 # address: word, high word first
 EXPECTED: dict[int, int] = {
     0: 0x468A,  # 2 * 0x12345 modulo 65536
-    1: 4,
+    1: 5,
     2: 0xABCD,
     3: 0b0000_0000_0111_0101,  # healthy, range good, vision good, D, stop
     4: 1,
@@ -146,6 +146,7 @@ EXPECTED: dict[int, int] = {
     93: 0xFFFF,
     94: 0xFFFF,
     99: 0x468A,
+    100: 0b1,  # red
 }
 
 
@@ -158,7 +159,7 @@ def bits(state: StateVector) -> set[str]:
 
 
 def test_every_word_of_the_image() -> None:
-    assert encode(STATE, UNIX_NS, "big") == tuple(EXPECTED.get(address, 0) for address in range(100))
+    assert encode(STATE, UNIX_NS, "big") == tuple(EXPECTED.get(address, 0) for address in range(BLOCK_WORDS))
 
 
 PICTURE = (
@@ -202,7 +203,7 @@ def test_little_word_order_swaps_words_and_nothing_else() -> None:
         swapped[first], swapped[first + 1] = EXPECTED[first + 1], EXPECTED[first]
     for place in range(4):
         swapped[22 + place] = EXPECTED[25 - place]
-    assert little == tuple(swapped.get(address, 0) for address in range(100))
+    assert little == tuple(swapped.get(address, 0) for address in range(BLOCK_WORDS))
 
 
 def test_the_table_covers_the_block_once_and_is_in_order() -> None:
@@ -236,6 +237,7 @@ def test_addresses_are_never_renumbered() -> None:
         "75 predicted_radius uint16, 76 semi_minor uint16, 77 tilt uint16"
     )
     assert tracking_of_version_2 in ", ".join(rows)
+    assert "100 signal_lamps uint16" in rows
 
 
 def test_a_prediction_has_its_own_registers_and_only_while_the_marker_is_coasted() -> None:
@@ -424,9 +426,9 @@ def test_decode_gives_back_what_was_encoded(order: WordOrder) -> None:
 def test_decode_refuses_what_it_cannot_trust() -> None:
     image = encode(STATE, UNIX_NS, "big")
     for wrong, message in (
-        (image[:99], "99"),
+        (image[:100], "110 words, not 100"),
         ((*image[:40], 0, 0, *image[42:]), "registers 40 and 41 do not hold 0x12345678"),
-        ((*image[:99], image[99] ^ 2), "torn"),
+        ((*image[:99], image[99] ^ 2, *image[100:]), "torn"),
         ((*image[:1], 0, *image[2:]), "map version 0"),
     ):
         with pytest.raises(ProtocolError, match=message):

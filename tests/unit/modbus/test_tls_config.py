@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway import app
+from gateway import config_check
 from gateway.certs import issue
 from gateway.certs.client_certificate import revoked, subject_of, validity_of
 from gateway.cli.main import main
@@ -91,14 +91,14 @@ def test_warnings(plant: Plant, tmp_path: Path) -> None:
     key.write_bytes(plant.folder.key_path("gateway").read_bytes())
     key.chmod(0o644)
     (open_key,) = tls.warnings(TlsFiles.of_modbus(plant.config(key=str(key))), wall_ns(0))
-    assert open_key == f"modbus.tls.key: {key} can be read by others; chmod 600"
+    assert open_key == f"modbus.tls.key: {key} can be read by others; chmod o-rwx"
 
 
 def test_gateway_check_names_the_line(plant: Plant, tmp_path: Path) -> None:
     text = '[modbus.tls]\nport = 0\ncert = "no.pem"\nkey = "no.key"\nca = "no.pem"\n'
     config = parse({"modbus": {"tls": {"port": 0, "cert": "no.pem", "key": "no.key", "ca": "no.pem"}}}, text=text)
     with pytest.raises(ConfigError) as caught:
-        app.check(config, source="g.toml", text=text)
+        config_check.check(config, source="g.toml", text=text)
     assert str(caught.value) == "g.toml:1: modbus.tls: cert: cannot read no.pem: No such file or directory"
 
 

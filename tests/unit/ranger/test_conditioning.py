@@ -4,7 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.ranger.conditioning import GlitchGate, MedianFilter, Verdict
+from gateway.config import RangerConfig
+from gateway.core.readings import Quality
+from gateway.ranger.conditioning import Conditioner, GlitchGate, MedianFilter, Verdict
 
 MS = 1_000_000
 P, H, U = Verdict.PASS, Verdict.HOLD, Verdict.UNSTABLE
@@ -128,3 +130,11 @@ def test_median_is_one_of_the_window_and_its_time_never_steps_back(values: list[
         assert len(window) % 2 == 0 or mm in window
         assert last_ns <= t_ns <= n
         last_ns = t_ns
+
+
+def test_a_distance_comes_with_its_newest_echo() -> None:
+    conditioner = Conditioner(RangerConfig(glitch_gate_mm=0), 60)
+    readings = [conditioner.measured(mm, Quality.GOOD, n, n) for n, mm in enumerate((300.0, 310.0, 290.0, 305.0))]
+    assert [(r.distance_mm, r.echo_mm) for (r,) in readings] == [(300, 300), (305, 310), (300, 290), (305, 305)]
+    (lost,) = conditioner.measured(0.0, Quality.NO_ECHO, 5, 5)
+    assert (lost.distance_mm, lost.echo_mm) == (None, None)

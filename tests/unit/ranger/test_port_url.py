@@ -1,6 +1,7 @@
 """Which port URLs are refused before anything is opened, and with which text."""
 
 import asyncio
+from pathlib import Path
 
 import pytest
 
@@ -35,6 +36,9 @@ def test_what_may_be_there_one_day_passes(url: str) -> None:
         ("http://host:80", "http:// is not supported; use a device path, socket://host:port or rfc2217://host:port"),
         ("sockets://host:80", "sockets:// is not supported"),
         ("://", "is not supported"),
+        ("alt:///dev/ttyACM0?class=Serial", "alt:// is not supported"),
+        ("hwgrep://[", "unterminated character set"),
+        ("hwgrep://2341:0043&n=first", "invalid literal"),
         ("socket://host", "needs a host and a port from 0 to 65535, socket://host:port"),
         ("socket://:3000", "needs a host and a port"),
         ("socket://host:99999", "needs a host and a port"),
@@ -52,6 +56,15 @@ def test_what_can_never_be_opened_is_a_fault_of_the_file(url: str, expected: str
         check_url(url)
     assert expected in str(caught.value)
     assert repr(url) in str(caught.value)
+
+
+@pytest.mark.parametrize("scheme", ["spy", "SPY"])
+def test_a_url_that_would_have_a_file_written_writes_none(tmp_path: Path, scheme: str) -> None:
+    kept = tmp_path / "kept"
+    kept.write_text("contents")
+    with pytest.raises(ConfigError, match="spy:// is not supported"):
+        check_url(f"{scheme}:///dev/ttyACM0?file={kept}")
+    assert kept.read_text() == "contents"
 
 
 def test_the_service_refuses_it_when_it_is_built() -> None:
