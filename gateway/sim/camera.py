@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING
 
 from gateway.clock import NS_PER_S, Clock
 from gateway.errors import LinkError
+from gateway.sim.controls import SimControls
 from gateway.sim.scenario import DEFAULT_EXPOSURE_MS, Camera, FaultKind, Scenario
 from gateway.sim.world import TruckHold, World
 from gateway.vision.exposure.settings import Exposure, ExposureLimits, ExposureRules
 from gateway.vision.source.contract import Frame, Source
+from gateway.vision.source.v4l2_controls import CameraControls, ControlSetting, problem
 
 if TYPE_CHECKING:
     from gateway.sim.render import Painter
@@ -29,6 +31,7 @@ class SimCameraSpec:
     origin_ns: int
     label: str = "simulated camera"
     hold: TruckHold | None = None
+    controls: tuple[ControlSetting, ...] = ()  # of those that it has not, nothing is simulated
 
     def open(self, clock: Clock) -> "SimCamera":
         """Paints the textures, most of a second. Raises LinkError while the scenario has the camera lost."""
@@ -76,6 +79,10 @@ class SimCamera(Source):
         self._painter: Painter | None = painter
         self._period_ns = round(NS_PER_S / spec.scenario.camera.fps)
         self._exposure: SimExposure | None = None
+        self._device = SimControls()
+        taken = [one for one in spec.controls if not problem(self._device, one)]
+        self._controls = CameraControls(self._device, spec.label, taken)
+        self._controls.apply(clock.now_ns())
         self._last = self._index(clock.now_ns())  # of the frame exposed last; negative before world time 0
 
     def read(self) -> Frame:
@@ -98,7 +105,10 @@ class SimCamera(Source):
         if stuck_s is not None:
             shown_s, index = stuck_s, round(stuck_s * NS_PER_S) // self._period_ns
         exposure = None if self._exposure is None else self._exposure.of_frame(index)
-        return Frame(self._painter.frame(self._world.truth(shown_s), index, exposure), t_ns)
+        return Frame(self._device.seen(self._painter.frame(self._world.truth(shown_s), index, exposure)), t_ns)
+
+    def controls(self) -> CameraControls:
+        return self._controls
 
     def exposure_controls(self, rules: ExposureRules) -> "SimExposure":
         """From now on the pictures are those of a sensor with shot noise, full wells, exposure time and gain."""

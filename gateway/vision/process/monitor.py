@@ -132,6 +132,10 @@ class ProcessMonitor:
             _reported_ns=self._reported_ns,
         )
 
+    def withdraw(self, why: str, now_ns: int) -> None:
+        """No value that there is counts any more."""
+        self._emit_fault(Quality.STALE, now_ns, self._counts.last_seq, why, now_ns)
+
     # What has happened.
 
     def ready(self, token: int, now_ns: int) -> None:

@@ -1,13 +1,15 @@
 """Vision for one bay: the shell that carries messages between the vision process and its monitor."""
 
+import asyncio
 import logging
 import os
 import random
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from functools import partial
 
 from gateway.clock import NS_PER_S, Clock, SystemClock
-from gateway.config import CameraConfig, VisionConfig
+from gateway.config import CameraConfig, ControlsConfig, VisionConfig
 from gateway.core.readings import VisionReading
 from gateway.errors import ConfigError
 from gateway.processes.channel import Failed, Gone
@@ -18,12 +20,17 @@ from gateway.processes.template import ProcessTemplate
 from gateway.vision.detect import registry
 from gateway.vision.detect.radii import MarkerRadii, RadiiUpdates
 from gateway.vision.process import monitor
+from gateway.vision.process.controls_trial import ControlsTrial
 from gateway.vision.process.monitor import Action, ProcessMonitor
 from gateway.vision.source.checks import FrameRules
 from gateway.vision.source.contract import SourceSpec
-from gateway.vision.source.specs import exposure_rules
+from gateway.vision.source.framing import Framing
+from gateway.vision.source.specs import exposure_rules, with_controls
+from gateway.vision.source.v4l2_controls import settings_of
 from gateway.vision.transport.messages import (
     FROM_VISION,
+    ControlsReport,
+    ControlsRequest,
     DetectorSpec,
     FrameResult,
     FromVision,
@@ -42,6 +49,8 @@ log = logging.getLogger(__name__)
 
 MODULE = "gateway.vision.process.vision_process"
 TEMPLATE_MODULE = "gateway.vision.process.template"
+ASK_NS = NS_PER_S // 5  # between two questions for the camera's controls
+PUT_BACK_S = 1.0  # a camera answers with its next frame
 VisionSlot = ProcessSlot[ToVision, FromVision]
 
 
@@ -80,14 +89,52 @@ class VisionService:
         self._loop: _MonitorLoop | None = None
         self._monitor: ProcessMonitor | None = None
         self._radii_updates = RadiiUpdates()
+        self._trial = ControlsTrial()
+        self._reported = asyncio.Event()  # the camera's controls
+        self._asked_ns = 0
 
     @property
     def settings(self) -> VisionConfig:
         """In force now."""
         return self._vision
 
-    def apply(self, vision: VisionConfig) -> None:
-        """Continue with other settings: the process is replaced, and the old one's results become stale.
+    @property
+    def controls(self) -> ControlsTrial:
+        """What is tried of the camera's controls, and the newest report of them."""
+        return self._trial
+
+    def ask_controls(self) -> None:
+        """A new report comes soon, if there is a vision process that works. May be called at any rate."""
+        if self._clock.now_ns() - self._asked_ns >= ASK_NS:
+            self._send_trial()
+
+    def _send_trial(self) -> None:
+        self._asked_ns = now_ns = self._clock.now_ns()
+        if self._loop is not None and self._monitor is not None and self._monitor.reads_messages(now_ns):
+            self._loop.send(self._trial.message())
+
+    def try_controls(self, tried: ControlsConfig) -> None:
+        """Set these of the camera over those of the file, complete; none: as the file has it. Raises ConfigError."""
+        self._trial.set(tried, self._camera)
+        self._send_trial()
+
+    async def put_back(self) -> None:
+        """End the trial of the camera's controls, before the gateway ends: a camera keeps what it was set to, and the
+        next start knows nothing of it. Waits for the camera, at most PUT_BACK_S of real time."""
+        if self._trial.ended:
+            return
+        self.try_controls(ControlsConfig())
+        with suppress(TimeoutError):
+            async with asyncio.timeout(PUT_BACK_S):
+                while self._loop is not None and not self._trial.ended:
+                    self._reported.clear()
+                    await self._reported.wait()
+        if not self._trial.ended:
+            log.warning("%s: the camera has not confirmed that its controls are put back: look at them", self._bay)
+
+    def apply(self, vision: VisionConfig, controls: ControlsConfig | None = None) -> None:
+        """Continue with other settings: the process is replaced, and the old one's results are stale at once, so that
+        stop is on until those of the new one have been good for some time. `controls`: of the file; None: as they are.
 
         Raises ConfigError for a setting that can't change while the gateway runs.
         """
@@ -95,9 +142,16 @@ class VisionService:
             if getattr(vision, key) != getattr(self._vision, key):
                 raise ConfigError(f"vision.{key} can't change while the gateway runs")
         self._use(vision)
+        if controls is not None:
+            self._camera = self._camera.model_copy(update={"controls": controls})
+            self._spec = with_controls(self._spec, settings_of(controls))
         self._detector = DetectorSpec(vision, self._detector.factory)
         if self._loop is not None:
             self._loop.end()
+        if self._monitor is not None:
+            self._monitor.withdraw("other settings: a new vision process starts", self._clock.now_ns())
+            for reading in self._monitor.readings():
+                self._emit(reading)
 
     def _use(self, vision: VisionConfig) -> None:
         self._vision = vision
@@ -129,7 +183,7 @@ class VisionService:
                     self._monitor.progress(progress.read(), self._clock.now_ns())
                     self._monitor = self._monitor.successor(self._vision)
                 carry_out = partial(self._carry_out, ring)
-                self._loop = _MonitorLoop(self._monitor, progress, self._clock, carry_out)
+                self._loop = _MonitorLoop(self._monitor, progress, self._clock, carry_out, self._heard)
                 on_arrival = self._loop.on_arrival
                 async with VisionSlot(self._bay, self._clock, FROM_VISION, on_arrival, self._template) as slot:
                     await self._loop.run(slot)
@@ -138,6 +192,13 @@ class VisionService:
             progress.close()
             if self._ring is None:
                 ring.close()
+
+    def _heard(self, message: ControlsReport | Opened) -> None:
+        if isinstance(message, ControlsReport):
+            self._trial.reported(message)
+            self._reported.set()
+        elif self._trial.under_way:
+            self._send_trial()
 
     def _carry_out(self, ring: RingSpec, action: Action, slot: VisionSlot) -> None:
         match action:
@@ -184,11 +245,13 @@ class _MonitorLoop:
         progress: ProgressPage,
         clock: Clock,
         carry_out: Callable[[Action, VisionSlot], None],
+        heard: Callable[[ControlsReport | Opened], None],
     ) -> None:
         self._monitor = monitor
         self._progress = progress
         self._clock = clock
         self._carry_out = carry_out
+        self._heard = heard
         self._slot: VisionSlot | None = None
         self._armed_ns: int | None = None  # when the task wakes by itself; None: not
         self._deadline_ns: int | None = 0  # the monitor's, since it last settled
@@ -201,7 +264,7 @@ class _MonitorLoop:
         if self._slot is not None:
             self._slot.wake()
 
-    def send(self, message: MarkerRadii) -> None:
+    def send(self, message: MarkerRadii | ControlsRequest) -> None:
         """To the process, if there is one."""
         if self._slot is not None and not self._over:
             self._slot.send(message)
@@ -238,6 +301,8 @@ class _MonitorLoop:
             if isinstance(message, (Gone, Failed, SourceLost)):  # the notes name the frame that was being worked on
                 self._monitor.progress(self._progress.read(), self._clock.now_ns())
             _report(self._monitor, message, self._clock.now_ns())
+            if isinstance(message, (ControlsReport, Opened)):
+                self._heard(message)
         for reading in self._monitor.readings():
             self._carry_out(monitor.Emit(reading), slot)
         self._monitor.progress(self._progress.read(), self._clock.now_ns())
@@ -261,6 +326,8 @@ def _report(to: ProcessMonitor, message: FromVision | Failed | Gone, now_ns: int
             to.failed(token, shown(why), now_ns, config=config)
         case Gone(how, crashed):
             to.gone(token, how, now_ns, crashed=crashed)
+        case ControlsReport():
+            pass  # of the technician's page
 
 
 def vision_template(sources: Iterable[SourceSpec], visions: Iterable[VisionConfig]) -> ProcessTemplate:
@@ -280,6 +347,7 @@ def frame_rules(camera: CameraConfig, vision: VisionConfig) -> FrameRules:
         camera.frozen_s,
         camera.repeats_age,
         camera.max_megapixels,
+        Framing.of(camera),
     )
 
 

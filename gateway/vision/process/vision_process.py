@@ -28,15 +28,26 @@ from gateway.vision.picture.measure import PictureMeter
 from gateway.vision.pixels import DeepImage, Image
 from gateway.vision.process.exposure_loop import ExposureLoop
 from gateway.vision.source.checks import FrameChecks
+from gateway.vision.source.contract import Controlled, Source
 from gateway.vision.source.freshness import Changes, unchanged_since_ns
-from gateway.vision.transport.messages import TO_VISION, FrameResult, FromVision, Opened, Ready, SourceLost, VisionJob
+from gateway.vision.transport.messages import (
+    TO_VISION,
+    ControlsReport,
+    ControlsRequest,
+    FrameResult,
+    FromVision,
+    Opened,
+    Ready,
+    SourceLost,
+    VisionJob,
+)
 from gateway.vision.transport.progress import ProgressPage
 from gateway.vision.transport.ring import Ring
 
 CODEC = TO_VISION
 
 
-def run(channel: Channel[FromVision, MarkerRadii], job: VisionJob) -> None:
+def run(channel: Channel[FromVision, MarkerRadii | ControlsRequest], job: VisionJob) -> None:
     """Until the main process ends. Never returns."""
     cv2.setNumThreads(job.detector.vision.workers)
     clock = job.clock
@@ -57,9 +68,11 @@ def run(channel: Channel[FromVision, MarkerRadii], job: VisionJob) -> None:
     while True:
         frame = newest.take(job.detector_beat_s / clock.speed)
         progress.detector_runs(clock.now_ns())
-        for radii in channel.waiting():
-            if limited is not None:
-                limited.expect(radii)
+        for message in channel.waiting():
+            if isinstance(message, ControlsRequest):
+                capture.wanted = message
+            elif limited is not None:
+                limited.expect(message)
         if frame is None:
             continue
         progress.work_begins(frame.seq, frame.t_capture_ns, clock.now_ns())
@@ -170,7 +183,7 @@ class Capture:
 
     def __init__(
         self,
-        channel: Channel[FromVision, MarkerRadii],
+        channel: Channel[FromVision, MarkerRadii | ControlsRequest],
         job: VisionJob,
         progress: ProgressPage,
         newest: NewestFrame,
@@ -184,6 +197,8 @@ class Capture:
         self._newest = newest
         self._exposure = exposure
         self._lossless = False
+        self.wanted: ControlsRequest | None = None  # set by the detector's thread
+        self._done: ControlsRequest | None = None
 
     def run(self) -> None:
         """Until the source is lost."""
@@ -228,28 +243,42 @@ class Capture:
             t_capture_ns = max(0, min(frame.t_capture_ns, clock.now_ns()))  # by another clock it would be new for ever
             if t_capture_ns != frame.t_capture_ns:
                 frame = replace(frame, t_capture_ns=t_capture_ns)
-            changed_ns = checks.passed(frame)
-            if changed_ns is None:
+            passed = checks.passed(frame)
+            if passed is None:
                 continue
-            image = frame.image.view()
+            image = passed.used.image.view()
             image.flags.writeable = False
-            deep = None if frame.deep is None else frame.deep.view()
+            deep = None if passed.used.deep is None else passed.used.deep.view()
             if deep is not None:
                 deep.flags.writeable = False
             seq += 1
             if seq == job.first_seq:
-                height, width = image.shape[:2]
+                height, width = frame.image.shape[:2]
                 self._progress.set_size_px(width, height)
                 self._channel.send(Opened(source.lossless, source.finite))  # before the detector can fail on the frame
                 if self._exposure is not None:
                     self._exposure.take_over(source, spec.label)  # now: some cameras begin each stream with their own
-            checked = CheckedFrame(image, seq, frame.t_capture_ns, changed_ns, deep)
+            checked = CheckedFrame(image, seq, frame.t_capture_ns, passed.changed_ns, deep)
             if self._recent is not None:
                 self._recent.add(checked)
             self._newest.put(checked, wait=source.lossless)
             self._progress.captured(seq, clock.now_ns())
             if self._exposure is not None:
                 self._exposure.captured(seq, frame.t_capture_ns)
+            if (wanted := self.wanted) is not self._done and wanted is not None:
+                self._done = wanted
+                self._channel.send(_tried(source, wanted))
+
+
+def _tried(source: Source, wanted: ControlsRequest) -> ControlsReport:
+    if not isinstance(source, Controlled):
+        return ControlsReport((), wanted.number)
+    try:
+        controls = source.controls()
+        found, fault = controls.try_(wanted.tried, wanted.found)
+        return ControlsReport(controls.offered(), wanted.number, found, fault)
+    except (LinkError, OSError) as error:
+        return ControlsReport((), wanted.number, dict(wanted.found), shown(str(error)))
 
 
 def _run_on(cpus: tuple[int, ...]) -> None:

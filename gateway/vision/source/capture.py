@@ -10,9 +10,10 @@ from gateway.clock import NS_PER_S, Clock, suspended_ns
 from gateway.errors import LinkError
 from gateway.vision.exposure.settings import ExposureRules
 from gateway.vision.pixels import bgr8, deep_of
-from gateway.vision.source import raw, v4l2_exposure
+from gateway.vision.source import raw, v4l2_controls, v4l2_exposure
 from gateway.vision.source.contract import Frame, Source
 from gateway.vision.source.frame_time import ArrivalTime, BufferTime, FrameTime, PresentationTime
+from gateway.vision.source.v4l2_controls import CameraControls
 from gateway.vision.source.v4l2_exposure import V4l2Exposure
 
 if TYPE_CHECKING:
@@ -71,13 +72,28 @@ class CaptureSource(Source):
 
 
 class CameraSource(CaptureSource):
-    """A V4L2 camera, whose exposure may be controlled."""
+    """A V4L2 camera, whose exposure may be controlled. `controls`: None: it is left as it is."""
 
-    def __init__(self, capture: cv2.VideoCapture, spec: "CameraSpec", clock: Clock) -> None:
+    def __init__(
+        self, capture: cv2.VideoCapture, spec: "CameraSpec", clock: Clock, controls: CameraControls | None = None
+    ) -> None:
         super().__init__(capture, spec, clock, BufferTime(suspended_ns))
-        self._device = spec.device
+        self._spec = spec
         self._raw = spec.raw
         self._exposure: V4l2Exposure | None = None
+        self._controls = controls
+        self._begun = False
+
+    def read(self) -> Frame:
+        frame = super().read()
+        if self._controls is not None:
+            now_ns = self._clock.now_ns()
+            if self._begun:
+                self._controls.look(now_ns)
+            else:
+                self._controls.apply(now_ns)  # again: some cameras begin each stream with their own
+                self._begun = True
+        return frame
 
     def _decoded(self, image: NDArray[Any]) -> NDArray[Any]:
         if self._raw is None:
@@ -87,13 +103,21 @@ class CameraSource(CaptureSource):
 
     def exposure_controls(self, rules: ExposureRules) -> V4l2Exposure | None:
         fps = self._capture.get(cv2.CAP_PROP_FPS)
-        self._exposure = v4l2_exposure.exposure_controls(self._device, self._label, rules, fps)
+        self._exposure = v4l2_exposure.exposure_controls(self._spec.device, self._label, rules, fps)
         return self._exposure
+
+    def controls(self) -> CameraControls:
+        """Raises LinkError where the device can't be opened once more."""
+        if self._controls is None:
+            self._controls = v4l2_controls.opened(self._spec.device, self._label, ())
+        return self._controls
 
     def close(self) -> None:
         """With the exposure that it was found with."""
         if self._exposure is not None:
             self._exposure.close()
+        if self._controls is not None:
+            self._controls.close()
         super().close()
 
 
@@ -125,7 +149,15 @@ def open_camera(spec: "CameraSpec", clock: Clock) -> CameraSource:
     if spec.raw is not None and int(capture.get(cv2.CAP_PROP_FOURCC)) != spec.raw.fourcc:
         capture.release()
         raise LinkError(f"{spec.label}: camera.raw.format: it does not give {spec.raw.name}")
-    return CameraSource(capture, spec, clock)
+    if not spec.controls:
+        return CameraSource(capture, spec, clock)
+    try:
+        controls = v4l2_controls.opened(spec.device, spec.label, spec.controls)
+        controls.apply(clock.now_ns())
+    except LinkError:
+        capture.release()
+        raise
+    return CameraSource(capture, spec, clock, controls)
 
 
 def open_stream(spec: "StreamSpec", clock: Clock) -> CaptureSource:

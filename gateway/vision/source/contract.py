@@ -10,6 +10,7 @@ from typing import Protocol, runtime_checkable
 from gateway.clock import Clock
 from gateway.vision.exposure.settings import Exposure, ExposureLimits, ExposureRules
 from gateway.vision.pixels import DeepImage, Image
+from gateway.vision.source.v4l2_controls import CameraControls
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +70,14 @@ class ExposureControlled(Protocol):
     def exposure_controls(self, rules: ExposureRules) -> ExposureControls | None:
         """Switch the camera's own automatic exposure off; called once, after opening. None: it has no exposure time
         that can be set. Raises LinkError where the camera refuses."""
+
+
+@runtime_checkable
+class Controlled(Protocol):
+    """A Source whose controls can be read and tried: `[camera.controls]`."""
+
+    def controls(self) -> CameraControls:
+        """Used in the capture thread only. Raises LinkError where there are none now."""
 
 
 class SourceSpec(Protocol):

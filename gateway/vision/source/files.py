@@ -28,13 +28,14 @@ def open_file(spec: "FileSpec", clock: Clock) -> Source:
     """
     path, label = Path(spec.path), spec.label
     try:
+        path.stat()  # is_dir and exists hide what the system says, from Python 3.14 on
         if path.is_dir():
             pictures = sorted((p for p in path.iterdir() if _is_picture(p)), key=natural_key)
             if not pictures:
                 raise LinkError(f"{label}: no pictures in this folder")
             return FolderSource(pictures, spec, clock)
-        if not path.exists():
-            raise LinkError(f"{label}: no such file or folder")
+    except (FileNotFoundError, NotADirectoryError, ValueError) as error:  # ValueError: a zero byte
+        raise LinkError(f"{label}: no such file or folder") from error
     except OSError as error:
         raise LinkError(f"{label}: cannot be read: {error.strerror}") from error
     if _is_picture(path) and path.suffix.lower() != ".gif":  # FFmpeg plays an animated GIF at its own rate

@@ -4,17 +4,19 @@ The main process chooses, the vision process opens: OpenCV is loaded there and n
 """
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 from urllib.parse import urlsplit
 
 from gateway.clock import Clock
+from gateway.config import ControlsConfig
 from gateway.errors import ConfigError
 from gateway.registry import Registry
 from gateway.vision.exposure.settings import ExposureRules
 from gateway.vision.source.contract import Source, SourceSpec
 from gateway.vision.source.raw_format import RawFormat, raw_format
+from gateway.vision.source.v4l2_controls import ControlSetting, settings_of
 
 if TYPE_CHECKING:
     from gateway.config import CameraConfig
@@ -40,6 +42,7 @@ class CameraSpec:
     by_arrival: bool = False  # frames are stamped when they arrive; else with the driver's buffer time
     late_s: float = LATE_S
     raw: RawFormat | None = None  # None: the driver's own colours, 8 bits
+    controls: tuple[ControlSetting, ...] = ()
 
     @property
     def label(self) -> str:
@@ -110,6 +113,11 @@ def exposure_rules(config: "CameraConfig") -> ExposureRules | None:
     return ExposureRules(1000 * config.exposure_max_ms, config.gain_range_db)
 
 
+def with_controls(spec: Any, controls: tuple[ControlSetting, ...]) -> Any:
+    """The same source, set so; one that has no controls as it is."""
+    return replace(spec, controls=controls) if "controls" in {one.name for one in fields(spec)} else spec
+
+
 def source_spec(config: "CameraConfig") -> SourceSpec:
     """The source of `camera.url`: camera index, /dev/..., stream URL, else a path.
 
@@ -136,9 +144,12 @@ def source_spec(config: "CameraConfig") -> SourceSpec:
             by_arrival=by_arrival,
             late_s=config.deadline_s,
             raw=raw_format(config),
+            controls=settings_of(config.controls),
         )
     if config.raw.format is not None:
         raise ConfigError("camera.raw.format: only a camera of this machine (/dev/video*) can be asked for it")
+    if config.controls != ControlsConfig():
+        raise ConfigError("camera.controls: only a camera of this machine (/dev/video*) has controls")
     scheme, separator, _ = url.partition("://")
     if separator:
         if scheme.lower() not in CAMERA_TYPES:

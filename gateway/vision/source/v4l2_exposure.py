@@ -1,72 +1,29 @@
-"""Exposure time and gain of a V4L2 camera, by the kernel's own calls: OpenCV passes raw values and no limits.
-
-A second handle on the device: controls are the device's, and setting them disturbs no stream. Only cameras that state
-their exposure time in units of time (V4L2_CID_EXPOSURE_ABSOLUTE, 100 us; USB cameras do) can be controlled. The unit of
-V4L2_CID_GAIN is the driver's own: `camera.gain_range_db` says what its two ends amount to; in between it counts as even
-in dB. After linux/videodev2.h and linux/v4l2-controls.h.
+"""Exposure time and gain of a V4L2 camera, for a controller. Only cameras that state their exposure time in units of
+time (V4L2_CID_EXPOSURE_ABSOLUTE, 100 us; USB cameras do) can be controlled. The unit of V4L2_CID_GAIN is the driver's
+own: `camera.gain_range_db` says what its two ends amount to; in between it counts as even in dB.
 """
 
-import fcntl
 import logging
 import math
-import os
-import struct
-from dataclasses import dataclass
 
 from gateway.errors import LinkError
 from gateway.vision.exposure.settings import Exposure, ExposureLimits, ExposureRules
+from gateway.vision.source.v4l2_device import (
+    AUTOGAIN,
+    EXPOSURE_ABSOLUTE,
+    EXPOSURE_AUTO,
+    EXPOSURE_AUTO_PRIORITY,
+    GAIN,
+    MANUAL,
+    Range,
+    V4l2Device,
+    device_path,
+)
 
 log = logging.getLogger(__name__)
 
-QUERYCTRL, G_CTRL, S_CTRL = 0xC0445624, 0xC008561B, 0xC008561C
-QUERY, CONTROL = struct.Struct("=II32siiiiI8x"), struct.Struct("=Ii")
-EXPOSURE_AUTO, EXPOSURE_ABSOLUTE, EXPOSURE_AUTO_PRIORITY = 0x9A0901, 0x9A0902, 0x9A0903
-AUTOGAIN, GAIN = 0x980912, 0x980913
-MANUAL = 1  # of EXPOSURE_AUTO
-DISABLED, READ_ONLY = 0x1, 0x4  # flags
 UNIT_US = 100.0
 FRAME_SHARE = 0.9  # of the frame period is the longest exposure
-
-
-@dataclass(frozen=True, slots=True)
-class Range:
-    """Of one control, in the driver's units."""
-
-    least: int
-    most: int
-    step: int
-
-
-class V4l2Device:
-    """The controls of one device. Every call raises OSError where the driver refuses."""
-
-    def __init__(self, path: str) -> None:
-        self._fd = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
-
-    def range_of(self, control: int) -> Range | None:
-        """None: there is no such control, or it can't be set."""
-        record = bytearray(QUERY.pack(control, 0, b"", 0, 0, 0, 0, 0))
-        try:
-            fcntl.ioctl(self._fd, QUERYCTRL, record)
-        except OSError:
-            return None
-        _, _, _, least, most, step, _, flags = QUERY.unpack(record)
-        return None if flags & (DISABLED | READ_ONLY) or most < least else Range(least, most, max(1, step))
-
-    def get(self, control: int) -> int:
-        record = bytearray(CONTROL.pack(control, 0))
-        fcntl.ioctl(self._fd, G_CTRL, record)
-        return int(CONTROL.unpack(record)[1])
-
-    def set(self, control: int, value: int) -> int:
-        """Returns what it is now: a driver may round."""
-        fcntl.ioctl(self._fd, S_CTRL, bytearray(CONTROL.pack(control, value)))
-        return self.get(control)
-
-    def close(self) -> None:
-        if self._fd >= 0:
-            os.close(self._fd)
-        self._fd = -1
 
 
 class V4l2Exposure:
@@ -150,9 +107,8 @@ class V4l2Exposure:
 
 def exposure_controls(device: int | str, label: str, rules: ExposureRules, fps: float) -> V4l2Exposure | None:
     """None: it has no exposure time that can be set. Raises LinkError where it refuses."""
-    path = f"/dev/video{device}" if isinstance(device, int) else device
     try:
-        opened = V4l2Device(path)
+        opened = V4l2Device(device_path(device))
     except OSError as error:
         raise _refused(label, error) from error
     time = opened.range_of(EXPOSURE_ABSOLUTE)

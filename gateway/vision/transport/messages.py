@@ -9,6 +9,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, cast
 
 from msgspec import Struct
+from msgspec import field as message_field
 
 from gateway.clock import SystemClock
 from gateway.config import VisionConfig
@@ -21,6 +22,7 @@ from gateway.vision.detect.radii import MarkerRadii
 from gateway.vision.exposure.settings import ExposureRules
 from gateway.vision.source.checks import FrameRules
 from gateway.vision.source.contract import SourceSpec
+from gateway.vision.source.v4l2_controls import ControlSetting, OfferedControl
 from gateway.vision.transport.ring import RingSpec
 
 if TYPE_CHECKING:  # the main process need not load OpenCV
@@ -78,6 +80,15 @@ class VisionJob(Message, frozen=True):
     exposure: ExposureRules | None = None  # None: left to the camera
 
 
+class ControlsRequest(Message, frozen=True):
+    """Set these over those of the file, complete; empty: as the file has it. `found`: what an earlier process found,
+    to be put back. Answered by a `ControlsReport` of this number."""
+
+    number: int = 0
+    tried: tuple[ControlSetting, ...] = ()
+    found: dict[str, int] = message_field(default_factory=dict)
+
+
 class TemplateJob(Message, frozen=True):
     """For the template of the vision processes: what they will need."""
 
@@ -117,7 +128,17 @@ class FrameResult(Message, frozen=True):
     exposure: CameraExposure | None = None  # None: left to the camera
 
 
-FromVision = Ready | Opened | SourceLost | FrameResult
+class ControlsReport(Message, frozen=True):
+    """The controls of the camera as they are now; none: it has none. `found`: what is to be put back when nothing is
+    tried any more. `fault`: what the camera refuses; empty: nothing."""
+
+    offered: tuple[OfferedControl, ...]
+    number: int = 0
+    found: dict[str, int] = message_field(default_factory=dict)
+    fault: str = ""
+
+
+FromVision = Ready | Opened | SourceLost | FrameResult | ControlsReport
 FROM_VISION = Codec(FromVision | Failed)
-ToVision = VisionJob | MarkerRadii
+ToVision = VisionJob | MarkerRadii | ControlsRequest
 TO_VISION = Codec(ToVision, compressed=True)

@@ -1,6 +1,7 @@
 """What was found in a picture, drawn into it: rim, centre, radius, numbers, and what was refused and why. Pure."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from gateway.vision.view.drawing import (
     REFUSED,
     RIM,
     WHITE,
+    Colour,
     box,
     curve,
     panel_scale,
@@ -20,8 +22,11 @@ from gateway.vision.view.drawing import (
     scaled,
     stroke,
     to_scale,
+    width_of,
     write,
 )
+
+Rectangle = tuple[int, int, int, int]  # of a label: x, base line, width, height
 
 _ANGLES = np.linspace(0, 2 * np.pi, 180, endpoint=False)
 _UPWARDS = np.array([math.cos(math.pi / 6), -math.sin(math.pi / 6)])  # of the radius line
@@ -39,8 +44,9 @@ def annotated(panel: Image, found: Detection, scale: float) -> Image:
     height, width = panel.shape[:2]
     wide = max(1, round(max(height, width) / 500))
     font_px = max(14, round(max(height, width) / 38))
+    labels: list[Rectangle] = []
     for rejection in found.rejected:
-        _refused(panel, rejection.circle, rejection.why, scale, wide, font_px)
+        _refused(panel, rejection.circle, rejection.why, scale, wide, font_px, labels)
     if found.predicted is not None:
         _dashed(panel, found.predicted, scale, wide)
     if found.circle is None:
@@ -93,17 +99,43 @@ def _towards(ellipse: Ellipse | None) -> NDArray[np.float64]:
     return np.array([math.cos(ellipse.angle_rad), math.sin(ellipse.angle_rad)])
 
 
-def _refused(panel: Image, circle: Circle, why: str, scale: float, wide: int, font_px: int) -> None:
+def _refused(
+    panel: Image, circle: Circle, why: str, scale: float, wide: int, font_px: int, labels: list[Rectangle]
+) -> None:
+    """`labels`: where others are written already; this one is added, or left out where there is no room for it."""
     centre = to_scale(np.array([circle.u_px, circle.v_px]), scale)
     if not np.isfinite([*centre, circle.radius_px]).all() or np.abs(centre).max() > 1e5:
         return
     radius = min(1e5, max(0.0, circle.radius_px * scale))
     ring(panel, centre, radius, REFUSED, wide)
-    small = max(12, font_px - 4)
-    x = round(min(max(0.0, centre[0] - 0.7 * radius), panel.shape[1] - 4.0 * small))
-    y = round(min(max(float(small), centre[1] - 0.7 * radius), panel.shape[0] - 2.0))
-    write(panel, why, (x + 1, y + 1), INK, small)
-    write(panel, why, (x, y), WHITE, small)
+    label(panel, why, (centre[0] - 0.7 * radius, centre[1] - 0.7 * radius), WHITE, max(12, font_px - 4), labels)
+
+
+def label(
+    panel: Image, words: str, at: tuple[float, float], colour: Colour, font_px: int, labels: list[Rectangle]
+) -> None:
+    """Words that begin at `at`, or near it where `labels` are; they are added to these. Without room: left out."""
+    size = (width_of(words, font_px), round(1.3 * font_px))
+    x = round(min(max(0.0, at[0]), max(0.0, panel.shape[1] - 1.0 - size[0])))
+    y = round(min(max(float(font_px), at[1]), panel.shape[0] - 2.0))
+    place = free_place((x, y), size, panel.shape[0] - 2, labels)
+    if place is None:
+        return
+    labels.append((x, place, *size))
+    write(panel, words, (x + 1, place + 1), INK, font_px)
+    write(panel, words, (x, place), colour, font_px)
+
+
+def free_place(at: tuple[int, int], size: tuple[int, int], bottom: int, labels: Sequence[Rectangle]) -> int | None:
+    """The base line nearest to `at` on which a label of that size covers no other; None: nowhere."""
+    x, y = at
+    width, height = size
+    for step in range(2 * len(labels) + 1):
+        line = y + height * ((step + 1) // 2) * (1 if step % 2 else -1)
+        free = all(x >= ox + w or ox >= x + width or abs(line - oy) >= max(height, h) for ox, oy, w, h in labels)
+        if free and height <= line + 2 and line <= bottom:
+            return line
+    return None
 
 
 def _dashed(panel: Image, circle: Circle, scale: float, wide: int) -> None:

@@ -1,6 +1,7 @@
 """What several of these tests share."""
 
 import fcntl
+import shlex
 from pathlib import Path
 
 import pytest
@@ -20,7 +21,9 @@ def library(tmp_path_factory: pytest.TempPathFactory, testrun_uid: str) -> Path:
     with path.with_suffix(".lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not path.exists():
-            assert build.build(path) == ""
+            with pytest.MonkeyPatch.context() as patch:  # here a warning is an error; no user's compiler shall refuse
+                patch.setenv("CC", shlex.join([*(build.compiler() or ["cc"]), "-Werror"]))
+                assert build.build(path) == ""
     return path
 
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from gateway.errors import LinkError
-from gateway.vision.source.checks import FrameChecks, FrameRules, SizePx
+from gateway.vision.source.checks import FrameChecks, FrameRules
 from gateway.vision.source.contract import Frame
+from gateway.vision.source.framing import SizePx
 from gateway.vision.source.freshness import TILES
 
 S = 1_000_000_000
@@ -77,9 +78,9 @@ def test_a_repeated_picture_keeps_the_time_of_its_first_and_is_lost_in_the_end()
     assert passing.passed(frame()) is None  # not to be shown before it has changed once
     pictures = repeated(27)
     for picture in pictures[:26]:
-        changed_ns = passing.passed(picture)
-        assert changed_ns is not None
-        assert set(changed_ns.ravel()) == {pictures[0].t_capture_ns}
+        passed = passing.passed(picture)
+        assert passed is not None
+        assert set(passed.changed_ns.ravel()) == {pictures[0].t_capture_ns}
     with pytest.raises(LinkError, match=r"^cam: frozen: the picture has not changed for 1 s$"):
         passing.passed(pictures[26])
 
@@ -89,9 +90,9 @@ def test_where_repeats_do_not_age_only_the_freeze_counts() -> None:
     passing.passed(frame())
     pictures = repeated(27)
     for picture in pictures[:26]:
-        changed_ns = passing.passed(picture)
-        assert changed_ns is not None
-        assert set(changed_ns.ravel()) == {picture.t_capture_ns}
+        passed = passing.passed(picture)
+        assert passed is not None
+        assert set(passed.changed_ns.ravel()) == {picture.t_capture_ns}
     with pytest.raises(LinkError, match="frozen"):
         passing.passed(pictures[26])
 
@@ -100,7 +101,7 @@ def test_where_repeats_do_not_age_only_the_freeze_counts() -> None:
 def test_a_drawing_may_repeat_and_0_switches_the_check_off(frozen_s: float, may_repeat: bool) -> None:
     passing = checks(FrameRules(frozen_s=frozen_s), may_repeat=may_repeat)
     for picture in repeated(100):
-        changed_ns = passing.passed(picture)
-        assert changed_ns is not None
-        assert changed_ns.shape == TILES
-        assert set(changed_ns.ravel()) == {picture.t_capture_ns}
+        passed = passing.passed(picture)
+        assert passed is not None
+        assert passed.changed_ns.shape == TILES
+        assert set(passed.changed_ns.ravel()) == {picture.t_capture_ns}

@@ -169,7 +169,7 @@ def test_frames_that_differ_below_8_bits_are_new() -> None:
         assert bgr8(bits).tolist() == image.tolist()
     assert verdicts[0] is None
     assert verdicts[-1] is not None
-    assert verdicts[-1].min() == 1004
+    assert verdicts[-1].changed_ns.min() == 1004
 
 
 # From cameras: known bytes.

@@ -20,8 +20,11 @@ from gateway.vision.process import vision_process
 from gateway.vision.source.checks import FrameRules
 from gateway.vision.source.contract import SourceSpec
 from gateway.vision.source.specs import CameraSpec, FileSpec, StreamSpec
+from gateway.vision.source.v4l2_controls import ControlSetting, OfferedControl
 from gateway.vision.transport import messages
 from gateway.vision.transport.messages import (
+    ControlsReport,
+    ControlsRequest,
     DetectorSpec,
     FrameResult,
     Opened,
@@ -62,6 +65,13 @@ FROM_VISION = st.one_of(
     st.builds(SourceLost, st.text(), st.booleans()),
     st.builds(Failed, st.text(), st.booleans()),
     st.just(Ready()),
+    st.builds(
+        ControlsReport,
+        st.lists(st.builds(OfferedControl, st.text(), INT, INT, INT, INT, INT, st.none() | INT), max_size=3).map(tuple),
+        INT,
+        st.dictionaries(st.text(), INT, max_size=3),
+        st.text(),
+    ),
 )
 CLOCK = SystemClock(2.5, 3, 4)
 RULES = FrameRules(640, None, (640, 480), 1.5, repeats_age=False, max_megapixels=25.0)
@@ -77,7 +87,15 @@ def test_every_message_of_a_vision_process_arrives_as_it_was_sent(message: objec
     assert messages.FROM_VISION.unpacked(Codec.packed(message)) == message
 
 
-@given(st.builds(MarkerRadii, NUMBER, NUMBER, INT))
+@given(
+    st.builds(MarkerRadii, NUMBER, NUMBER, INT)
+    | st.builds(
+        ControlsRequest,
+        INT,
+        st.lists(st.builds(ControlSetting, st.text(), INT, st.booleans()), max_size=3).map(tuple),
+        st.dictionaries(st.text(), INT, max_size=3),
+    )
+)
 def test_every_message_to_a_vision_process_arrives_as_it_was_sent(message: object) -> None:
     assert vision_process.CODEC.unpacked(Codec.packed(message)) == message
 

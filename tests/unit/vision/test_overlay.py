@@ -1,13 +1,18 @@
 """What stands in a picture that is drawn upon: the rim where it is, refusals with their words, predictions dashed."""
 
+import itertools
 import math
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from gateway.config import VisionConfig
 from gateway.core.detection import Circle, Detection, Ellipse, Rejection, Tracking
-from gateway.vision.view.overlay import overlay, rim_of
+from gateway.vision.detect.robust import tuning_view
+from gateway.vision.view import overlay as drawn_over
+from gateway.vision.view.drawing import width_of
+from gateway.vision.view.overlay import free_place, overlay, rim_of
 
 GREY = np.full((600, 800, 3), 100, np.uint8)
 ELLIPSE = Ellipse(400.0, 300.0, 120.0, 60.0, math.radians(30))
@@ -62,3 +67,36 @@ def test_nothing_that_is_found_or_refused_breaks_the_drawing(place: float, shape
     drawn = overlay(image, Detection(Circle(1.0, 1.0, 30.0), rejected=refused))
     assert drawn.dtype == np.uint8
     assert drawn.ndim == 3
+
+
+@pytest.mark.parametrize("view", ["overlay", "tuning page"])
+def test_labels_in_a_picture_do_not_overprint(monkeypatch: pytest.MonkeyPatch, view: str) -> None:
+    written: list[tuple[str, tuple[int, int], int]] = []
+    for module in (drawn_over, tuning_view):
+        monkeypatch.setattr(
+            module, "write", lambda _, words, at, colour, font_px: written.append((words, at, font_px)), raising=False
+        )
+    refused = tuple(Rejection(Circle(400.0 + n, 300.0, 60.0), why) for n, why in enumerate(("rim", "weaker", "fill")))
+    found = Detection(Circle(401.0, 301.0, 60.0), rejected=refused)
+    if view == "overlay":
+        overlay(GREY, found)
+    else:
+        tuning_view.panels(GREY, VisionConfig(), found, 0.5)
+    expected = {"rim", "weaker", "fill"} | ({"taken"} if view == "tuning page" else set())
+    labels = {words: (at, font_px) for words, at, font_px in written if words in expected}
+    assert set(labels) == expected
+    for (words, (at, font_px)), (other, (there, _)) in itertools.combinations(labels.items(), 2):
+        left, right = sorted([(at[0], width_of(words, font_px)), (there[0], width_of(other, font_px))])
+        apart = right[0] - left[0] >= left[1] or abs(at[1] - there[1]) >= font_px
+        assert apart, f"{words} on {other}"
+
+
+def test_labels_of_candidates_that_lie_upon_each_other_do_not_overprint() -> None:
+    size, labels = (60, 16), [(100, 50, 60, 16)]
+    assert free_place((100, 50), size, 200, []) == 50
+    assert free_place((161, 50), size, 200, labels) == 50, "beside it"
+    line = free_place((110, 52), size, 200, labels)
+    assert line == 68
+    labels.append((110, line, *size))
+    assert free_place((105, 51), size, 200, labels) == 19, "above both"
+    assert free_place((100, 20), size, 30, [(100, 20, 60, 16)]) is None, "no room: left out"

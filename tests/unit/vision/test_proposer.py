@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway import app
+from gateway import config_check
 from gateway.config import VisionConfig, parse
 from gateway.errors import ConfigError
 from gateway.sim.render import render
@@ -200,8 +200,8 @@ def test_a_gateway_with_a_damaged_net_does_not_start_if_it_needs_it(monkeypatch:
     monkeypatch.setattr(proposer_file, "SHA256", "another")
     text = '[vision]\nproposals = "both"\n'
     with pytest.raises(ConfigError, match=r"^g\.toml:2: vision\.proposals: the net that proposes, .* is damaged; "):
-        app.check(parse({"vision": {"proposals": "both"}}, text=text), source="g.toml", text=text)
-    app.check(parse({"vision": {"proposals": "classical"}}), source="g.toml", text="")
+        config_check.check(parse({"vision": {"proposals": "both"}}, text=text), source="g.toml", text=text)
+    config_check.check(parse({"vision": {"proposals": "classical"}}), source="g.toml", text="")
 
 
 @pytest.mark.parametrize("made", [FullFrameDetector, RoiSearch])

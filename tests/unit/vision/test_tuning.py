@@ -215,12 +215,12 @@ def light(**changes: float | None) -> Light:
     ("changes", "says"),
     [
         ({}, "exposure, noise, focus and white balance are fine"),
-        ({"marker_clipped": 0.3}, "over-exposed: the red channel is at its stop in 30 % of the marker"),
+        ({"marker_clipped": 0.3}, "over-exposed: the red channel is clipped in 30 % of the marker"),
         (
             {"marker_v": 50.0},
             "too dark: the marker's brightest channel is 50 of 255; more light, or a longer exposure by 1.6",
         ),
-        ({"clipped": 0.2}, "20 % of the picture is white to the stop"),
+        ({"clipped": 0.2}, "20 % of the picture is clipped to white"),
         ({"marker_s": 60.0}, "pale: the marker's saturation is 60 of 255"),
         ({"noise": 9.0}, "noisy: 9 grey levels"),
         (
@@ -228,8 +228,8 @@ def light(**changes: float | None) -> Light:
             "motion blur: about 8 px, along 170 degrees (0: level); an exposure of 1/8",
         ),
         ({"edge_px": 9.0}, "out of focus: the rim is 9 px wide"),
-        ({"warmth": 1.6}, "colour cast: warm (red over blue is 1.60"),
-        ({"warmth": 0.6}, "colour cast: cold (red over blue is 0.60"),
+        ({"warmth": 1.6}, "colour cast: red over blue is 1.60"),
+        ({"warmth": 0.6}, "colour cast: red over blue is 0.60"),
     ],
 )
 def test_each_advice_alone(changes: dict[str, float], says: str) -> None:

@@ -15,7 +15,7 @@ from gateway.vision.source import v4l2_exposure
 from gateway.vision.source.capture import CameraSource
 from gateway.vision.source.contract import ExposureControlled
 from gateway.vision.source.specs import CameraSpec
-from gateway.vision.source.v4l2_exposure import (
+from gateway.vision.source.v4l2_device import (
     AUTOGAIN,
     CONTROL,
     EXPOSURE_ABSOLUTE,
@@ -26,9 +26,8 @@ from gateway.vision.source.v4l2_exposure import (
     QUERY,
     QUERYCTRL,
     S_CTRL,
-    V4l2Exposure,
-    exposure_controls,
 )  # fmt: skip
+from gateway.vision.source.v4l2_exposure import V4l2Exposure, exposure_controls
 from tests.virtual_time import HandClock
 
 RULES = ExposureRules(8000.0)
@@ -50,6 +49,7 @@ class Driver:
     )
     flags: dict[int, int] = field(default_factory=dict)
     fails: dict[int, int] = field(default_factory=dict)  # id to errno, of setting it
+    keeps: set[int] = field(default_factory=set)  # those that it accepts, and does not set
     sets: list[tuple[int, int]] = field(default_factory=list)
 
     def ioctl(self, fd: int, request: int, record: bytearray) -> int:
@@ -68,7 +68,8 @@ class Driver:
                 raise OSError(self.fails[control], os.strerror(self.fails[control]))
             wanted = CONTROL.unpack(record)[1]
             self.sets.append((control, wanted))
-            self.controls[control][3] = min(max(wanted, least), most)
+            if control not in self.keeps:
+                self.controls[control][3] = min(max(wanted, least), most)
         else:
             raise AssertionError(hex(request))
         return 0

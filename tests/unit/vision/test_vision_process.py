@@ -21,7 +21,10 @@ from gateway.vision.process.monitor import Action, Emit, ProcessMonitor
 from gateway.vision.process.vision_process import Capture, CheckedFrame, NewestFrame
 from gateway.vision.source.checks import FrameRules
 from gateway.vision.source.contract import Frame, Source
+from gateway.vision.source.v4l2_controls import ControlSetting
 from gateway.vision.transport.messages import (
+    ControlsReport,
+    ControlsRequest,
     DetectorSpec,
     FrameResult,
     Opened,
@@ -111,6 +114,19 @@ def test_the_source_is_open_before_the_first_frame_can_be_looked_at(ring: RingSp
     assert lost == SourceLost("few: ended")
 
 
+def test_a_source_without_controls_says_so_after_the_frame_at_hand(ring: RingSpec) -> None:
+    job = VisionJob(
+        1, SourceRecord.of(FewFrames(2)), DetectorSpec(VisionConfig()), CLOCK, ring, FrameRules(), first_seq=5
+    )
+    diary, progress = Diary(), ProgressPage(ring, writable=True)
+    capture = Capture(cast("Any", diary), job, progress, cast("NewestFrame", diary))
+    capture.wanted = ControlsRequest(7, (ControlSetting("gain", 3),), {"gain": 1})
+    capture.run()
+    progress.close()
+    assert [one for one in diary.entries if isinstance(one, ControlsReport)] == [ControlsReport((), 7)]
+    assert isinstance(diary.entries[-1], SourceLost), "it goes on"
+
+
 @pytest.mark.parametrize("ahead_ns", [HOUR_NS, 1 << 62, -1 << 62])
 def test_a_frame_of_a_time_that_cannot_be(ring: RingSpec, ahead_ns: int) -> None:
     """One of a time to come would be new however long the detector takes, and the newest one in the ring for ever."""
@@ -168,12 +184,15 @@ class MainSide:
     notes: Progress = field(default_factory=Progress)
     arrived: list[Any] = field(default_factory=list)
     readings: list[VisionReading] = field(default_factory=list)
+    heard: list[ControlsReport | Opened] = field(default_factory=list)
     waked: int = 0
 
     def __post_init__(self) -> None:
         vision = VisionConfig(deadline_s=0.5)
         self.monitor = ProcessMonitor("cam", CameraConfig(deadline_s=1.0), vision, random.Random(1))
-        self.loop = service._MonitorLoop(self.monitor, cast("Any", self), cast("Any", self), self.carry_out)
+        self.loop = service._MonitorLoop(
+            self.monitor, cast("Any", self), cast("Any", self), self.carry_out, self.heard.append
+        )
         self.loop._slot = cast("Any", self)
         self.loop.on_arrival()
         self.arrive(Ready(), Opened(lossless=False))

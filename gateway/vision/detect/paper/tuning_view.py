@@ -18,7 +18,7 @@ from gateway.vision.offline.tuning.samples import Colours, disc, example
 from gateway.vision.offline.tuning.thresholds import Red
 from gateway.vision.pixels import Image
 from gateway.vision.view.drawing import scaled
-from gateway.vision.view.overlay import annotated, counted
+from gateway.vision.view.overlay import annotated
 
 MASK_SHARE = 0.25  # of the picture
 LOST_SHARE, LEFT_SHARE = 0.2, 0.05  # of the marker's red, by the opening
@@ -27,20 +27,22 @@ LOST_SHARE, LEFT_SHARE = 0.2, 0.05  # of the marker's red, by the opening
 def panels(image: Image, params: VisionConfig, found: Detection, scale: float) -> tuple[Panel, ...]:
     trace = pipeline.trace(image, params)
     red, left = (int(np.count_nonzero(mask)) for mask in (trace.initial, trace.cleaned))
-    share = f"{100 * red / (image.shape[0] * image.shape[1]):.1f} %"
+    percent = 100 * red / (image.shape[0] * image.shape[1])
+    ranges = f"the two red ranges: {red} px, {percent:.1f} %"
     cleaned = f"opening, then closing: {left} px"
     fit = annotated(scaled(image, scale), trace.detection, scale)
     return (
         Panel("hsv", "HSV", "hue, saturation, value shown as blue, green, red", scaled(trace.hsv, scale)),
-        Panel("mask", "Mask", f"the two red ranges: {red} px, {share}", scaled(trace.initial, scale), lossless=True),
+        Panel("mask", "Mask", ranges, scaled(trace.initial, scale), lossless=True),
         Panel("clean", "Cleaned mask", cleaned, scaled(trace.cleaned, scale), lossless=True),
         Panel("fit", "Fit", _chosen(trace.detection), fit),
     )
 
 
 def _chosen(found: Detection) -> str:
-    number = counted(found.candidates, "contour")
-    return f"no marker; {number} above S_min" if found.circle is None else f"largest valid of {number} above S_min"
+    if found.circle is None:
+        return f"no marker; contours above S_min: {found.candidates}"
+    return f"the largest valid contour; contours above S_min: {found.candidates}"
 
 
 def remarks(image: Image, tried: VisionConfig, found: Detection, reference: Detection) -> Iterator[Remark]:

@@ -15,8 +15,8 @@ from gateway.vision.detect.method import Panel, Remark
 from gateway.vision.detect.robust.method import REJECTIONS
 from gateway.vision.detect.robust.redness import redness
 from gateway.vision.pixels import Image
-from gateway.vision.view.drawing import CENTRE, INK, REFUSED, RIM, WHITE, curve, ring, scaled, to_scale, write
-from gateway.vision.view.overlay import annotated, counted, rim_of
+from gateway.vision.view.drawing import CENTRE, REFUSED, RIM, WHITE, curve, ring, scaled, to_scale, width_of
+from gateway.vision.view.overlay import Rectangle, annotated, label, rim_of
 
 FULL_REDNESS = 1.5  # log units shown as white
 RAYS = 120  # on which the rim is shown
@@ -51,8 +51,8 @@ def panels(image: Image, params: VisionConfig, found: Detection, scale: float) -
 
 def _sure(found: Detection) -> str:
     if found.circle is None:
-        return f"no marker among {counted(found.candidates, 'candidate')}"
-    return f"one of {counted(found.candidates, 'candidate')}; confidence {found.confidence or 0:.2f}"
+        return f"no marker; candidates: {found.candidates}"
+    return f"confidence {found.confidence or 0:.2f}; candidates: {found.candidates}"
 
 
 def _candidates(image: Image, found: Detection, scale: float) -> Image:
@@ -62,19 +62,16 @@ def _candidates(image: Image, found: Detection, scale: float) -> Image:
     font_px = max(13, round(panel.shape[1] / 40))
     rows = [(rejection.circle, rejection.why, REFUSED) for rejection in found.rejected]
     if found.circle is not None:
-        rows.append((found.circle, "taken", RIM))
+        rows.insert(0, (found.circle, "taken", RIM))  # of all labels this one has room
+    labels: list[Rectangle] = []
     for circle, word, colour in rows:
         centre = to_scale(np.array([circle.u_px, circle.v_px]), scale)
         radius = circle.radius_px * scale
         if not np.isfinite([*centre, radius]).all() or max(*np.abs(centre), radius) > 1e5:
             continue
         ring(panel, centre, max(1.0, radius), colour, wide)
-        at = (
-            round(min(max(2.0, centre[0] - 0.35 * font_px * len(word)), panel.shape[1] - 0.6 * font_px * len(word))),
-            round(min(max(float(font_px), centre[1] - radius - 4), panel.shape[0] - 3.0)),
-        )
-        write(panel, word, (at[0] + 1, at[1] + 1), INK, font_px)
-        write(panel, word, at, WHITE if colour is REFUSED else RIM, font_px)
+        at = (centre[0] - width_of(word, font_px) / 2, centre[1] - radius - 4)
+        label(panel, word, at, WHITE if colour is REFUSED else RIM, font_px, labels)
     return panel
 
 
@@ -148,6 +145,8 @@ def remarks(image: Image, tried: VisionConfig, found: Detection, reference: Dete
         yield Remark(f"the marker is refused: R = {marker.radius_px:.0f} px is below the limit", "min_radius_share")
     else:
         refused = [rejection.why for rejection in found.rejected if same_place(rejection.circle, marker)]
-        why = REJECTIONS[refused[0]] if refused else "it was not among the best few candidates"
-        key = "min_confidence" if refused[:1] == ["confidence"] else ""
-        yield Remark(f"the marker is refused: {why}", key)
+        if not refused:
+            yield Remark("the marker is refused: it was not among the best few candidates")
+        else:
+            key = "min_confidence" if refused[0] == "confidence" else ""
+            yield Remark(f"the marker is refused: {REJECTIONS[refused[0]]}", key)

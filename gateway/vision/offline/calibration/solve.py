@@ -19,6 +19,7 @@ TILTED_DEG = 15.0
 FRONTAL_DEG = 8.0  # if no view is tilted by more, any focal length fits nearly as well, and sigma does not show it
 UNKNOWN = 0.1  # a focal length with a larger standard deviation is not known
 CELLS = (8, 6)  # of the coverage map, across and down
+COVERED = 0.6  # the least share of them with points in them
 DISTORTIONS = {
     0: cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST,
     4: cv2.CALIB_FIX_K3,
@@ -92,7 +93,7 @@ def calibrate(
         solved = _solve(board, kept, size_px, DISTORTIONS[4])
     _determined(solved)
     lens = _lens(solved.values, chosen)
-    coverage = _coverage(solved.fits, size_px)
+    covered = coverage([fit.points for fit in solved.fits], size_px)
     sigma = tuple(zip(NAMES[: 4 + chosen], solved.sigmas, strict=False))
     return Calibration(
         size_px=size_px,
@@ -101,8 +102,8 @@ def calibrate(
         rms_px=solved.rms_px,
         views=tuple(solved.fits),
         rejected=tuple(rejected),
-        coverage=coverage,
-        warnings=tuple(_warnings(lens, dict(sigma), solved, rejected, coverage, size_px)),
+        coverage=covered,
+        warnings=tuple(_warnings(lens, dict(sigma), solved, rejected, covered, size_px)),
     )
 
 
@@ -116,10 +117,12 @@ class _Solved:
 
 def _enough(count: int) -> None:
     if count < FEWEST_VIEWS:
-        pictures = "picture shows" if count == 1 else "pictures show"
-        raise ConfigError(
-            f"{count} {pictures} the whole board; at least {FEWEST_VIEWS} are needed, from different angles, and "
+        raise ConfigError(  # whole sentences: the page translates them
+            f"{count} picture shows the whole board; at least {FEWEST_VIEWS} are needed, from different angles, and "
             f"{GOOD_VIEWS} or more are good"
+            if count == 1
+            else f"{count} pictures show the whole board; at least {FEWEST_VIEWS} are needed, from different angles, "
+            f"and {GOOD_VIEWS} or more are good"
         )
 
 
@@ -190,8 +193,9 @@ def _outlier(fits: Sequence[ViewFit]) -> int | None:
     return worst if rms[worst] > max(3 * middle, middle + 6 * spread, 0.15) else None
 
 
-def _coverage(fits: Sequence[ViewFit], size_px: tuple[int, int]) -> NDArray[np.int64]:
-    points = np.concatenate([fit.points for fit in fits])
+def coverage(views: Sequence[NDArray[Any]], size_px: tuple[int, int]) -> NDArray[np.int64]:
+    """(rows, columns) of CELLS: how many of the views' points, (n, 2) px each, lie in each cell of the frame."""
+    points = np.concatenate([np.empty((0, 2)), *views])
     across, down = CELLS
     edges = (np.linspace(-0.5, size_px[1] - 0.5, down + 1), np.linspace(-0.5, size_px[0] - 0.5, across + 1))
     counts, _, _ = np.histogram2d(points[:, 1], points[:, 0], bins=edges)
@@ -216,7 +220,7 @@ def _warnings(
             "length near by looks as a long one far away; tilt the board by 20 to 45 degrees, left, right, up and down"
         )
     covered = float((coverage > 0).mean())
-    if covered < 0.6:
+    if covered < COVERED:
         found.append(f"the board was seen in {100 * covered:.0f} % of the frame: the distortion elsewhere is a guess")
     if solved.rms_px > 1.0:
         found.append(
@@ -234,5 +238,5 @@ def _warnings(
     away = math.hypot(lens.cx - (size_px[0] - 1) / 2, lens.cy - (size_px[1] - 1) / 2)
     if away > 0.1 * max(size_px):
         found.append(f"the principal point lies {away:.0f} px from the middle: were the pictures cropped or turned?")
-    found += [f"left out, it fits far worse than the others: {name} (rms {rms:.2f} px)" for name, rms in rejected]
+    found += [f"left out, it fits far worse than the others (rms {rms:.2f} px): {name}" for name, rms in rejected]
     return found

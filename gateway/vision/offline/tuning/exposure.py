@@ -22,8 +22,8 @@ _REACH = (0.6, 1.4)  # of R: where a ray begins and ends
 class Light:
     """Figures of one picture; None: cannot be measured in it."""
 
-    clipped: float  # share of the full frame that is white to the stop in all channels
-    marker_clipped: float | None  # share of the marker whose red channel is at the stop
+    clipped: float  # share of the full frame that is clipped in all channels
+    marker_clipped: float | None  # share of the marker whose red channel is clipped
     marker_v: float | None  # median of the marker's largest channel, 0 to 255
     marker_s: float | None  # median of its saturation
     noise: float  # standard deviation, grey levels
@@ -65,7 +65,7 @@ def noise(image: Image) -> float:
         return 0.0
     kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
     response = np.abs(cv2.filter2D(grey, cv2.CV_32F, kernel)[1:-1, 1:-1])
-    used = (grey[1:-1, 1:-1] > 4) & (grey[1:-1, 1:-1] < CLIPPED)  # at the stops there is no noise to see
+    used = (grey[1:-1, 1:-1] > 4) & (grey[1:-1, 1:-1] < CLIPPED)  # where it is clipped there is no noise to see
     if np.count_nonzero(used) < 100:
         return 0.0
     grey_sigma = float(np.median(response[used])) / 0.6745 / 6
@@ -79,7 +79,7 @@ def advice(lights: Sequence[Light]) -> list[str]:
     v = _middle(light.marker_v for light in lights)
     if clipped is not None and clipped > 0.05:
         advice.append(
-            f"over-exposed: the red channel is at its stop in {100 * clipped:.0f} % of the marker, its colour is lost "
+            f"over-exposed: the red channel is clipped in {100 * clipped:.0f} % of the marker, its colour is lost "
             "there; shorten the exposure or lower the gain until the marker's red is about 200"
         )
     elif v is not None and v < 70:
@@ -90,7 +90,7 @@ def advice(lights: Sequence[Light]) -> list[str]:
     white = _middle(light.clipped for light in lights)
     if white is not None and white > 0.05:
         advice.append(
-            f"{100 * white:.0f} % of the picture is white to the stop: expose for the marker, shade lamp or sky"
+            f"{100 * white:.0f} % of the picture is clipped to white: expose for the marker, shade lamp or sky"
         )
     s = _middle(light.marker_s for light in lights)
     if s is not None and s < 80:
@@ -114,10 +114,9 @@ def advice(lights: Sequence[Light]) -> list[str]:
         advice.append(f"out of focus: the rim is {edge:.0f} px wide in its sharpest direction; 2 to 4 is sharp")
     warmth = _middle(light.warmth for light in lights)
     if warmth is not None and not 0.8 <= warmth <= 1.25:
-        what = "warm (red over blue" if warmth > 1 else "cold (red over blue"
         advice.append(
-            f"colour cast: {what} is {warmth:.2f} in what should be grey); set the white balance on grey concrete in "
-            "the working light and lock it: an automatic one follows the truck"
+            f"colour cast: red over blue is {warmth:.2f} in what should be grey (above 1: warm, below: cold); set the "
+            "white balance on grey concrete in the working light and lock it: an automatic one follows the truck"
         )
     return advice or ["exposure, noise, focus and white balance are fine in these pictures"]
 

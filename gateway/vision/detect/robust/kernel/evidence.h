@@ -53,7 +53,7 @@ static float even_median(float (*values)[RADIAL], int shares, EvidenceWork *w)
 static void ray_medians(float (*values)[RADIAL], int shares, float *medians)
 {
     for (int i = 0; i < RADIAL; i++) {
-        float sorted[MOST_SHARES];
+        float sorted[MOST_SHARES] = {0}; /* gcc 15 sees a use before the loop: there is none, shares > 0 */
         for (int s = 0; s < shares; s++) {
             float value = values[s][i];
             int at = s;
