@@ -87,7 +87,7 @@ class AlarmFigures:
     standing: tuple[Standing, ...]  # at the end of what is recorded
 
 
-class Verdict(StrEnum):
+class AlarmRateVerdict(StrEnum):
     """The names are on the wire."""
 
     ACCEPTABLE = "acceptable"
@@ -110,14 +110,14 @@ class Benchmark:
         found = getattr(figures, self.figure)
         return float(len(found)) if isinstance(found, tuple) else found
 
-    def verdict(self, figures: AlarmFigures) -> Verdict | None:
+    def verdict(self, figures: AlarmFigures) -> AlarmRateVerdict | None:
         """None: too little was recorded to judge."""
         value = self.value(figures)
         if value is None or figures.recorded_h < LEAST_H:
             return None
         if value < self.acceptable or (value == self.acceptable and not self.below):
-            return Verdict.ACCEPTABLE
-        return Verdict.MANAGEABLE if value <= self.most and not self.below else Verdict.TOO_MANY
+            return AlarmRateVerdict.ACCEPTABLE
+        return AlarmRateVerdict.MANAGEABLE if value <= self.most and not self.below else AlarmRateVerdict.TOO_MANY
 
 
 BENCHMARKS: tuple[Benchmark, ...] = (

@@ -11,7 +11,6 @@ import select
 import signal
 import socket
 import sys
-import threading
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -22,6 +21,7 @@ from gateway.processes import sandbox
 from gateway.processes.channel import Channel, Failed
 from gateway.processes.child import die_with, shown
 from gateway.processes.codec import Codec
+from gateway.processes.forked import end_without_asker, write_all
 from gateway.records.questions import QUESTIONS, AnswerKind, Question, ReaderSetup
 
 CODEC = Codec(ReaderSetup)
@@ -29,7 +29,6 @@ NICE = 15  # after the camera, the PLC and the pages; as the recorder
 IDLE_S = 60.0
 LIMIT_S = 100.0
 LIMIT_BYTES = 700_000_000  # an answer keeps six segments in memory, 60 MB each
-ENDED_WITHOUT_ASKER = 3  # exit code
 
 
 def run(channel: Channel[Failed, ReaderSetup], job: ReaderSetup) -> None:
@@ -71,8 +70,8 @@ def _work(answers: ModuleType, folder: Path, question: Question, fd: int) -> NoR
         signal.setitimer(signal.ITIMER_REAL, LIMIT_S)
         limit = _data_bytes() + LIMIT_BYTES
         resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
-        threading.Thread(target=_end_without_asker, args=(fd,), daemon=True).start()
-        _write(fd, _answer(answers, folder, question))
+        end_without_asker(fd)
+        write_all(fd, _answer(answers, folder, question))
         code = 0
     except BaseException as error:  # noqa: BLE001 - nothing of the parent's may run here
         sys.excepthook(type(error), error, error.__traceback__)
@@ -91,19 +90,6 @@ def _answer(answers: ModuleType, folder: Path, question: Question) -> bytes:
     except MemoryError:
         return AnswerKind.FAULT.value + b"it needs too much memory"
     return AnswerKind.ANSWER.value + found
-
-
-def _write(fd: int, data: bytes) -> None:
-    rest = memoryview(data)
-    while rest:
-        rest = rest[os.write(fd, rest) :]
-
-
-def _end_without_asker(fd: int) -> None:
-    watch = select.poll()
-    watch.register(fd, 0)  # only that the other end is closed
-    watch.poll()
-    os._exit(ENDED_WITHOUT_ASKER)
 
 
 def _data_bytes() -> int:

@@ -60,6 +60,7 @@ KEPT = frozenset(
         EventKind.IN_PLACE,
         EventKind.IN_PLACE_ENDED,
         EventKind.MOVED,
+        EventKind.ROLLING,
         EventKind.RELEASED,
         EventKind.SENSOR_FAULT,
         EventKind.PLC_LOST,
@@ -116,6 +117,8 @@ class RecorderService:
     _resumed: set[str] = field(default_factory=set)  # bays
     _closing: bool = False
     _written: asyncio.Event = field(default_factory=asyncio.Event)
+    _slot: ProcessSlot[ToRecorder, FromRecorder] | None = None
+    _outdated: bool = False  # the process, by its configuration
     _wanted: deque[KeepPictures] = field(default_factory=lambda: deque(maxlen=100))
 
     def __post_init__(self) -> None:
@@ -166,8 +169,20 @@ class RecorderService:
                     self._written.clear()
                     await self._written.wait()
 
+    def apply(self, config: GatewayConfig) -> None:
+        """Continue with other limits and pictures in the same folder: the recorder process is replaced."""
+        self.config, self._outdated = config, True
+        if self._slot is not None:
+            self._slot.wake()
+
     async def run(self) -> NoReturn:
         """Until cancelled. Raises LinkError when the process ends or writes nothing any more."""
+        while True:
+            await self._run_process()
+
+    async def _run_process(self) -> None:
+        """Until its configuration has changed."""
+        self._outdated = False
         pictures = self.config.records.pictures
         bays = tuple(
             BayJob(head_of(self.config, bay, self.boot), self.rings[bay.name] if pictures else None)
@@ -178,6 +193,7 @@ class RecorderService:
         role: Role[ToRecorder] = Role(MODULE, "gw-recorder", job, fds)
         try:
             async with ProcessSlot[ToRecorder, FromRecorder]("recorder", self.clock, FROM_RECORDER) as slot:
+                self._slot = slot
                 slot.start(role)
                 for message, _ in self._unacknowledged:
                     slot.send(message)
@@ -187,10 +203,12 @@ class RecorderService:
         except LinkError as error:
             self.fault = str(error)
             raise
+        finally:
+            self._slot = None
 
-    async def _serve(self, slot: ProcessSlot[ToRecorder, FromRecorder]) -> NoReturn:
+    async def _serve(self, slot: ProcessSlot[ToRecorder, FromRecorder]) -> None:
         heard_ns = sent_ns = self.clock.now_ns()
-        while True:
+        while not self._outdated or self._closing:
             await slot.wait(CLOSE_POLL_S if self._closing else PERIOD_S)
             now_ns = self.clock.now_ns()
             for message in slot.messages():

@@ -11,8 +11,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from gateway.files import sync_folder
 from gateway.records import retention, row_files
-from gateway.records.files import files_in, sync_folder, write_all
+from gateway.records.files import files_in, write_all
 from gateway.records.names import PICTURES, PIN, SEGMENT, FileName
 from gateway.records.retention import Limits, StoredFile
 from gateway.records.segment import Head, head_block

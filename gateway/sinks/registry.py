@@ -54,9 +54,18 @@ def checks(config: GatewayConfig) -> Iterator[Callable[[], object]]:
 
 def sections() -> Iterator[tuple[str, type[Section]]]:
     """The tables `[sinks.<name>]` of the gateway's own sinks: title and model."""
-    for name in OWN:
-        if (section := _named(name).section) is not None:
-            yield f"[sinks.{name}]", section
+    for name, section in known_sections(GatewayConfig()).items():
+        yield f"[sinks.{name}]", section
+
+
+def known_sections(config: GatewayConfig) -> dict[str, type[Section]]:
+    """Model of each table `[sinks.<name>]`: of the gateway's own sinks, and of others that `config` names."""
+    found: dict[str, type[Section]] = {}
+    for name in dict.fromkeys([*OWN, *config.sinks]):
+        with contextlib.suppress(SettingError):
+            if (section := _named(name).section) is not None:
+                found[name] = section
+    return found
 
 
 def settings_of(config: GatewayConfig) -> Iterator[tuple[str, Section]]:

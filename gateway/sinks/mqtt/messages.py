@@ -28,6 +28,7 @@ EVENT_MEANING: dict[EventKind, str] = {
     EventKind.IN_PLACE: "the truck is now in place; `detail` has the position",
     EventKind.IN_PLACE_ENDED: "the truck is not in place any more, or it can't be confirmed; `detail` has the reason",
     EventKind.MOVED: "a truck that was in place has moved without release; `detail` has the values before and after",
+    EventKind.ROLLING: "a truck that is in place begins to move without release; `detail`: sensor, before, now",
     EventKind.RELEASED: "the PLC has released the truck: loading is over",
     EventKind.VISIT_ENDED: "the truck that was in place has left the bay",
     EventKind.VISIT: "the visit of a truck is over; `visit` has its times, position and faults",
@@ -100,6 +101,7 @@ class Measured(BaseModel):
     moved: Literal["NO", "DISTANCE", "MARKER"] = Field(
         description="since it was in place, the truck left it without release: how"
     )
+    rolling: bool = Field(description="a truck that was in place moves now, without release: stop loading")
     phase: str = Field(description="phase of the visit: a name of VisitPhase (docs/registers.md); for people")
     reason: ReasonPayload
     d: bool | None = Field(description="D(t), equation 14; null: unknowable")

@@ -169,6 +169,7 @@ def _measured(state: StateVector, t_ns: int, gateway: Gateway, offset_ns: int) -
         in_place=state.in_place,
         held=state.visit.held,
         moved=state.visit.moved.name,
+        rolling=state.visit.rolling,
         phase=state.visit.phase.name,
         reason=ReasonPayload(name=state.reason.name, code=state.reason, text=REASON_MEANING[state.reason]),
         d=state.d,

@@ -36,18 +36,17 @@ Connect = Callable[[Server, ssl.SSLContext | None, float], AbstractAsyncContextM
 
 async def prepare(database: Database, server: Server, settings: PostgresqlConfig) -> None:
     """Check the database, and create its tables where they are missing. Raises LinkError."""
-    if (encoding := await database.value("SHOW server_encoding")) != "UTF8":
-        raise LinkError(f"{server}: its encoding is {encoding}; it must be UTF8")
+    await check_encoding(database, server)
     # An answer means that the rows are on the disk, whatever the database's default is.
     await database.value(
         "SELECT set_config('synchronous_commit', 'on', false) WHERE current_setting('synchronous_commit') = 'off'"
     )
     schema = settings.schema_name
-    found = await _layout(database, schema)
+    found = await layout(database, schema)
     if found < tables.LAYOUT and settings.create_tables:
         await database.script(tables.create(schema))
         log.info("%s: tables created in schema %s", server, schema)
-        found = await _layout(database, schema)
+        found = await layout(database, schema)
     if found < tables.LAYOUT:
         raise LinkError(
             f"{server}: the tables in schema {schema} have version {found}, and {tables.LAYOUT} is needed: "
@@ -55,7 +54,13 @@ async def prepare(database: Database, server: Server, settings: PostgresqlConfig
         )
 
 
-async def _layout(database: Database, schema: str) -> int:
+async def check_encoding(database: Database, server: Server) -> None:
+    """Raises LinkError."""
+    if (encoding := await database.value("SHOW server_encoding")) != "UTF8":
+        raise LinkError(f"{server}: its encoding is {encoding}; it must be UTF8")
+
+
+async def layout(database: Database, schema: str) -> int:
     """Version of the tables; 0: there are none."""
     if not await database.value(f"SELECT to_regclass('\"{schema}\".layout') IS NOT NULL"):
         return 0

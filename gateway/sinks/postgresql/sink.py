@@ -245,7 +245,7 @@ def _outputs(state: StateVector) -> tuple[object, ...]:
     return (state.stop, state.may_move, state.in_place, state.visit.held, state.visit.moved, state.reason)
 
 
-def _driver() -> Connect:
+def driver() -> Connect:
     """Raises SettingError where the driver is not installed."""
     try:
         from gateway.sinks.postgresql.driver import connect  # noqa: PLC0415
@@ -255,7 +255,7 @@ def _driver() -> Connect:
 
 
 def _open(context: SinkContext) -> PostgresqlSink:
-    settings, gateway, connect = context.settings, context.config, _driver()
+    settings, gateway, connect = context.settings, context.config, driver()
     outbox = context.resources.enter_context(
         opened_outbox(
             settings, f"{gateway.instance}.postgresql", f"postgresql-{gateway.site}-{gateway.instance}.sqlite"
@@ -275,7 +275,7 @@ def _open(context: SinkContext) -> PostgresqlSink:
 
 def _checks(config: GatewayConfig) -> Sequence[Callable[[], object]]:
     settings = PostgresqlConfig.model_validate(config.sinks["postgresql"])
-    return (_driver, partial(server_of, settings), partial(tls_of, settings))
+    return (driver, partial(server_of, settings), partial(tls_of, settings))
 
 
 POSTGRESQL = SinkType("postgresql", _open, PostgresqlConfig, checks=_checks)

@@ -110,6 +110,7 @@ DEVICE: tuple[Row, ...] = (
     Row("May Move", _B, "the truck may move: stop is off and nothing withholds it", _always(lambda s: s.may_move)),
     Row("In Place", _B, "the truck is in place: the only condition for loading", _always(lambda s: s.in_place)),
     Row("Held", _B, "in place by the ranger alone: the marker is covered", _always(lambda s: s.visit.held)),
+    Row("Rolling", _B, "a truck that was in place moves now, without release", _always(lambda s: s.visit.rolling)),
     Row("Moved", _S, "since it was in place, the truck left it: NO, DISTANCE, MARKER",
         _always(lambda s: s.visit.moved.name)),
     Row("Visit/Phase", _S, "phase of the visit", _always(lambda s: s.visit.phase.name)),

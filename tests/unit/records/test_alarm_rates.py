@@ -14,8 +14,8 @@ from gateway.records.alarm_rates import (
     BENCHMARKS,
     KINDS,
     AlarmFigures,
+    AlarmRateVerdict,
     Standing,
-    Verdict,
     alarm_figures,
 )
 from gateway.records.days import LocalDay, local_days
@@ -80,7 +80,7 @@ def test_rates_are_of_the_recorded_time() -> None:
     assert (found.per_hour, found.per_10_min) == (3, 0.5)
     assert found.by_priority == {"high": 12}
     verdicts = {benchmark.figure: benchmark.verdict(found) for benchmark in BENCHMARKS}
-    assert set(verdicts.values()) == {Verdict.ACCEPTABLE}
+    assert set(verdicts.values()) == {AlarmRateVerdict.ACCEPTABLE}
 
 
 def test_only_announcements_count() -> None:
@@ -104,8 +104,8 @@ def test_peak_and_flood() -> None:
     assert (found.busy_share, found.flood_share, found.floods) == (1 / 6, 2 / 6, 1)
     assert found.by_priority == {"unknown": 20}
     verdicts = {benchmark.figure: benchmark.verdict(found) for benchmark in BENCHMARKS}
-    assert verdicts["peak_10_min"] is verdicts["busy_share"] is verdicts["flood_share"] is Verdict.TOO_MANY
-    assert verdicts["per_hour"] is Verdict.TOO_MANY
+    assert verdicts["peak_10_min"] is verdicts["busy_share"] is verdicts["flood_share"] is AlarmRateVerdict.TOO_MANY
+    assert verdicts["per_hour"] is AlarmRateVerdict.TOO_MANY
 
 
 def test_what_was_not_recorded_ends_a_flood() -> None:
@@ -143,7 +143,7 @@ def test_chattering() -> None:
     found = figures(sorted(quick + slow, key=lambda row: row["t_ms"]))
     assert found.chattering == ("bay1.camera_stale",)
     verdicts = {benchmark.figure: benchmark.verdict(found) for benchmark in BENCHMARKS}
-    assert verdicts["chattering"] is Verdict.TOO_MANY
+    assert verdicts["chattering"] is AlarmRateVerdict.TOO_MANY
 
 
 def test_what_is_active_for_more_than_a_day_is_stale() -> None:
@@ -164,8 +164,8 @@ def test_five_stale_alarms_on_one_day_are_too_many() -> None:
     found = figures(alarms)
     assert (found.stale_most, len(found.standing)) == (5, 5)
     (benchmark,) = (one for one in BENCHMARKS if one.figure == "stale_most")
-    assert benchmark.verdict(found) is Verdict.TOO_MANY
-    assert benchmark.verdict(figures(alarms[:4])) is Verdict.ACCEPTABLE
+    assert benchmark.verdict(found) is AlarmRateVerdict.TOO_MANY
+    assert benchmark.verdict(figures(alarms[:4])) is AlarmRateVerdict.ACCEPTABLE
 
 
 def test_a_power_cut_ends_what_was_active_when_the_recording_ended() -> None:
@@ -207,10 +207,10 @@ def test_of_less_than_an_hour_nothing_is_judged() -> None:
 def test_limits_of_the_standard() -> None:
     (rate,) = (one for one in BENCHMARKS if one.figure == "per_hour")
     for count, verdict in (
-        (6, Verdict.ACCEPTABLE),
-        (7, Verdict.MANAGEABLE),
-        (12, Verdict.MANAGEABLE),
-        (13, Verdict.TOO_MANY),
+        (6, AlarmRateVerdict.ACCEPTABLE),
+        (7, AlarmRateVerdict.MANAGEABLE),
+        (12, AlarmRateVerdict.MANAGEABLE),
+        (13, AlarmRateVerdict.TOO_MANY),
     ):
         alarms = [event(T0 + n * 4 * MINUTE, "broker_lost", "occurs") for n in range(count)]
         assert rate.verdict(figures(alarms, recorded(T0, T0 + HOUR))) is verdict

@@ -133,6 +133,10 @@ class Expected:
 
 EXPECTED = {
     "empty bay": Expected(empty, Factor.NO_TRUCK, "no truck", Reason.NO_ECHO),
+    "arriving, beyond the ranger's range": Expected(
+        lambda: Story({"distance_cm": 480, "speed_cm_s": 200, "hold_s": 60}).run(6),
+        Factor.CLEAR, "D = 0, R 1", Reason.NONE,
+    ),
     "approaching": Expected(
         lambda: Story(NEAR).run(3), Factor.CLEAR, "D = 0, R 7", Reason.NONE, "the last cause ended"
     ),

@@ -91,7 +91,7 @@ async def test_pictures_are_wanted_round_what_people_ask_about_and_alarms_that_o
         *(
             ("bay1", why)
             for why in (
-                "stop_raised", "in_place", "in_place_ended", "moved", "released", "sensor_fault", "plc_lost",
+                "stop_raised", "in_place", "in_place_ended", "rolling", "moved", "released", "sensor_fault", "plc_lost",
                 "function_check_begun", "function_check_ended", "operator_mark",
             )
         ),

@@ -290,8 +290,9 @@ def test_the_file_is_small_again_after_a_flood(name: str, tmp_path: Path, older:
             assert size() > 9_000_000
             for number in range(FLOOD - 1):
                 outbox.acknowledge(f"b-{number}")
-        until(lambda: size() < 100_000)
-        assert rows(path) == [f"b-{FLOOD - 1}"]
+        # What was made smaller in the midst of the flood keeps what was removed after that.
+        until(lambda: size() < 100_000 + (0 if older else store.SPARE_BYTES))
+        until(lambda: rows(path) == [f"b-{FLOOD - 1}"])
         outbox.put(entry(FLOOD))
         until(lambda: rows(path) == [f"b-{FLOOD - 1}", f"b-{FLOOD}"])
     assert path.stat().st_mode & 0o077 == 0

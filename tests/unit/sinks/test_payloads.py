@@ -141,6 +141,7 @@ def test_a_good_state() -> None:
         "in_place": False,
         "held": False,
         "moved": "NO",
+        "rolling": False,
         "phase": "UNKNOWN",
         "reason": {"name": "TARGET_REACHED", "code": 1, "text": REASON_MEANING[Reason.TARGET_REACHED]},
         "d": True,

@@ -16,7 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from gateway import app
+from gateway import config_check
 from gateway.config import GatewayConfig, parse
 from gateway.core import fusion
 from gateway.core.events import Event, EventKind
@@ -414,7 +414,7 @@ def test_any_url_is_an_address_or_a_setting_error(text: str) -> None:
 def faults(text: str) -> str:
     config = parse(tomllib.loads(text), source="g.toml", text=text)
     with pytest.raises(ConfigError) as caught:
-        app.check(config, source="g.toml", text=text)
+        config_check.check(config, source="g.toml", text=text)
     return str(caught.value)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from pydantic import BaseModel
 
-from gateway import app
+from gateway import app, config_check
 from gateway.clock import SystemClock
 from gateway.config import GatewayConfig, parse
 from gateway.core.events import EventKind
@@ -54,7 +54,7 @@ def test_a_sink_of_another_distribution_gets_states_and_events_of_the_real_app(m
         "sinks": {"historian": {"table": "plant"}},
     }
     config = parse(document, text=text)
-    app.check(config, source="g.toml", text=text)
+    config_check.check(config, source="g.toml", text=text)
 
     async def main() -> None:
         stop = asyncio.Event()
@@ -99,7 +99,7 @@ def test_what_is_not_known_is_an_error_that_names_it(sinks: dict[str, dict[str, 
     assert str(caught.value) == expected
     text = "".join(f"\n[sinks.{name}]\n" for name in sinks)
     with pytest.raises(ConfigError) as caught:
-        app.check(config, source="g.toml", text=text)
+        config_check.check(config, source="g.toml", text=text)
     assert str(caught.value) == f"g.toml:2: {expected}"
 
 
