@@ -36,24 +36,29 @@ class Level(IntEnum):
         return Level.OPEN if role == "none" else Level[role.upper()]
 
 
-Method = Literal["GET", "POST", "WS"]
+Method = Literal["GET", "POST", "DELETE", "WS"]
 
 
 @dataclass(frozen=True)
 class Rule:
-    """`path` as a route writes it. POST needs a login, too, unless its level is OPEN (or all are technicians without a
-    login)."""
+    """`path` as a route writes it. POST and DELETE need a login, too, unless the level is OPEN (or all are technicians
+    without a login)."""
 
     method: Method
     path: str
     least: Level
     summary: str
     body_bytes: int = 0  # of a POST, at most
-    audited: bool = True  # False: a POST that changes nothing but what its own page shows
+    audited: bool = True  # False: it changes nothing but what its own page shows
 
     @cached_property
     def pattern(self) -> re.Pattern[str]:
         return re.compile(compile_path(self.path)[0].pattern, re.DOTALL)
+
+    @property
+    def acts(self) -> bool:
+        """Not for looking: needs the token against forged requests."""
+        return self.method in ("POST", "DELETE")
 
     @property
     def page(self) -> bool:

@@ -35,6 +35,7 @@ class Description:
     media: str | None = None
     errors: Mapping[int, str] = field(default_factory=dict)  # status: when
     failing: Mapping[int, str] = field(default_factory=dict)  # statuses whose answer is `model`, too
+    empty: Mapping[int, str] = field(default_factory=dict)  # statuses without a body
     query: tuple[dict[str, Any], ...] = ()  # parameters that FastAPI does not read
 
 
@@ -62,6 +63,12 @@ class Addresses:
         audited: bool = True,
     ) -> Callable[[Endpoint], Endpoint]:
         return self._http(Rule("POST", self._prefix + path, least, summary, body_bytes, audited), described)
+
+    def delete(
+        self, path: str, least: Level, summary: str, described: Description | None = None, *, audited: bool = True
+    ) -> Callable[[Endpoint], Endpoint]:
+        """Its body is not read."""
+        return self._http(Rule("DELETE", self._prefix + path, least, summary, audited=audited), described)
 
     def web_socket(self, path: str, least: Level, summary: str) -> Callable[[Endpoint], Endpoint]:
         def register(endpoint: Endpoint) -> Endpoint:
@@ -136,6 +143,8 @@ def _openapi(rule: Rule, described: Description) -> dict[str, Any]:
         responses[status] = {"description": when, "content": PROBLEM_CONTENT}
     for status, when in described.failing.items():
         responses[status] = {"description": when, "model": described.model}
+    for status, when in described.empty.items():
+        responses[status] = {"description": when}
     extra = {"x-role": rule.least.role, "security": _security(rule)}
     if described.query:
         extra["parameters"] = list(described.query)
@@ -155,11 +164,11 @@ def _security(rule: Rule) -> list[dict[str, list[str]]]:
     """The ways to be let in, any of which will do; an empty one: without a login. `without_login` may open more."""
     if rule.least is Level.OPEN:
         return [{}]
-    return [{"session": [], "csrf": []}] if rule.method == "POST" else [{"basic": []}, {"session": []}]
+    return [{"session": [], "csrf": []}] if rule.acts else [{"basic": []}, {"session": []}]
 
 
 def _tag(path: str) -> str:
-    for word in ("alarms", "bays", "events"):
+    for word in ("alarms", "bays", "events", "setup"):
         if f"/{word}" in path:
             return word
     return "bays" if path == "/api/state" else "gateway"

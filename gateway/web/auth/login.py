@@ -68,7 +68,7 @@ async def _login(request: Request) -> JSONResponse:
         body = LoginBody.model_validate_json(await request.body())
     except ValidationError as error:
         places = sorted({".".join(map(str, fault["loc"])) or "body" for fault in error.errors()})
-        raise RefusalError(400, "json", f"name and password, as text; see {', '.join(places)}") from None
+        raise RefusalError(400, "body", f"name and password, as text; see {', '.join(places)}") from None
     identity, session = await logins.login(caller.address, body.name, body.password, caller.session)
     new = Caller(session.user, session.level, caller.address, session.csrf, session)
     response = JSONResponse(_view(request, new, safe_next(body.next)))

@@ -2,16 +2,19 @@
 
 from collections.abc import Mapping
 from http import HTTPStatus
+from importlib.resources import files
+from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 from pydantic import BaseModel, ConfigDict, Field
-from starlette.responses import JSONResponse, RedirectResponse, Response
+from starlette.responses import FileResponse, JSONResponse, RedirectResponse, Response
 from starlette.types import Scope
 from starlette.websockets import WebSocketClose
 
 from gateway.errors import GatewayError
 
+MISSING_PAGE = Path(str(files("gateway.web") / "static" / "missing.html"))
 MEDIA_TYPE = "application/problem+json"
 PROBLEM_CONTENT: dict[str, Any] = {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}  # for OpenAPI
 
@@ -28,22 +31,37 @@ class Problem(BaseModel):
 
 
 class RefusalError(GatewayError):
-    """`code` for programs, the text for people. `audited`: no honest page does this."""
+    """`code` for programs, the text for people. `audited`: no honest page does this. `members`: more of the answer, by
+    name (RFC 9457, extension members)."""
 
     def __init__(
-        self, status: int, code: str, text: str, *, headers: Mapping[str, str] | None = None, audited: bool = False
+        self,
+        status: int,
+        code: str,
+        text: str,
+        *,
+        headers: Mapping[str, str] | None = None,
+        audited: bool = False,
+        members: Mapping[str, Any] | None = None,
     ) -> None:
         super().__init__(text)
         self.status = status
         self.code = code
         self.headers = dict(headers or {})
         self.audited = audited
+        self.members = dict(members or {})
 
 
-def problem(status: int, error: str, detail: str, headers: Mapping[str, str] | None = None) -> Response:
-    """`error`: a short code for programs; `detail`: in words, for people."""
+def problem(
+    status: int,
+    error: str,
+    detail: str,
+    headers: Mapping[str, str] | None = None,
+    members: Mapping[str, Any] | None = None,
+) -> Response:
+    """`error`: a short code for programs; `detail`: in words, for people; `members`: what else it says."""
     body = Problem(title=HTTPStatus(status).phrase, status=status, detail=detail, error=error)
-    return JSONResponse(body.model_dump(), status, headers=headers, media_type=MEDIA_TYPE)
+    return JSONResponse({**(members or {}), **body.model_dump()}, status, headers=headers, media_type=MEDIA_TYPE)
 
 
 def to_login(scope: Scope, *, need: str) -> Response:
@@ -53,8 +71,19 @@ def to_login(scope: Scope, *, need: str) -> Response:
     return RedirectResponse(f"/login?next={quote(target, safe='/')}&need={need}", 303)
 
 
+def is_missing_page(scope: Scope) -> bool:
+    """Does a person look at this address, of which there is none?"""
+    accepts = next((value for name, value in scope["headers"] if name == b"accept"), b"")
+    for_programs = scope["path"].startswith(("/api/", "/static/"))
+    return scope["method"] in ("GET", "HEAD") and b"text/html" in accepts and not for_programs
+
+
+def missing_page() -> Response:
+    return FileResponse(MISSING_PAGE, 404)
+
+
 def answer_to(scope: Scope, refusal: RefusalError) -> Response | WebSocketClose:
     """A WebSocket is refused as HTTP where the server can, before it is one."""
     if scope["type"] == "websocket" and "websocket.http.response" not in scope.get("extensions", {}):
         return WebSocketClose(1008, refusal.code)
-    return problem(refusal.status, refusal.code, str(refusal), refusal.headers)
+    return problem(refusal.status, refusal.code, str(refusal), refusal.headers, refusal.members)

@@ -23,7 +23,7 @@ from gateway.web.auth.audit_log import AuditKind, AuditRecord, printable
 from gateway.web.auth.bodies import complete_body
 from gateway.web.auth.headers import cache_control, header, host_allowed, same_origin, security_headers
 from gateway.web.auth.logins import Logins
-from gateway.web.auth.refusals import RefusalError, answer_to, to_login
+from gateway.web.auth.refusals import RefusalError, answer_to, is_missing_page, missing_page, to_login
 from gateway.web.auth.sessions import Caller, with_caller
 
 REQUEST_S = 120.0  # a request must be answered within this, by a route and by the one who reads
@@ -64,7 +64,7 @@ class SecurityMiddleware:
             self._check_origin(scope, rule, authority)
             caller = await self._logins.caller(scope["headers"], rule, address)
             self._check_role(rule, caller)
-            if rule.method == "POST":
+            if rule.acts:
                 self._check_csrf(scope, caller)
             receive = await complete_body(scope, receive, rule, self._clock)
         except RefusalError as refusal:
@@ -116,7 +116,7 @@ class SecurityMiddleware:
                 raise RefusalError(403, "origin", "not for the pages of others", audited=True)
 
     def _check_role(self, rule: Rule, caller: Caller) -> None:
-        changes = rule.method == "POST" and rule.least > Level.OPEN
+        changes = rule.acts and rule.least > Level.OPEN
         if not caller.name and (
             caller.level < rule.least or (changes and caller.level < Level.TECHNICIAN)
         ):  # without a login one may read; changes need a name
@@ -153,6 +153,8 @@ class SecurityMiddleware:
             rule = find(scope["method"], scope["path"], self._rules).rule
             if rule is not None and rule.page:
                 response = to_login(scope, need=rule.least.role)
+        elif refusal.code == "unknown" and scope["type"] == "http" and is_missing_page(scope):
+            response = missing_page()
         await response(scope, receive, outgoing)
 
     async def _serve(self, scope: Scope, receive: Receive, outgoing: "_Outgoing", rule: Rule, caller: Caller) -> None:
@@ -176,7 +178,7 @@ class SecurityMiddleware:
                 raise
             await self._abort(scope, receive, outgoing, over=session is not None)
         finally:  # in every case: it may have been done before the error
-            changes = rule.method == "POST" and rule.least > Level.OPEN and rule.audited
+            changes = rule.acts and rule.least > Level.OPEN and rule.audited
             if changes and not 400 <= outgoing.status < 500:
                 what = f"{scope['path']}: {outgoing.status if outgoing.begun else 'no answer'}"
                 self._logins.record(AuditRecord(AuditKind.CHANGED, caller.name, caller.address, printable(what)))
@@ -196,7 +198,7 @@ class SecurityMiddleware:
 
     @contextmanager
     def _until_session_ends(self, caller: Caller, until: asyncio.Timeout, rule: Rule) -> Iterator[None]:
-        if caller.session is None or rule.method == "POST":  # what was allowed and has begun is not left half done
+        if caller.session is None or rule.acts:  # what was allowed and has begun is not left half done
             yield
             return
         key = caller.session.key

@@ -8,6 +8,7 @@ import os
 import socket
 
 from gateway.errors import LinkError, ProtocolError
+from gateway.processes import piped_request
 from gateway.processes.channel import Channel, Failed
 from gateway.processes.codec import Codec
 from gateway.records.questions import AnswerKind, Question
@@ -16,7 +17,6 @@ from gateway.web.auth.refusals import RefusalError
 MAX_WAITING = 4
 ANSWER_S = 105.0  # real time; the reader gives up before
 MAX_BYTES = 64 * 1024 * 1024
-PIECE_BYTES = 256 * 1024
 
 
 class Reader:
@@ -42,50 +42,11 @@ class Reader:
         self._waiting += 1
         try:
             async with self._turn, asyncio.timeout(ANSWER_S):
-                return _content(await _answer(self._channel, question))
+                return _content(await piped_request.reply_to(self._channel, question, MAX_BYTES))
         except (TimeoutError, LinkError, ProtocolError) as error:
             raise RefusalError(503, "records", str(error) or "the recordings could not be read in time") from None
         finally:
             self._waiting -= 1
-
-
-async def _answer(channel: Channel[Question, Failed], question: Question) -> bytes:
-    """Raises LinkError, ProtocolError."""
-    reading, writing = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
-    try:
-        os.set_blocking(writing, True)
-        try:
-            if not channel.offer(question, (writing,)):
-                raise LinkError("the reader process takes no questions")
-        finally:
-            os.close(writing)
-        return await _all(reading)
-    finally:
-        os.close(reading)
-
-
-async def _all(fd: int) -> bytes:
-    """Until the end of the file. Raises ProtocolError beyond MAX_BYTES."""
-    loop = asyncio.get_running_loop()
-    news = asyncio.Event()
-    pieces: list[bytes] = []
-    size = 0
-    loop.add_reader(fd, news.set)
-    try:
-        while True:
-            try:
-                piece = os.read(fd, PIECE_BYTES)
-            except BlockingIOError:
-                news.clear()
-                await news.wait()
-                continue
-            if not piece:
-                return b"".join(pieces)
-            pieces.append(piece)
-            if (size := size + len(piece)) > MAX_BYTES:
-                raise ProtocolError("the answer is too long")
-    finally:
-        loop.remove_reader(fd)
 
 
 def _content(answer: bytes) -> bytes:

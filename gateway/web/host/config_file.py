@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gateway.errors import ConfigError
+from gateway.files import sync_folder
 from gateway.web.ipc.messages import ChangedOnDiskError
 
 MAX_BYTES = 4 * 1024 * 1024
@@ -71,7 +72,7 @@ def why_not_writable(path: Path | None) -> str:
 
 
 def save(former: Loaded, text: str) -> Path:
-    """Replace the file's text; the former one is kept beside it as `.bak`, whose path is returned.
+    """Replace the file's text; the former one is kept beside it as `.previous`, whose path is returned.
 
     Written to a new file in the same folder, synced and renamed over the old one: at any moment the old or
     the new file is complete. Mode and owner are kept, a symlink is followed. ChangedOnDiskError: the file is
@@ -82,16 +83,28 @@ def save(former: Loaded, text: str) -> Path:
     try:
         real = former.path.resolve(strict=True)
         info = real.stat()
-        backup = real.with_name(f"{real.name}.bak")
+        backup = _former(real)
         with _beside(real, former.text, info) as kept, _beside(real, text, info) as fresh:
             if _digest(_bytes(former.path)) != former.digest:
                 raise ChangedOnDiskError(f"{former.path}: was changed elsewhere since it was read; nothing was written")
             kept.replace(backup)
             fresh.replace(real)
-        _sync_folder(real.parent)
+        sync_folder(real.parent)
     except OSError as error:
         raise ConfigError(f"{former.path}: cannot be written: {_why(error)}") from error
     return backup
+
+
+def previous(path: Path) -> Loaded | None:
+    """The text before the last `save`; None: there is none that can be read."""
+    try:
+        return load(_former(path.resolve(strict=True)))
+    except (OSError, ConfigError):
+        return None
+
+
+def _former(real: Path) -> Path:
+    return real.with_name(f"{real.name}.previous")
 
 
 @contextmanager
@@ -111,15 +124,6 @@ def _beside(real: Path, text: str, like: os.stat_result) -> Iterator[Path]:
         yield path
     finally:
         path.unlink(missing_ok=True)
-
-
-def _sync_folder(folder: Path) -> None:
-    """So that the new name, too, outlives a loss of power."""
-    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 def _bytes(path: Path) -> bytes:

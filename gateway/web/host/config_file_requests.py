@@ -1,5 +1,5 @@
 """Requests about the configuration file, in the main process: the web process cannot write it, and need not be able to
-read it. The text is made here from a bay's settings, so only `[vision]` can be changed this way. IO.
+read it. The text is made here from the requested changes, and checked completely before it is written. IO.
 
 One at a time, on a thread: a disk or a long file may be slow.
 """
@@ -16,17 +16,22 @@ from gateway.errors import ConfigError
 from gateway.net import rate_limit
 from gateway.web.auth.audit_log import printable
 from gateway.web.host import config_file
+from gateway.web.host.settings_file import SettingsFile
 from gateway.web.ipc.messages import (
     ChangedOnDiskError,
     CommandReply,
     FileErrorKind,
     FilePreview,
     FileRequest,
+    FileResult,
     FileSaved,
     FileSettings,
     PreviewFile,
+    PreviewSettings,
     ReadFile,
+    ReadSettings,
     SaveFile,
+    SaveSettings,
 )
 from gateway.web.profile import profile
 
@@ -38,10 +43,14 @@ MAX_WHY = 4000
 
 
 class ConfigFileRequests:
-    """`path`: None where there is no file. `wake` is called on the event loop when something is done."""
+    """`path`: None where there is no file; `settings`: of that file. `wake` is called on the event loop when something
+    is done."""
 
-    def __init__(self, path: Path | None, clock: Clock, thread: Executor, wake: Callable[[], None]) -> None:
+    def __init__(
+        self, path: Path | None, settings: SettingsFile | None, clock: Clock, thread: Executor, wake: Callable[[], None]
+    ) -> None:
         self._path = path
+        self._settings = settings
         self._clock = clock
         self._thread = thread
         self._wake = wake
@@ -53,7 +62,7 @@ class ConfigFileRequests:
         self._bucket, unreported = rate_limit.take(self._bucket, self._clock.now_ns())
         if unreported is None or len(self._running) >= MAX_WAITING:
             return CommandReply(request.number, "too many requests for the file in a short time: wait a moment")
-        future = asyncio.get_running_loop().run_in_executor(self._thread, _perform, request, self._path)
+        future = asyncio.get_running_loop().run_in_executor(self._thread, self._perform, request)
         self._running.append(future)
         future.add_done_callback(lambda _: self._wake())
         return None
@@ -64,21 +73,30 @@ class ConfigFileRequests:
         self._running = [future for future in self._running if future not in ready]
         return [future.result() for future in ready]
 
+    def _perform(self, request: FileRequest) -> CommandReply:
+        try:
+            return CommandReply(request.number, result=self._result(request))
+        except ConfigError as error:
+            kind = FileErrorKind.CHANGED if isinstance(error, ChangedOnDiskError) else FileErrorKind.WRONG
+            return CommandReply(request.number, str(error)[:MAX_WHY], kind)
 
-def _perform(request: FileRequest, path: Path | None) -> CommandReply:
-    try:
-        if path is None:
+    def _result(self, request: FileRequest) -> FileResult:
+        path, settings = self._path, self._settings
+        if path is None or settings is None:
             raise ConfigError(config_file.NO_FILE)
         match request.action:
             case ReadFile(bay):
-                return CommandReply(request.number, result=_read(path, bay))
+                return _read(path, bay)
             case PreviewFile():
-                return CommandReply(request.number, result=_plan(path, request.action))
+                return _plan(path, request.action)
             case SaveFile():
-                return CommandReply(request.number, result=_save(path, request.action, request.who))
-    except ConfigError as error:
-        kind = FileErrorKind.CHANGED if isinstance(error, ChangedOnDiskError) else FileErrorKind.WRONG
-        return CommandReply(request.number, str(error)[:MAX_WHY], kind)
+                return _save(path, request.action, request.who)
+            case ReadSettings():
+                return settings.read()
+            case PreviewSettings():
+                return settings.preview(request.action)
+            case SaveSettings():
+                return settings.save(request.action, request.who)
 
 
 def _read(path: Path, bay: str) -> FileSettings:
@@ -98,7 +116,7 @@ def _save(path: Path, requested: SaveFile, who: Writer) -> FileSaved:
     if loaded.digest != requested.digest:
         raise ChangedOnDiskError(f"{path}: was changed elsewhere since it was shown; nothing was written")
     proposal = profile.propose(loaded.text, requested.bay, requested.vision, source=str(path))
-    backup = config_file.save(loaded, proposal.text)
+    previous = config_file.save(loaded, proposal.text)
     keys = ", ".join(proposal.changes) or "nothing new"
     log.info("%s: %s of %s saved by %s", path, keys, requested.bay, printable(str(who)))
-    return FileSaved(tuple(proposal.changes), str(backup))
+    return FileSaved(tuple(proposal.changes), str(previous))

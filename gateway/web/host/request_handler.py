@@ -9,45 +9,58 @@ import logging
 import zlib
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice
 
 from msgspec.structs import replace
 
 from gateway.alarms.records import ActionReply, OperatorAction
 from gateway.bay import BayControl
-from gateway.clock import Clock
-from gateway.config import VisionConfig
+from gateway.clock import NS_PER_S, Clock
+from gateway.config import ControlsConfig, VisionConfig
 from gateway.core.events import Event
 from gateway.core.plc import Writer
-from gateway.core.state import FunctionCheck
-from gateway.errors import GatewayError
+from gateway.core.state import VISIT_PHASE_MEANING, FunctionCheck, VisitPhase
+from gateway.errors import ConfigError, GatewayError
 from gateway.hub import Hub
 from gateway.modbus.protocol.answers import ReadImage
 from gateway.net import rate_limit
 from gateway.processes.codec import record_of, record_packed
 from gateway.vision.process.service import VisionService
+from gateway.web.auth.audit_log import printable
 from gateway.web.ipc.messages import (
     MAX_EVENTS,
     MAX_STATES,
+    TRUCK_AT_BAY,
     ApplySettings,
     BayAction,
     BayStatus,
+    CameraControlsNow,
     Command,
     CommandReply,
+    FormerSettings,
     MarkMoment,
     NumberedEvent,
+    ReadControls,
+    ReadFormerSettings,
+    RestartGateway,
     SetFunctionCheck,
     StateReply,
     StateRequest,
     SystemStatus,
+    TryControls,
+    UndoSettings,
 )
+from gateway.web.profile import parameter_schema
 
 log = logging.getLogger(__name__)
 
 KEPT_EVENTS = 1000
+KEPT_FORMER = 20  # settings of a bay that can be gone back to
 MAX_NAME = 120  # of a user, or of a requested object
 MAX_REPORTED = 1000  # of what has changed
+MAY_BE_THERE = "a truck was in place, and is not known to have left"
+RESTART_AFTER_S = 10.0  # after a start: nobody needs more, and a web process in strange hands gets no more
 
 
 class EventHistory:
@@ -79,11 +92,13 @@ class EventHistory:
 
 @dataclass(frozen=True, slots=True)
 class BayParts:
-    """The parts of one bay that the pages show or send commands to."""
+    """The parts of one bay that the pages show or send commands to. `former`: the settings before each that went live,
+    newest last; they outlive the web process."""
 
     control: BayControl
     image: ReadImage
     vision: VisionService
+    former: deque[VisionConfig] = field(default_factory=lambda: deque(maxlen=KEPT_FORMER))
 
 
 class RequestHandler:
@@ -96,11 +111,15 @@ class RequestHandler:
         clock: Clock,
         links: Callable[[], SystemStatus],
         alarms: Callable[[OperatorAction], ActionReply],
+        restart: Callable[[], None] | None = None,
     ) -> None:
+        """`restart`: ends the gateway and starts it again; None: it may not, or can't."""
         self._bays = bays
         self._clock = clock
         self._links = links
         self._alarms = alarms
+        self._restart = restart
+        self._begun_ns = clock.now_ns()
         self._events = events
         self._command_rate = rate_limit.Bucket()
 
@@ -125,13 +144,47 @@ class RequestHandler:
             return CommandReply(
                 command.number, self._alarms(replace(command.action, who=command.action.who[:MAX_NAME])).why
             )
+        if isinstance(command.action, RestartGateway):
+            why = self._why_no_restart(command.action)
+            if not why and self._restart is not None:
+                log.warning("the gateway is started again, by %s", printable(str(command.who)))
+                self._restart()
+            return CommandReply(command.number, why)
         bay = self._bays.get(command.action.bay)
         if bay is None:
             return CommandReply(command.number, f"no bay {command.action.bay[:MAX_NAME]!r}")
+        if isinstance(command.action, ReadControls | ReadFormerSettings):
+            return CommandReply(command.number, result=_read(command.action, bay))
         self._command_rate, unreported = rate_limit.take(self._command_rate, self._clock.now_ns())
         if unreported is None:  # each is reported as an event, and may restart processes
             return CommandReply(command.number, "too many commands in a short time: wait a moment")
         return CommandReply(command.number, _perform(command.action, bay, _clipped(command.who)))
+
+    def _why_no_restart(self, wanted: RestartGateway) -> str:
+        """Empty: it may be started again now."""
+        if self._restart is None:
+            return "this gateway can't be restarted from the pages (docs/setup-page.md)"
+        if (ran_s := (self._clock.now_ns() - self._begun_ns) / NS_PER_S) < RESTART_AFTER_S:
+            return f"the gateway started {ran_s:.0f} s ago; it can be restarted {RESTART_AFTER_S:g} s after its start"
+        visits = {name: bay.control.state().visit for name, bay in self._bays.items()}
+        trucks = {  # a sensor that has failed does not let a truck disappear
+            name: MAY_BE_THERE if visit.phase is VisitPhase.UNKNOWN else VISIT_PHASE_MEANING[visit.phase]
+            for name, visit in visits.items()
+            if visit.monitored or visit.phase not in (VisitPhase.EMPTY, VisitPhase.UNKNOWN)
+        }
+        if trucks and not wanted.despite_trucks:
+            where = "; ".join(f"bay {name}: {phase}" for name, phase in trucks.items())
+            return f"{TRUCK_AT_BAY} ({where})"[:MAX_REPORTED]
+        return ""
+
+
+def _read(what: ReadControls | ReadFormerSettings, bay: BayParts) -> CameraControlsNow | FormerSettings:
+    """Changes nothing: may be asked at any rate."""
+    if isinstance(what, ReadFormerSettings):
+        return FormerSettings(len(bay.former), bay.former[-1] if bay.former else None)
+    bay.vision.ask_controls()
+    trial = bay.vision.controls
+    return CameraControlsNow(trial.report, trial.tried)
 
 
 def _perform(what: BayAction, bay: BayParts, who: Writer) -> str:
@@ -139,19 +192,49 @@ def _perform(what: BayAction, bay: BayParts, who: Writer) -> str:
     match what:
         case SetFunctionCheck(mode=mode):
             bay.control.check_function(mode, who)
+            if mode is FunctionCheck.OFF and bay.vision.controls.tried != ControlsConfig():
+                bay.vision.try_controls(ControlsConfig())
+                bay.control.settings_changed("the camera's controls: as the file has them", who)
         case MarkMoment(note=note):
             bay.control.mark(note[:MAX_NAME], who)
         case ApplySettings(vision=vision, over=over):
+            before = bay.vision.settings
+            why = _apply(vision, over, bay, who)
+            if not why and before != vision:
+                bay.former.append(before)
+            return why
+        case UndoSettings(over=over):
+            if not bay.former:
+                return "there is nothing to go back to"
+            now = bay.vision.settings  # the lens, or what belongs to the machine, may have changed meanwhile
+            why = _apply(now.model_copy(update=parameter_schema.changes(now, bay.former[-1])), over, bay, who)
+            if not why:
+                bay.former.pop()
+            return why
+        case TryControls(controls=controls):
             if bay.control.state().function_check is FunctionCheck.OFF:
                 return "begin a function check first: settings never change in a bay at work"
             try:
-                if over is not None and (others := _changed(over, bay.vision.settings)):
-                    return f"other settings have been applied meanwhile: {others}"[:MAX_REPORTED]
-                changes = _changed(bay.vision.settings, vision)
-                bay.vision.apply(vision)
-            except (GatewayError, ValueError) as error:
-                return str(error)[:MAX_REPORTED]
-            bay.control.settings_changed(changes[:MAX_REPORTED] or "the same settings", who)
+                bay.vision.try_controls(controls)
+            except ConfigError as error:
+                return str(error)
+            said = ", ".join(f"{key}: {value}" for key, value in controls.model_dump(exclude_none=True).items())
+            bay.control.settings_changed(f"the camera's controls: {said or 'as the file has them'}", who)
+    return ""
+
+
+def _apply(vision: VisionConfig, over: VisionConfig | None, bay: BayParts, who: Writer) -> str:
+    """As `_perform`."""
+    if bay.control.state().function_check is FunctionCheck.OFF:
+        return "begin a function check first: settings never change in a bay at work"
+    try:
+        if over is not None and (others := _changed(over, bay.vision.settings)):
+            return f"other settings have been applied meanwhile: {others}"[:MAX_REPORTED]
+        changes = _changed(bay.vision.settings, vision)
+        bay.vision.apply(vision)
+    except (GatewayError, ValueError) as error:
+        return str(error)[:MAX_REPORTED]
+    bay.control.settings_changed(changes[:MAX_REPORTED] or "the same settings", who)
     return ""
 
 

@@ -12,6 +12,8 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
+from gateway.bay_file import folder_of
+from gateway.config import GatewayConfig
 from gateway.config.sections.hmi import HmiConfig
 from gateway.errors import ConfigError, LinkError
 from gateway.net import tls
@@ -21,7 +23,9 @@ from gateway.processes.slot import ProcessSlot
 from gateway.processes.start import Role
 from gateway.web.host.config_file_requests import ConfigFileRequests
 from gateway.web.host.request_handler import RequestHandler
+from gateway.web.host.settings_file import SettingsFile
 from gateway.web.ipc.messages import FROM_WEB, Command, FileRequest, FromWeb, StateRequest, ToWeb, WebSetup
+from gateway.web.languages import memory_of, usable
 
 SILENT_S = 15.0  # real time; the web process sends a request at least once a second
 PAUSE_S = 0.01  # between two turns: a web process is not served more often
@@ -30,17 +34,41 @@ MAX_FULL_TURNS = 100  # in a row with more messages than that, more than a secon
 MODULE = "gateway.web.server.process"
 
 
+def of_pages(config: GatewayConfig) -> GatewayConfig:
+    """What the web process gets to know of it. `state_dir = "auto"` would mean another folder to its user."""
+    return config.model_copy(update={"mqtt": None, "sinks": {}, "state_dir": str(folder_of(config) or "")})
+
+
 class WebProcessService:
     """A row of the task table: `run` ends with LinkError when the web process does.
 
-    `sockets`: listening already; without any, `run` binds them itself, as often as it takes.
+    `sockets`: listening already; without any, `run` binds them itself, as often as it takes. `settings`: of the
+    operator's own file; None: there is none.
     """
 
-    def __init__(self, handler: RequestHandler, setup: WebSetup, sockets: tuple[socket.socket, ...]) -> None:
+    def __init__(
+        self,
+        handler: RequestHandler,
+        setup: WebSetup,
+        sockets: tuple[socket.socket, ...],
+        settings: SettingsFile | None = None,
+    ) -> None:
         self._handler = handler
         self._setup = setup
         self._sockets = sockets
         self._file = Path(setup.source) if setup.source else None
+        self._settings = settings
+        self._texts = usable(setup.config)
+        self._slot: ProcessSlot[ToWeb, FromWeb] | None = None
+        self._outdated = False
+
+    def apply(self, config: GatewayConfig) -> None:
+        """Continue with another configuration, of the same address: the web process, if there is one, is replaced."""
+        self._setup = replace(self._setup, config=of_pages(config))
+        self._texts = usable(config)
+        self._outdated = True
+        if self._slot is not None:
+            self._slot.wake()
 
     async def run(self) -> None:
         """Until cancelled. Raises LinkError when the port is taken or the web process ended or hung.
@@ -52,28 +80,27 @@ class WebProcessService:
             with ExitStack() as own:
                 hmi = self._setup.config.hmi
                 sockets = self._sockets or own.enter_context(listening("hmi", hmi.host, hmi.port))
-                await self._serve(sockets, own)
+                while True:
+                    with ExitStack() as of_process:
+                        await self._serve(sockets, of_process)
         except ConfigError as error:
             raise LinkError(str(error)) from error
 
     async def _serve(self, sockets: tuple[socket.socket, ...], own: ExitStack) -> None:
+        """Until the configuration has changed."""
         await _first_connection(sockets)
+        self._outdated = False
         _check_certificate(self._setup.config.hmi, sockets)
-        rings = tuple(fd for ring in self._setup.rings.values() for fd in ring.fds)
-        listening = tuple(sock.fileno() for sock in sockets)
-        source = self._setup.source.encode(
-            errors="backslashreplace"
-        ).decode()  # a name need not be UTF-8, a message must
-        job = replace(self._setup, sockets=listening, source=source)
-        questions = () if job.questions is None else (job.questions,)
-        role: Role[ToWeb] = Role(MODULE, "gw-hmi", job, (*rings, *listening, *questions))
+        role = self._role(sockets, own)
         thread = ThreadPoolExecutor(1, thread_name_prefix="file")
         own.callback(thread.shutdown, wait=False, cancel_futures=True)
         async with ProcessSlot[ToWeb, FromWeb]("hmi", self._setup.clock, FROM_WEB) as slot:
-            file_requests = ConfigFileRequests(self._file, self._setup.clock, thread, slot.wake)
+            file_requests = ConfigFileRequests(self._file, self._settings, self._setup.clock, thread, slot.wake)
+            self._slot = slot
+            own.callback(self._forget_slot)
             slot.start(role)
             full = 0
-            while True:
+            while not self._outdated:
                 try:
                     async with asyncio.timeout(SILENT_S):
                         await slot.wait(None)
@@ -102,6 +129,23 @@ class WebProcessService:
                 if request is not None:
                     slot.send(self._handler.answer(request))
                 await asyncio.sleep(PAUSE_S)
+
+    def _role(self, sockets: tuple[socket.socket, ...], own: ExitStack) -> Role[ToWeb]:
+        """The process to start, with what it inherits."""
+        rings = tuple(fd for ring in self._setup.rings.values() for fd in ring.fds)
+        listening = tuple(sock.fileno() for sock in sockets)
+        source = self._setup.source.encode(
+            errors="backslashreplace"
+        ).decode()  # a name need not be UTF-8, a message must
+        texts = memory_of(self._texts) if self._texts else None
+        if texts is not None:
+            own.callback(os.close, texts)
+        job = replace(self._setup, sockets=listening, source=source, languages=texts)
+        others = tuple(fd for fd in (job.questions, job.devices, job.test_sets, texts) if fd is not None)
+        return Role(MODULE, "gw-hmi", job, (*rings, *listening, *others))
+
+    def _forget_slot(self) -> None:
+        self._slot = None
 
 
 def _check_certificate(config: HmiConfig, sockets: tuple[socket.socket, ...]) -> None:

@@ -1,20 +1,26 @@
 """The status of the gateway's parts, collected in the main process for the pages and for the alarms. Never waits."""
 
+import os
 from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from gateway import __version__
 from gateway.alarms.definition import GatewayConditions
 from gateway.alarms.monitor import AlarmMonitor
+from gateway.alarms.states import AlarmState
 from gateway.bay_file import BayFiles
 from gateway.clock import NS_PER_S
 from gateway.config import GatewayConfig
 from gateway.core.readings import FRESH_FRAME, VisionReading
 from gateway.core.state import StateVector
 from gateway.hub import Hub
+from gateway.logs.folding import LogCounts
 from gateway.modbus.server.traffic import ServerNow
+from gateway.net.certificate_ends import CertificateEnds
 from gateway.records.service import RecorderService
 from gateway.sinks.contract import Sink
+from gateway.status_file import BayNow, ModbusClient, ModbusPort, Status
 from gateway.supervisor import TaskRecord
 from gateway.web.ipc.messages import BOUNDS_S, CAPTURE_TO_RESULT, Histogram, SystemStatus, TaskStatus
 
@@ -23,6 +29,7 @@ MAX_STAGES = 32  # of one bay; a method has a dozen
 PLC_QUIET_S = 5.0  # ten times the slowest useful poll; the alarm's own on-delay is added
 MAX_ALARMS = 100  # listed; the rest is counted
 MAX_ERROR = 120
+_LATCHED = frozenset({AlarmState.LATCHED_UNACKNOWLEDGED, AlarmState.LATCHED_ACKNOWLEDGED})
 
 
 class LatencyHistograms:
@@ -72,6 +79,19 @@ def _in_words(state: StateVector) -> str:
     return "in place" if state.in_place else f"stop, reason {state.reason.name.lower()}"
 
 
+def _bay_now(state: StateVector, unit_id: int) -> BayNow:
+    return BayNow(
+        unit_id=unit_id,
+        heartbeat=state.heartbeat,
+        vision=state.vision.quality.name.lower(),
+        vision_ns=state.vision.t_ns,
+        range=state.range.quality.name.lower(),
+        range_ns=state.range.t_ns,
+        phase=state.visit.phase.name.lower(),
+        stop=state.stop,
+    )
+
+
 @dataclass(slots=True)
 class StatusCollector:
     """`modbus` and `tasks` are set once there are any. `boot`: a random number of this start, in the events' ids."""
@@ -85,6 +105,10 @@ class StatusCollector:
     recorder: RecorderService | None = None
     modbus: Callable[[], tuple[ServerNow, ...]] = tuple
     tasks: dict[str, TaskRecord] = field(default_factory=dict)
+    config_fault: str = ""  # why the configuration file that was to be read again was not loaded
+    keys_waiting: int = 0  # of that file, for a restart
+    certificates: CertificateEnds | None = None
+    log: Callable[[], LogCounts] = LogCounts
 
     def observing(self, bay: str, emit: Callable[[VisionReading], None]) -> Callable[[VisionReading], None]:
         """`emit`, and a note of how long the frame took, where there are pages to show it."""
@@ -103,6 +127,20 @@ class StatusCollector:
             alarms=monitor.summary(MAX_ALARMS),
             changes=monitor.changes(),
             latencies=self.latencies.histograms(),
+            certificate_days={} if self.certificates is None else self.certificates.days_left(),
+            log=self.log(),
+        )
+
+    def status(self, monitor: AlarmMonitor, now_ns: int) -> Status:
+        """For other programs on this machine, about once a second."""
+        alarms = monitor.summary(MAX_ALARMS).alarms
+        return Status(
+            version=__version__,
+            pid=os.getpid(),
+            t_ns=now_ns,
+            bays={bay.name: _bay_now(self.hub.shown(bay.name, now_ns), bay.unit_id) for bay in self.config.bays},
+            modbus=tuple(self._port(one) for one in self.modbus()),
+            alarms={alarm.id: alarm.detail for alarm in alarms if alarm.active or alarm.state in _LATCHED},
         )
 
     def conditions(self) -> GatewayConditions:
@@ -112,13 +150,14 @@ class StatusCollector:
         return GatewayConditions(
             sinks_connected={sink.sink: sink.connected for sink in sinks},
             sink_faults={sink.sink: sink.fault for sink in sinks if sink.fault},
-            sink_alarms=_together([sink.alarms for sink in sinks]),
+            sink_alarms=_together([*(sink.alarms for sink in sinks), self._certificates()]),
             plc_reads=self._plc_reads(),
             modbus_fault=self._modbus_fault()[:MAX_ERROR],
             store_fault=next((sink.store.fault for sink in sinks if sink.store is not None and sink.store.fault), ""),
             events_lost=self.hub.dropped + sum(sink.events_lost for sink in sinks),
             crashes=sum(row.crashes for row in crashed.values()),
             crashed=", ".join(f"{name}: {row.last_error}" for name, row in crashed.items())[:MAX_ERROR],
+            config_fault=self.config_fault[:MAX_ERROR],
             recorder_fault="" if self.recorder is None else self.recorder.fault[:MAX_ERROR],
             records_lost=0 if self.recorder is None else self.recorder.dropped,
             index_fault="" if self.recorder is None else self.recorder.status.index_fault[:MAX_ERROR],
@@ -135,8 +174,19 @@ class StatusCollector:
             [
                 " and ".join(ports) or self._modbus_fault() or "Modbus TCP not open yet",
                 *(f"{bay}: {_in_words(self.hub.shown(bay, now_ns))}" for bay in self.hub.bays),
+                *([f"configuration not loaded: {self.config_fault}"] if self.config_fault else []),
+                *([f"{self.keys_waiting} changed keys wait for a restart"] if self.keys_waiting else []),
             ]
         )
+
+    def _port(self, now: ServerNow) -> ModbusPort:
+        clients = (ModbusClient(address=one.address, is_plc=one.is_plc, quiet_s=one.quiet_s) for one in now.peers)
+        host = self.config.modbus.host
+        return ModbusPort(host=host, port=now.port, tls=now.tls, requests=now.requests, clients=tuple(clients))
+
+    def _certificates(self) -> dict[str, str]:
+        expiring = "" if self.certificates is None else self.certificates.warning()
+        return {"certificate_expiring": expiring} if expiring else {}
 
     def _modbus_fault(self) -> str:
         """Why no PLC can read; empty: one can, or the first try has not ended."""

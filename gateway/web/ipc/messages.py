@@ -12,20 +12,24 @@ from msgspec import Meta
 
 from gateway.alarms.records import AlarmChange, AlarmSummary, OperatorAction
 from gateway.clock import SystemClock
-from gateway.config import GatewayConfig, VisionConfig
+from gateway.config import ControlsConfig, GatewayConfig, VisionConfig
 from gateway.core.events import Event
 from gateway.core.plc import Writer
 from gateway.core.state import FunctionCheck, StateVector
 from gateway.errors import ConfigError
+from gateway.logs.folding import LogCounts
 from gateway.modbus.server.traffic import ServerNow
 from gateway.processes.channel import Failed
 from gateway.processes.codec import Codec, Message
 from gateway.sinks.contract import LinkStatus
+from gateway.vision.transport.messages import ControlsReport
 from gateway.vision.transport.ring import RingSpec
+from gateway.web.profile.settings_edit import MAX_CHANGES, SettingChange
 
 MAX_STATES = 6  # in one answer, which must fit into one message of the link
 MAX_EVENTS = 4
 BOUNDS_S = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)  # of a Histogram
+TRUCK_AT_BAY = "a truck is at a bay"  # begins the refusal of a restart that may be requested all the same
 CAPTURE_TO_RESULT = ""  # the stage of a Histogram from capture to result
 
 
@@ -39,6 +43,9 @@ class WebSetup(Message, frozen=True):
     source: str = ""  # name of the configuration's file, to be shown; empty: none of the operator's own
     boot: str = ""  # random number of this start of the gateway
     questions: int | None = None  # to the process that reads recordings: a socket, inherited; None: there is none
+    devices: int | None = None  # to the process that opens devices, likewise
+    languages: int | None = None  # the plant's own: memory, inherited (gateway.web.languages)
+    test_sets: int | None = None  # to the process that keeps test sets, as `questions`
 
 
 # From the web process.
@@ -71,6 +78,14 @@ class ApplySettings(Message, frozen=True):
     over: VisionConfig | None = None
 
 
+class UndoSettings(Message, frozen=True):
+    """Apply the settings that were in force before the newest `ApplySettings`; only while a function check is on.
+    `over` as there."""
+
+    bay: str
+    over: VisionConfig | None = None
+
+
 class MarkMoment(Message, frozen=True):
     """This moment is to be looked at later."""
 
@@ -78,7 +93,34 @@ class MarkMoment(Message, frozen=True):
     note: str
 
 
-BayAction = SetFunctionCheck | ApplySettings | MarkMoment
+class TryControls(Message, frozen=True):
+    """Set these of the camera over those of the file, complete; none: as the file has it. Only while a function check
+    is on; its end puts them back."""
+
+    bay: str
+    controls: ControlsConfig
+
+
+BayAction = SetFunctionCheck | ApplySettings | UndoSettings | MarkMoment | TryControls
+
+
+class ReadControls(Message, frozen=True):
+    """What the camera has and is set to: what is known, and a newer report soon."""
+
+    bay: str
+
+
+class ReadFormerSettings(Message, frozen=True):
+    """What `UndoSettings` would go back to."""
+
+    bay: str
+
+
+class RestartGateway(Message, frozen=True):
+    """End cleanly, stop in every register, and start again with the file as it is now. `despite_trucks`: also while a
+    truck is at a bay."""
+
+    despite_trucks: bool = False
 
 
 class Command(Message, frozen=True):
@@ -86,7 +128,7 @@ class Command(Message, frozen=True):
 
     number: int
     who: Writer
-    action: BayAction | OperatorAction
+    action: BayAction | OperatorAction | RestartGateway | ReadControls | ReadFormerSettings
 
 
 class ReadFile(Message, frozen=True):
@@ -110,12 +152,36 @@ class SaveFile(Message, frozen=True):
     digest: str
 
 
+class ReadSettings(Message, frozen=True):
+    """Everything in the configuration's file."""
+
+
+class PreviewSettings(Message, frozen=True):
+    """What would these changes do to the file of this digest? `undo`: in place of them, the text before the last
+    save."""
+
+    changes: Annotated[tuple[SettingChange, ...], Meta(max_length=MAX_CHANGES)]
+    digest: str
+    undo: bool = False
+
+
+class SaveSettings(Message, frozen=True):
+    """Save them, if the file is still the one of this digest."""
+
+    changes: Annotated[tuple[SettingChange, ...], Meta(max_length=MAX_CHANGES)]
+    digest: str
+    undo: bool = False
+
+
+FileAction = ReadFile | PreviewFile | SaveFile | ReadSettings | PreviewSettings | SaveSettings
+
+
 class FileRequest(Message, frozen=True):
     """About the configuration's file, which only the main process reads and writes. `who` as in `Command`."""
 
     number: int
     who: Writer
-    action: ReadFile | PreviewFile | SaveFile
+    action: FileAction
 
 
 # To the web process.
@@ -163,6 +229,8 @@ class SystemStatus:
     alarms: AlarmSummary = field(default_factory=AlarmSummary)
     changes: tuple[AlarmChange, ...] = ()  # of alarms, the newest few
     latencies: tuple[Histogram, ...] = ()
+    certificate_days: dict[str, int] = field(default_factory=dict)  # until the first of each server's ends
+    log: LogCounts = field(default_factory=LogCounts)
 
     def sink(self, name: str) -> LinkStatus | None:
         """None: not configured."""
@@ -206,10 +274,58 @@ class FilePreview(Message, frozen=True):
 
 
 class FileSaved(Message, frozen=True):
-    """To `SaveFile`. `backup`: path of the former file."""
+    """To `SaveFile`. `previous`: path of the former file."""
 
     changes: tuple[str, ...]
-    backup: str
+    previous: str
+
+
+class SettingsDocument(Message, frozen=True):
+    """To `ReadSettings`. Texts of JSON, in which lists of tables are tables by name, and passwords are `***`."""
+
+    values: str  # all keys, defaults included; `null`: the file is wrong
+    written: str  # what the file sets
+    schema: str
+    digest: str
+    path: str
+    why_not: str  # why saving would fail; empty: no known reason
+    command_line: tuple[tuple[str, ...], ...]  # paths of keys that it sets, whatever the file says
+    faults: tuple["FileFault", ...]  # of the file as it is
+    waiting: tuple[str, ...]  # what is in the file and not in force yet, in words
+    undo: bool  # a save can be undone
+
+
+@dataclass(frozen=True, slots=True)
+class FileFault:
+    """`path` as in `SettingChange`; empty: the whole file. `line`: None where it is not in the file."""
+
+    path: tuple[str, ...]
+    line: int | None
+    message: str
+
+
+class SettingsPreview(Message, frozen=True):
+    """To `PreviewSettings`. With `faults` it can't be saved. `live` and `restart`: what takes effect at once, and what
+    at the next start, in words. `vision`: by name of a running bay, its `[vision]` where the changes concern what is
+    tuned. All without passwords."""
+
+    diff: str
+    faults: tuple[FileFault, ...]
+    warnings: tuple[str, ...]
+    live: tuple[str, ...]
+    restart: tuple[str, ...]
+    digest: str  # of the file as it was read
+    why_not: str
+    vision: dict[str, VisionConfig]
+
+
+class SettingsSaved(Message, frozen=True):
+    """To `SaveSettings`. `previous`: path of the former file."""
+
+    live: tuple[str, ...]
+    restart: tuple[str, ...]
+    digest: str
+    previous: str
 
 
 class ChangedOnDiskError(ConfigError):
@@ -224,13 +340,30 @@ class FileErrorKind(StrEnum):
     CHANGED = "changed"  # by another program, since it was shown
 
 
+FileResult = FileSettings | FilePreview | FileSaved | SettingsDocument | SettingsPreview | SettingsSaved
+
+
+class CameraControlsNow(Message, frozen=True):
+    """To `ReadControls`. `report`: None: the camera has not answered yet. `tried`: over the file, now."""
+
+    report: ControlsReport | None
+    tried: ControlsConfig
+
+
+class FormerSettings(Message, frozen=True):
+    """To `ReadFormerSettings`. `steps`: so many times can be gone back; `newest`: to these first, None: not at all."""
+
+    steps: int
+    newest: VisionConfig | None
+
+
 class CommandReply(Message, frozen=True):
     """To a `Command` or a `FileRequest`. `why`: the reason for a refusal; empty: it was executed."""
 
     number: int
     why: str = ""
     error: FileErrorKind = FileErrorKind.NONE
-    result: FileSettings | FilePreview | FileSaved | None = None
+    result: FileResult | CameraControlsNow | FormerSettings | None = None
 
 
 FromWeb = StateRequest | Command | FileRequest

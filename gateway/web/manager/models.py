@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
-from gateway.records.alarm_rates import SOURCE, Verdict
+from gateway.records.alarm_rates import SOURCE, AlarmRateVerdict
 from gateway.records.statistics import CauseKind
 from gateway.sinks.mqtt.messages import Count
 
@@ -108,7 +108,7 @@ class BenchmarkView(StatisticsPart):
     acceptable: float = Field(description="very likely acceptable up to this")
     most: float = Field(description="maximum that can be managed")
     below: bool = Field(description="the limit itself is too many")
-    verdict: Verdict | None = Field(description="null: less than an hour is recorded")
+    verdict: AlarmRateVerdict | None = Field(description="null: less than an hour is recorded")
 
 
 class FrequentView(StatisticsPart):

@@ -16,7 +16,7 @@ from gateway.config import GatewayConfig, VisionConfig, parse
 from gateway.config.strict.toml_file import merge
 from gateway.errors import ConfigError
 from gateway.web.profile import parameter_schema as tuned
-from gateway.web.profile.redact import redacted
+from gateway.web.profile.redact import Fields, redacted
 from gateway.web.profile.toml_edit import with_keys
 
 MAX_PROFILE_CHARS = 64 * 1024
@@ -52,7 +52,7 @@ def propose(text: str, bay: str, requested: VisionConfig, *, source: str) -> Pro
         changed = with_keys(changed, place, keys, source=source)
         expected = _with(expected, place, keys)
     _check(changed, expected, before, index, changes, source)
-    return Proposal(text, changed, _diff(text, changed, source), changes)
+    return Proposal(text, changed, diff(text, changed, source), changes)
 
 
 def export(bay: str, settings: VisionConfig, *, site: str, wall_ns: int) -> str:
@@ -136,10 +136,12 @@ def _bay_of(config: GatewayConfig, bay: str, source: str) -> tuple[GatewayConfig
     return config, names.index(bay)
 
 
-def _diff(former: str, text: str, source: str) -> str:
-    """Unified, as people read it. Lines near the change may hold a password, which is not needed here."""
+def diff(former: str, text: str, source: str, fields: Fields | None = None) -> str:
+    """Unified, as people read it. Lines near the change may hold a password, which is not needed here. `fields`: of the
+    file, where tables of sinks are among them."""
+    known = {} if fields is None else {"fields": fields}
     try:
-        old, new = (redacted(side.removeprefix("\ufeff"), source=source) for side in (former, text))
+        old, new = (redacted(side.removeprefix("\ufeff"), source=source, **known) for side in (former, text))
     except ConfigError:
         return f"--- {source}\n(its layout can't be shown without the passwords in it)\n" if former != text else ""
     lines = list(difflib.unified_diff(_lines(old), _lines(new), source, f"{source} (new)", lineterm=""))

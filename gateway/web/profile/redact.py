@@ -19,7 +19,8 @@ from gateway.config.strict.section import inner_model
 from gateway.errors import ConfigError
 
 HIDDEN = "***"
-_FIELDS = {**BayConfig.model_fields, **GatewayConfig.model_fields}  # the shared sections are at the top
+Fields = Mapping[str, FieldInfo]
+_FIELDS: Fields = {**BayConfig.model_fields, **GatewayConfig.model_fields}  # the shared sections are at the top
 # In a comment nothing has a name of the sections.
 _REMARK = re.compile(r"(?i)(#.*?(?:pass|pwd|secret|token|hash)[^=:]*[=:]).*$")
 _LOGIN = re.compile(r"://[^\s]*@")
@@ -27,13 +28,14 @@ _QUERY = re.compile(r"(?i)([?&][^=&\s]*(?:pass|pwd|secret|token|key)[^=&\s]*=)[^
 _HASH = re.compile(r"\$argon2[^\s\"']*")
 
 
-def redacted(text: str, *, source: str) -> str:
-    """`text` is one that the gateway reads. Raises ConfigError where the result can't be verified."""
+def redacted(text: str, *, source: str, fields: Fields = _FIELDS) -> str:
+    """`text` is one that the gateway reads, `fields` its keys. Raises ConfigError where the result can't be
+    verified."""
     try:
         document = tomlkit.parse(text)
-        _hide(document, _FIELDS)
+        _hide(document, fields)
         shown = tomlkit.dumps(document)
-        same = tomllib.loads(shown) == _plainly(tomllib.loads(text), _FIELDS)
+        same = tomllib.loads(shown) == plainly(tomllib.loads(text), fields)
     except (TOMLKitError, ValueError, KeyError, IndexError, TypeError, RecursionError) as error:
         raise ConfigError(f"{source}: can't be shown without its passwords") from error
     if not same:
@@ -41,7 +43,7 @@ def redacted(text: str, *, source: str) -> str:
     return "\n".join(map(_remark, shown.split("\n")))
 
 
-def _hide(table: MutableMapping[str, Any], fields: Mapping[str, FieldInfo]) -> None:
+def _hide(table: MutableMapping[str, Any], fields: Fields) -> None:
     """In place; comments and layout stay."""
     for key in list(table):
         value, info = table[key], fields.get(key)
@@ -59,13 +61,13 @@ def _hide(table: MutableMapping[str, Any], fields: Mapping[str, FieldInfo]) -> N
             table[key] = shown
 
 
-def _plainly(value: Mapping[str, Any], fields: Mapping[str, FieldInfo]) -> dict[str, Any]:
+def plainly(value: Mapping[str, Any], fields: Fields) -> dict[str, Any]:
     """The same of the values only: what the shown text must contain."""
 
     def shown(one: Any, info: FieldInfo) -> Any:
         match one:
             case dict():
-                return _plainly(one, _inside(info))
+                return plainly(one, _inside(info))
             case list():
                 return [shown(item, info) for item in one]
             case str():
@@ -77,7 +79,7 @@ def _plainly(value: Mapping[str, Any], fields: Mapping[str, FieldInfo]) -> dict[
     }
 
 
-def _inside(info: FieldInfo) -> Mapping[str, FieldInfo]:
+def _inside(info: FieldInfo) -> Fields:
     model = inner_model(info.annotation)
     return {} if model is None else model.model_fields
 

@@ -18,6 +18,8 @@ from gateway.web.auth import login
 from gateway.web.auth.logins import Logins
 from gateway.web.auth.refusals import RefusalError, problem
 from gateway.web.auth.security import SecurityMiddleware
+from gateway.web.calibration import routes as calibration
+from gateway.web.calibration.sessions import CalibrationError
 from gateway.web.history import routes as history
 from gateway.web.history import why
 from gateway.web.ipc.messages import ChangedOnDiskError
@@ -26,13 +28,22 @@ from gateway.web.server import api, openapi, pages
 from gateway.web.server.gateway_client import RefusedError
 from gateway.web.server.pictures import UnencodableError
 from gateway.web.server.services import Services
+from gateway.web.setup import device_routes as devices
+from gateway.web.setup import doctor_routes as doctor
+from gateway.web.setup import routes as setup
+from gateway.web.testsets import routes as test_sets
+from gateway.web.tuning import camera_routes as camera
 from gateway.web.tuning import routes as tuning
+from gateway.web.tuning import teach_in_routes as teach_in
+from gateway.web.tuning.teach_in import TeachInError
 from gateway.web.tuning.trial import EndedError
 from gateway.web.tuning.trial_thread import TrialsBusyError
 
 _STATUS: tuple[tuple[type[GatewayError], int, str], ...] = (  # the first that matches: status and code
     (ChangedOnDiskError, 409, "changed"),
     (RefusedError, 409, "refused"),
+    (TeachInError, 409, "refused"),
+    (CalibrationError, 409, "refused"),
     (ConfigError, 422, "settings"),
     (TrialsBusyError, 503, "busy"),
     (LinkError, 503, "link"),
@@ -46,14 +57,13 @@ async def of_http(_: Request, error: Exception) -> Response:
     return problem(error.status_code, "http", str(error.detail), error.headers)
 
 
-async def of_validation(request: Request, error: Exception) -> Response:
+async def of_validation(_: Request, error: Exception) -> Response:
     """Every fault with its place. What a body contains is not repeated."""
     assert isinstance(error, RequestValidationError)
     faults = error.errors()
-    for_programs = request.scope["route"].include_in_schema
     if faults[0]["loc"][0] != "body":
-        return problem(400, "query" if for_programs else "number", "; ".join(map(_query_fault, faults))[:1000])
-    return problem(400, "body" if for_programs else "json", "; ".join(map(_body_fault, faults))[:1000])
+        return problem(400, "query", "; ".join(map(_query_fault, faults))[:1000])
+    return problem(400, "body", "; ".join(map(_body_fault, faults))[:1000])
 
 
 def _query_fault(fault: dict[str, Any]) -> str:
@@ -81,7 +91,7 @@ async def of_gateway(_: Request, error: Exception) -> Response:
     if isinstance(error, EndedError):
         return Response(status_code=204)  # not an error: the page has sent a newer request meanwhile
     if isinstance(error, RefusalError):
-        return problem(error.status, error.code, str(error), error.headers)
+        return problem(error.status, error.code, str(error), error.headers, error.members)
     for kind, status, code in _STATUS:
         if isinstance(error, kind):
             return problem(status, code, str(error), {"Retry-After": "1"} if status == 503 else None)
@@ -102,7 +112,9 @@ HANDLERS = {
 
 GROUPS = (
     login.ADDRESSES, pages.ADDRESSES, api.ADDRESSES, history.ADDRESSES, why.ADDRESSES, manager.ADDRESSES,
-    openapi.ADDRESSES, tuning.ADDRESSES,
+    openapi.ADDRESSES, tuning.ADDRESSES, test_sets.ADDRESSES, teach_in.ADDRESSES, calibration.ADDRESSES,
+    camera.ADDRESSES, devices.ADDRESSES, setup.ADDRESSES,
+    doctor.ADDRESSES,
 )  # fmt: skip
 RULES = tuple(rule for group in GROUPS for rule in group.rules)
 

@@ -24,19 +24,20 @@ from gateway.web.ipc.messages import (
     MAX_STATES,
     BayAction,
     BayStatus,
+    CameraControlsNow,
     ChangedOnDiskError,
     Command,
     CommandReply,
+    FileAction,
     FileErrorKind,
-    FilePreview,
     FileRequest,
-    FileSaved,
-    FileSettings,
+    FileResult,
+    FormerSettings,
     FromWeb,
     NumberedEvent,
-    PreviewFile,
-    ReadFile,
-    SaveFile,
+    ReadControls,
+    ReadFormerSettings,
+    RestartGateway,
     StateReply,
     StateRequest,
     SystemStatus,
@@ -63,7 +64,7 @@ _RAISED = {
     FileErrorKind.WRONG: ConfigError,
     FileErrorKind.CHANGED: ChangedOnDiskError,
 }
-Result = TypeVar("Result", FileSettings, FilePreview, FileSaved)
+Result = TypeVar("Result", bound=FileResult)
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +90,7 @@ class GatewayClient:
         self.links_ns: int | None = None  # the gateway's clock when they were reported
         self.answered_ns = 0  # the gateway's clock at the newest answer
         self.answers = 0
+        self.listeners: list[Callable[[str, BayReport], None]] = []  # told of every report of a bay
         self._link = link
         self._pace = pace
         self._links_ns = 0
@@ -176,13 +178,27 @@ class GatewayClient:
         """A copy of frame `seq` of a bay's camera, or of its newest."""
         return self._rings[bay].snapshot(seq)
 
-    async def command(self, action: BayAction | OperatorAction, who: Writer) -> None:
+    async def command(self, action: BayAction | OperatorAction | RestartGateway, who: Writer) -> None:
         """Raises RefusedError with the reason, LinkError when the main process does not answer."""
         await self._reply_to(Command(next(self._numbers), who, action))
         if isinstance(action, OperatorAction):
             await self.update_links()
 
-    async def about_file(self, action: ReadFile | PreviewFile | SaveFile, kind: type[Result], who: Writer) -> Result:
+    async def camera_controls(self, bay: str, who: Writer) -> CameraControlsNow:
+        """Raises as `command` does."""
+        reply = await self._reply_to(Command(next(self._numbers), who, ReadControls(bay)))
+        if not isinstance(reply.result, CameraControlsNow):
+            raise LinkError("the gateway has answered something else")
+        return reply.result
+
+    async def former_settings(self, bay: str, who: Writer) -> FormerSettings:
+        """Raises as `command` does."""
+        reply = await self._reply_to(Command(next(self._numbers), who, ReadFormerSettings(bay)))
+        if not isinstance(reply.result, FormerSettings):
+            raise LinkError("the gateway has answered something else")
+        return reply.result
+
+    async def about_file(self, action: FileAction, kind: type[Result], who: Writer) -> Result:
         """`kind`: of the reply to `action`. Raises ChangedOnDiskError, ConfigError, and as `command` does."""
         reply = await self._reply_to(FileRequest(next(self._numbers), who, action))
         if not isinstance(reply.result, kind):
@@ -286,7 +302,10 @@ class GatewayClient:
 
     def _take(self, answer: StateReply) -> None:
         for now in answer.bays:
-            self._reports[now.state.bay] = BayReport(answer.number, now, answer.now_ns, answer.wall_ns)
+            report = BayReport(answer.number, now, answer.now_ns, answer.wall_ns)
+            self._reports[now.state.bay] = report
+            for listener in self.listeners:
+                listener(now.state.bay, report)
         for row in answer.events:
             if row.number > self._last_event:
                 if self.events:

@@ -58,6 +58,7 @@ def alarm_summary(client: GatewayClient) -> AlarmSummary:
         unacknowledged=count[AlarmState.UNACKNOWLEDGED]
         + count[AlarmState.RETURNED]
         + count[AlarmState.LATCHED_UNACKNOWLEDGED],
+        shown=sum(number for state, number in count.items() if state not in HIDDEN),
         active=count[AlarmState.UNACKNOWLEDGED] + count[AlarmState.ACKNOWLEDGED],
         latched=count[AlarmState.LATCHED_UNACKNOWLEDGED] + count[AlarmState.LATCHED_ACKNOWLEDGED],
         shelved=count[AlarmState.SHELVED],

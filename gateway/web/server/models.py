@@ -94,6 +94,7 @@ class DriverView(View):
     closing_mm_s: float | None
     to_go_mm: float | None
     age_ms: float | None = Field(description="of the state, when this was sent; null: nothing known, which means STOP")
+    language: str | None = Field(description="that of the recipe in force, by its code; null: it names none")
 
 
 class PeerView(View):
@@ -220,6 +221,7 @@ class AlarmSummary(View):
     """Number of the gateway's alarms, and the one to see first."""
 
     unacknowledged: Count = Field(description="states unacknowledged, returned and latched_unacknowledged")
+    shown: Count = Field(description="neither normal nor hidden (shelved, suppressed, out of service)")
     active: Count = Field(description="states unacknowledged and acknowledged")
     latched: Count = Field(description="both latched states")
     shelved: Count

@@ -17,15 +17,35 @@ from gateway import __version__
 from gateway.web.auth.access import Level
 from gateway.web.auth.addresses import Addresses, Description
 from gateway.web.auth.refusals import Problem
+from gateway.web.calibration import routes as calibration
 from gateway.web.history import routes as history
 from gateway.web.history import why
 from gateway.web.manager import routes as manager
 from gateway.web.server import api
 from gateway.web.server.models import DriverView, FrameView, LiveView
+from gateway.web.setup import doctor_routes as doctor
+from gateway.web.setup import routes as setup
+from gateway.web.testsets import routes as test_sets
+from gateway.web.tuning import camera_routes as camera
+from gateway.web.tuning import routes as tuning
+from gateway.web.tuning import teach_in_routes as teach_in
 
 Json = dict[str, Any]
 ADDRESSES = Addresses()
-GROUPS = (api.ADDRESSES, history.ADDRESSES, why.ADDRESSES, manager.ADDRESSES, ADDRESSES)
+GROUPS = (
+    api.ADDRESSES,
+    history.ADDRESSES,
+    why.ADDRESSES,
+    manager.ADDRESSES,
+    tuning.ADDRESSES,
+    test_sets.ADDRESSES,
+    teach_in.ADDRESSES,
+    calibration.ADDRESSES,
+    camera.ADDRESSES,
+    setup.ADDRESSES,
+    doctor.ADDRESSES,
+    ADDRESSES,
+)
 COOKIE = "gateway-session"  # with the default instance; __Host-... with TLS
 ABOUT = """State, events, registers, alarms and pictures of a bulk loading gateway, for programs.
 
@@ -44,7 +64,7 @@ async def _openapi(request: Request) -> Response:
 @cache
 def document(cookie: str = COOKIE) -> Json:
     """The complete description. `cookie`: the name of the session's."""
-    routes = [route for group in GROUPS for route in group.routes if isinstance(route, APIRoute)]
+    routes = _described()
     made = get_openapi(
         title="Loading gateway",
         version=__version__,
@@ -67,13 +87,19 @@ def document(cookie: str = COOKIE) -> Json:
     return made
 
 
+def _described() -> list[APIRoute]:
+    routes = (route for group in GROUPS for route in group.routes if isinstance(route, APIRoute))
+    return [route for route in routes if route.include_in_schema]
+
+
 def _method(route: APIRoute) -> str:
     return next(iter(route.methods or ())).lower()
 
 
 def _corrected(operation: Json, route: APIRoute) -> None:
     """Where the gateway differs from FastAPI: 400 for what is wrong, and no body is an empty object."""
-    operation["responses"].pop("422", None)
+    if 422 not in route.responses:
+        operation["responses"].pop("422", None)
     if route.body_field is not None:
         fields = route.body_field.field_info.annotation.model_fields.values()  # type: ignore[union-attr]
         operation["requestBody"]["required"] = any(field.is_required() for field in fields)
@@ -94,6 +120,7 @@ def _schemas(routes: list[APIRoute]) -> Json:
 
 def markdown() -> str:
     """The addresses with their roles, for docs/hmi-api.md."""
-    rules = (rule for group in GROUPS for rule in group.rules)
+    described = {(_method(route).upper(), route.path) for route in _described()}
+    rules = (rule for group in GROUPS for rule in group.rules if (rule.method, rule.path) in described)
     rows = [f"| {rule.method} | `{rule.path}` | {rule.least.role} | {rule.summary} |" for rule in rules]
     return "\n".join(["| method | address | role | answers |", "|---|---|---|---|", *rows]) + "\n"

@@ -1,11 +1,13 @@
 """The addresses of the pages themselves: HTML, static files, live views and their pictures."""
 
+import functools
+import hashlib
 from importlib.resources import files
 from pathlib import Path
 
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import FileResponse, Response
+from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.websockets import WebSocket
 
 from gateway.clock import NS_PER_MS
@@ -32,6 +34,21 @@ _page("/login", Level.OPEN, "login.html", "the login page")
 ADDRESSES.files("/static", STATIC, Level.OPEN, "scripts, styles and symbols of the pages; nothing of the plant")
 
 
+@functools.cache
+def pages_digest() -> str:
+    """Of all files of the pages: another one, and a page that is open is an old one."""
+    digest = hashlib.sha256()
+    for path in sorted(path for path in STATIC.rglob("*") if path.is_file()):
+        digest.update(f"{path.relative_to(STATIC)}\0".encode())
+        digest.update(hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()[:16]
+
+
+@ADDRESSES.get("/api/pages", Level.OPEN, "which pages the gateway serves: `digest` changes when they do")
+def _pages() -> JSONResponse:
+    return JSONResponse({"digest": pages_digest()})
+
+
 @ADDRESSES.get("/favicon.ico", Level.OPEN, "the pages' symbol")
 async def _favicon() -> Response:
     raise HTTPException(404)  # each page names its own
@@ -39,6 +56,18 @@ async def _favicon() -> Response:
 
 _page("/driver", Level.DRIVER, "driver.html", "the driver's display of the first bay")
 _page("/driver/{bay}", Level.DRIVER, "driver.html", "the driver's display")
+
+
+@ADDRESSES.get("/api/languages", Level.OPEN, "the languages of the pages")
+async def _languages(services: WebServices) -> JSONResponse:
+    return JSONResponse({"languages": services.languages.listed()})
+
+
+@ADDRESSES.get("/api/languages/{code}", Level.OPEN, "the pages' texts in a language; nothing of the plant")
+async def _language(services: WebServices, code: str) -> JSONResponse:
+    if (found := services.languages.catalogues.get(code)) is None:
+        raise HTTPException(404, f"no language has the code {code[:20]!r}")
+    return JSONResponse(found.model_dump())
 
 
 @ADDRESSES.web_socket("/api/driver", Level.DRIVER, "what the driver's display shows, live")
@@ -82,3 +111,6 @@ def _headers(client: GatewayClient, picture: Picture) -> dict[str, str]:
 
 _page("/manager", Level.VIEWER, "manager.html", "the manager's page: what a bay did on some days")
 _page("/tune/{bay}", Level.TECHNICIAN, "tune.html", "the technician's page")
+_page("/calibrate/{bay}", Level.TECHNICIAN, "calibrate.html", "calibrates a bay's camera with a board")
+_page("/setup", Level.TECHNICIAN, "setup.html", "the settings page: every key of the configuration's file")
+_page("/setup/new-bay", Level.TECHNICIAN, "new-bay.html", "sets up a bay: cameras and boards found, the file saved")

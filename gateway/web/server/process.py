@@ -88,7 +88,7 @@ async def _serve(about: WebSetup, channel: Channel[FromWeb, ToWeb]) -> None:
         )
     )
     sockets = [socket.socket(fileno=fd) for fd in about.sockets]
-    with closing(services.tuning):
+    with closing(services.tuning), closing(services.test_sets):
         async with asyncio.TaskGroup() as group:
             pulling = group.create_task(client.keep(), name="gateway-client")
             fresh = None if tls is None else group.create_task(tls.keep_current(), name="tls")

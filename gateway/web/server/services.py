@@ -13,14 +13,20 @@ from gateway.clock import Clock
 from gateway.config import BayConfig
 from gateway.web.auth.refusals import RefusalError
 from gateway.web.auth.sessions import Caller, caller_of
+from gateway.web.calibration.sessions import Calibrations
 from gateway.web.history.reader import Reader
 from gateway.web.history.records_thread import RecordsThread
+from gateway.web.languages import Languages, languages, of_memory
 from gateway.web.server import views
 from gateway.web.server.gateway_client import GatewayClient
 from gateway.web.server.live import Live
 from gateway.web.server.metrics.family import PageStatistics
 from gateway.web.server.pictures import Pictures
+from gateway.web.setup.device_client import DeviceClient
+from gateway.web.testsets.client import SetsClient
+from gateway.web.testsets.service import ScoringService
 from gateway.web.tuning.service import TuningService
+from gateway.web.tuning.teach_in import TeachInSessions
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,9 +38,14 @@ class Services:
     live: Live
     drivers: Live
     tuning: TuningService
+    test_sets: ScoringService
+    teach_ins: TeachInSessions
+    calibrations: Calibrations
     snapshots: Executor  # encodes the programs' snapshots
     records: RecordsThread
     reader: Reader
+    devices: DeviceClient
+    languages: Languages
     encoding: asyncio.Lock = field(default_factory=asyncio.Lock)
     refusals: Counter[str] = field(default_factory=Counter)
 
@@ -46,15 +57,23 @@ class Services:
 def services_of(client: GatewayClient, pace: Clock, thread: Executor | None = None) -> Services:
     """`thread`: for pictures and texts; by default each service has its own."""
     config = client.about.config.hmi
+    tuning = TuningService(client, pace, thread)
+    test_sets = ScoringService(SetsClient(client.about.test_sets), tuning.trial_thread, pace)
+    tuning.also_standing = test_sets.standing
     return Services(
         client=client,
         pictures=Pictures(client, pace, max_hz=config.picture_max_hz, max_width_px=config.picture_max_width_px),
         live=Live(client, views.live_json, config.max_viewers, config.viewers_per_address),
         drivers=Live(client, views.driver_json, config.max_viewers, config.viewers_per_address),
-        tuning=TuningService(client, pace, thread),
+        tuning=tuning,
+        test_sets=test_sets,
+        teach_ins=TeachInSessions(client),
+        calibrations=Calibrations(client, pace, tuning.trial_thread),
         snapshots=thread or ThreadPoolExecutor(1, thread_name_prefix="snapshots"),
         records=RecordsThread.of(client.about.config, thread),
         reader=Reader(client.about.questions),
+        devices=DeviceClient(client.about.devices),
+        languages=languages(of_memory(client.about.languages)),
     )
 
 

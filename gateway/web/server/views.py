@@ -2,7 +2,7 @@
 
 from gateway import __version__
 from gateway.clock import NS_PER_MS
-from gateway.config import BayConfig, GatewayConfig
+from gateway.config import BayConfig, GatewayConfig, RecipeConfig
 from gateway.core.interlock import Recipe
 from gateway.core.readings import VisionReading
 from gateway.core.state import Guidance, GuidanceCode, StateVector
@@ -85,6 +85,7 @@ def driver_json(client: GatewayClient, bays: tuple[str, ...]) -> str:
     report = client.report(bay)
     state = StateVector(bay, guidance=Guidance(GuidanceCode.FAULT)) if report is None else report.now.state
     guidance = payloads.state_payload(state, gateway_of(client), 0, STALE_AFTER_MS).guidance
+    recipe = _recipe(client.about.config, state.plc.recipe)
     return DriverView(
         bay=bay,
         code=guidance.name,
@@ -94,6 +95,7 @@ def driver_json(client: GatewayClient, bays: tuple[str, ...]) -> str:
         closing_mm_s=guidance.closing_mm_s,
         to_go_mm=guidance.to_go_mm,
         age_ms=client.age_ms(None if report is None else state.t_ns),
+        language=None if recipe is None else recipe.language,
     ).model_dump_json()
 
 
@@ -102,7 +104,11 @@ def frame_json(reading: VisionReading) -> str:
     return FrameView.model_validate(reading).model_dump_json()
 
 
+def _recipe(gateway: GatewayConfig, number: int) -> RecipeConfig | None:
+    return next((recipe for recipe in gateway.recipes if recipe.id == number), None)
+
+
 def _in_force(gateway: GatewayConfig, bay: BayConfig, number: int) -> Recipe:
     """What the bay decides by now; a recipe that is not known here changes nothing."""
-    recipe = next((recipe for recipe in gateway.recipes if recipe.id == number), None)
+    recipe = _recipe(gateway, number)
     return Recipe(bay.fusion, bay.guidance) if recipe is None else Recipe.of(bay, recipe)

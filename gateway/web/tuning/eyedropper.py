@@ -51,7 +51,7 @@ class ColourPick:
     keys: dict[str, Corner]
     admitted_px: int
     picture_px: int
-    hanging_px: int  # of these, what hangs together with the patch
+    hanging_px: int  # of these, what is connected with the patch
     warnings: tuple[str, ...]
 
 
@@ -139,11 +139,10 @@ def _hanging(mask: Mask, near: tuple[slice, slice]) -> int:
 
 def _warnings(patch: Patch, admitted: int, picture: int, hanging: int) -> tuple[str, ...]:
     warnings = []
-    if patch.s < PALE or patch.v < DARK:
-        what = f"S {patch.s}" if patch.s < PALE else f"V {patch.v}"
-        warnings.append(
-            f"nearly {'grey' if patch.s < PALE else 'black'} ({what}): its hue is noise; choose a clearer spot"
-        )
+    if patch.s < PALE:
+        warnings.append(f"nearly grey (S {patch.s}): its hue is noise; choose a clearer spot")
+    elif patch.v < DARK:
+        warnings.append(f"nearly black (V {patch.v}): its hue is noise; choose a clearer spot")
     elif abs(patch.h) > MOST_HUE:
         warnings.append(f"not red: H {patch.hue} lies {abs(patch.h)} from red")
     spread = patch.high[0] - patch.low[0]
@@ -153,6 +152,6 @@ def _warnings(patch: Patch, admitted: int, picture: int, hanging: int) -> tuple[
         warnings.append(f"too broad: would admit {100 * admitted / picture:.0f} % of the picture")
     elif hanging and admitted - hanging > ELSEWHERE * hanging:
         warnings.append(
-            f"would admit as much elsewhere: {admitted - hanging} px, against {hanging} px that hang together here"
+            f"would admit as much elsewhere: {admitted - hanging} px, against {hanging} px that are connected here"
         )
     return tuple(warnings)

@@ -53,7 +53,7 @@ def _idle(tried: VisionConfig, in_force: VisionConfig) -> Iterator[Remark]:
     changed = changes(in_force, tried)
     for key in registry.method(tried.method).without_effect(tried):
         if key in changed:
-            yield Remark(f"{key}: has no effect with method {tried.method}", key, warning=False)
+            yield Remark("has no effect with this method", key, warning=False)
 
 
 def _speed(frames: Sequence[Snapshot], result: TrialResult) -> Iterator[Remark]:

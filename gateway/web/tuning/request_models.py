@@ -7,9 +7,15 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from gateway.web.profile.profile import MAX_PROFILE_CHARS
 from gateway.web.tuning.snapshots import LONGEST_S
 from gateway.web.tuning.stages import LARGEST_PX, WIDTH_PX
+from gateway.web.tuning.standing_warnings import MAX_ID
+from gateway.web.tuning.uploads import MAX_TEXT
 
 Name = Annotated[str, Field(pattern=r"^[sr][0-9]{1,9}$")]
 Tab = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,32}$")]
+Accepted = Annotated[
+    list[Annotated[str, Field(max_length=MAX_ID)]],
+    Field(max_length=64, description="ids of the standing warnings that were read and are accepted"),
+]
 Vision = Annotated[dict[str, Any], Field(max_length=64)]
 
 
@@ -23,10 +29,25 @@ class FunctionCheckBody(Body):
     mode: Literal["off", "may_move_off", "may_move_kept", "permit_off", "permit_kept"]
 
 
+class FreezeBody(Body):
+    """Keep a frame."""
+
+    trial: int | None = Field(
+        None, ge=0, description="number of a trial on the running picture: its frame; else the newest"
+    )
+
+
+class UploadBody(Body):
+    """Keep a picture."""
+
+    name: str = Field(min_length=1, max_length=100, description="of the file, for the list")
+    data: str = Field(min_length=4, max_length=MAX_TEXT, description="a JPEG or PNG file in base64")
+
+
 class RecordBody(Body):
     """Keep the frames of the next seconds."""
 
-    seconds: float = Field(3.0, ge=0.2, le=LONGEST_S)
+    seconds: float = Field(3.0, ge=0.2, le=LONGEST_S, description="so long")
 
 
 class FrameBody(Body):
@@ -71,16 +92,20 @@ class SettingsBody(Body):
 
 class ApplyBody(SettingsBody):
     over: Vision | None = Field(None, description="what the page takes to be in force; refused where it is not")
+    accepted: Accepted = []
+
+
+class UndoBody(Body):
+    """Back to what was in force before."""
+
+    over: Vision | None = Field(None, description="what the page takes to be in force; refused where it is not")
 
 
 class SaveBody(SettingsBody):
     digest: str = Field(pattern=r"^[0-9a-f]{64}$", description="of the file whose difference was shown")
+    accepted: Accepted = []
 
 
 class ImportBody(Body):
     text: str = Field(max_length=MAX_PROFILE_CHARS)
     name: str = Field("profile", max_length=200, description="of the file, for messages")
-
-
-class EmptyBody(Body):
-    """An empty body."""

@@ -1,42 +1,60 @@
 """The tuning page's addresses below /api/bays/{bay}/. `security` has checked who calls."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 from fastapi import Depends, Query
-from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.responses import PlainTextResponse, Response
 
 from gateway.config import VisionConfig
 from gateway.core.state import FunctionCheck
 from gateway.errors import ConfigError
 from gateway.vision.transport.ring import Snapshot
 from gateway.web.auth.access import BODY_BYTES, PROFILE_BYTES, Level
-from gateway.web.auth.addresses import Addresses, Endpoint, whole_number
+from gateway.web.auth.addresses import Addresses, Description, Endpoint, whole_number
+from gateway.web.auth.audit_log import printable
 from gateway.web.auth.refusals import RefusalError
 from gateway.web.auth.sessions import Caller
 from gateway.web.ipc.messages import FilePreview, FileSaved, FileSettings, PreviewFile, ReadFile, SaveFile
 from gateway.web.profile import parameter_schema, profile
 from gateway.web.server.gateway_client import Result
 from gateway.web.server.services import Bay, RequestCaller, WebServices
-from gateway.web.tuning import response_models
+from gateway.web.tuning import responses, warning_gate
 from gateway.web.tuning.request_models import (
     ApplyBody,
-    EmptyBody,
     EyedropperBody,
     FrameBody,
+    FreezeBody,
     FunctionCheckBody,
     ImportBody,
     RecordBody,
     SaveBody,
     SettingsBody,
     TrialBody,
+    UndoBody,
+    UploadBody,
+)
+from gateway.web.tuning.response_models import (
+    CaptureView,
+    ColourPickView,
+    ImportedView,
+    ParameterView,
+    ProfileDiffView,
+    ProfileFileView,
+    ProfileSavedView,
+    ProfileView,
+    TrialView,
+    VisionInForceView,
 )
 from gateway.web.tuning.service import TuningService
-from gateway.web.tuning.snapshots import Capture, described
+from gateway.web.tuning.snapshots import Capture
+from gateway.web.tuning.standing_warnings import LIVE
+from gateway.web.tuning.uploads import MAX_TEXT, UploadError
 
 PICTURE_PX = 1280  # width of a kept frame's picture, unless requested otherwise
 MIN_PX, MAX_PX = 80, 4096
+UPLOAD_BYTES = MAX_TEXT + 4096  # with the rest of its request
 ADDRESSES = Addresses("/api/bays/{bay}")
 
 Number = Annotated[int, whole_number(0, 1 << 53)]
@@ -71,6 +89,9 @@ class TuningRequest:
     async def about_file(self, action: ReadFile | PreviewFile | SaveFile, kind: type[Result]) -> Result:
         return await self.service.client.about_file(action, kind, self.caller.writer)
 
+    async def gate(self, settings: VisionConfig, accepted: Sequence[str], what: str) -> None:
+        await warning_gate.check(self.service, {self.bay: settings}, accepted, what, self.caller.writer)
+
     def who(self, tab: str) -> str:
         session = self.caller.session
         return f"{self.caller.address} {session.key if session else ''} {self.bay} {tab}"
@@ -83,51 +104,106 @@ async def _request(services: WebServices, bay: Bay, caller: RequestCaller) -> Tu
 Tuning = Annotated[TuningRequest, Depends(_request)]
 
 
-def _get(path: str, summary: str) -> Callable[[Endpoint], Endpoint]:
-    return ADDRESSES.get(path, Level.TECHNICIAN, summary)
+_NOT_MEASURED = {204: "the live picture has no frame now, or a newer request of the same page has replaced this one"}
+_ERRORS = {404: "no such bay", 503: "the gateway has not reported the bay, or is busy"}
+_BODY = {400: "the body is not what is described here"}
+_GONE = {400: "a number out of its range", 404: "no such bay, or it is not kept (any more)"}
+_SETTINGS = _BODY | {422: "these settings are not possible"}
+_FILE = _SETTINGS | {422: "these settings are not possible, or the file can't be read or written"}
 
 
-def _post(path: str, summary: str) -> Callable[[Endpoint], Endpoint]:
-    return ADDRESSES.post(path, Level.TECHNICIAN, summary)
+def _described(
+    operation_id: str,
+    model: object = None,
+    errors: Mapping[int, str] | None = None,
+    *,
+    media: str | None = None,
+    empty: Mapping[int, str] | None = None,
+) -> Description:
+    return Description(operation_id, model, media, {**_ERRORS, **(errors or {})}, empty=empty or {})
 
 
-def _try(path: str, summary: str, body_bytes: int = BODY_BYTES) -> Callable[[Endpoint], Endpoint]:
+def _get(path: str, summary: str, described: Description) -> Callable[[Endpoint], Endpoint]:
+    return ADDRESSES.get(path, Level.TECHNICIAN, summary, described)
+
+
+def _post(path: str, summary: str, described: Description) -> Callable[[Endpoint], Endpoint]:
+    return ADDRESSES.post(path, Level.TECHNICIAN, summary, described)
+
+
+def _try(
+    path: str, summary: str, described: Description, body_bytes: int = BODY_BYTES
+) -> Callable[[Endpoint], Endpoint]:
     """Changes nothing but what its own page shows: not in the audit log."""
-    return ADDRESSES.post(path, Level.TECHNICIAN, summary, body_bytes=body_bytes, audited=False)
+    return ADDRESSES.post(path, Level.TECHNICIAN, summary, described, body_bytes=body_bytes, audited=False)
 
 
-@_post("/function-check", "begin or end a function check")
-async def _function_check(request: Tuning, body: FunctionCheckBody) -> JSONResponse:
+@_post(
+    "/function-check",
+    "begin or end a function check",
+    _described("function_check", ProfileView, _BODY | {409: "refused by the main process"}),
+)
+async def _function_check(request: Tuning, body: FunctionCheckBody) -> ProfileView:
     await request.service.check(request.bay, FunctionCheck[body.mode.upper()], request.caller.writer)
     return await _profile(request)
 
 
-@_try("/freeze", "keep the newest frame to try settings on")
-async def _freeze(request: Tuning, body: EmptyBody) -> JSONResponse:
-    return JSONResponse(described(await request.service.freeze(request.bay)))
+@_try(
+    "/freeze",
+    "keep the newest frame, or that of a trial, to try settings on",
+    _described("freeze", CaptureView, _BODY | {404: "no such bay, or the trial's frame is not kept any more"}),
+)
+async def _freeze(request: Tuning, body: FreezeBody) -> CaptureView:
+    capture = await request.service.freeze(request.bay, body.trial)
+    if capture is None:
+        raise RefusalError(404, "gone", "this picture is not kept any more: it was too long ago; try again")
+    return responses.described(capture)
 
 
-@_try("/record", "keep the frames of the next few seconds")
-async def _record(request: Tuning, body: RecordBody) -> JSONResponse:
-    return JSONResponse(described(await request.service.record(request.bay, body.seconds)))
+@_try(
+    "/upload",
+    "keep a picture from a file, to try settings on",
+    _described("upload", CaptureView, _BODY | {422: "it is no picture that can be kept"}),
+    UPLOAD_BYTES,
+)
+async def _upload(request: Tuning, body: UploadBody) -> CaptureView:
+    try:
+        return responses.described(await request.service.upload(request.bay, body.name, body.data))
+    except UploadError as error:
+        raise RefusalError(422, "picture", f"{printable(body.name)}: {error}") from None
 
 
-@_get("/taken", "the kept frames and recordings")
-async def _taken(request: Tuning) -> JSONResponse:
-    return JSONResponse([described(capture) for capture in request.service.store.of(request.bay)])
+@_try("/record", "keep the frames of the next few seconds", _described("record", CaptureView, _BODY))
+async def _record(request: Tuning, body: RecordBody) -> CaptureView:
+    return responses.described(await request.service.record(request.bay, body.seconds))
 
 
-@_get("/taken/{name}/{frame}", "one of these frames as a picture")
+@_get("/captures", "the kept frames and recordings", _described("captures", list[CaptureView]))
+async def _captures(request: Tuning) -> list[CaptureView]:
+    return [responses.described(capture) for capture in request.service.store.of(request.bay)]
+
+
+@_get(
+    "/captures/{name}/{frame}",
+    "one of these frames as a picture",
+    _described("capture_frame", errors=_GONE, media="image/jpeg", empty=_NOT_MEASURED),
+)
 async def _frame(request: Tuning, name: str, frame: Number, width: WidthPx = PICTURE_PX) -> Response:
     capture = request.capture(name)
     if frame >= len(capture.frames):
-        raise RefusalError(400, "number", f"a whole number from 0 to {len(capture.frames) - 1}")
+        raise RefusalError(400, "query", f"frame: a whole number from 0 to {len(capture.frames) - 1}")
     jpeg = await request.service.picture(request.who(f"{capture.name}/{frame}/{width}"), capture.frames[frame], width)
     return Response(jpeg, media_type="image/jpeg")
 
 
-@_try("/trial", "try settings on a kept frame or a recording")
-async def _trial(request: Tuning, body: TrialBody) -> Response:
+@_try(
+    "/trial",
+    "try settings on a kept frame or a recording",
+    _described(
+        "trial", TrialView, _SETTINGS | {404: "no such bay, or the frames are not kept any more"}, empty=_NOT_MEASURED
+    ),
+)
+async def _trial(request: Tuning, body: TrialBody) -> TrialView | Response:
     frames, shown = await request.frames(body)
     if not frames:
         return Response(status_code=204)  # a page with the live picture requests again
@@ -140,11 +216,16 @@ async def _trial(request: Tuning, body: TrialBody) -> Response:
         timed=body.timed,
         width_px=body.width_px,
         with_frame=body.live,
+        picture=body.snapshot or body.recording or LIVE,
     )
-    return JSONResponse(response_models.tried(request.bay, made))
+    return responses.tried(request.bay, made)
 
 
-@_get("/trial/{number}/{panel}", "a stage of a trial as a picture")
+@_get(
+    "/trial/{number}/{panel}",
+    "a stage of a trial as a picture",
+    _described("trial_panel", errors=_GONE, media="image/*"),
+)
 async def _panel(request: Tuning, number: Number, panel: str) -> Response:
     found = request.service.panel(request.bay, number, panel)
     if found is None:
@@ -152,8 +233,21 @@ async def _panel(request: Tuning, number: Number, panel: str) -> Response:
     return Response(found[0], media_type=found[1])
 
 
-@_try("/eyedropper", "the red ranges that would admit a place in a frame")
-async def _eyedropper(request: Tuning, body: EyedropperBody) -> Response:
+@_try(
+    "/eyedropper",
+    "the red ranges that would admit a place in a frame",
+    _described(
+        "eyedropper",
+        ColourPickView,
+        _SETTINGS
+        | {
+            404: "no such bay, or the frames are not kept any more",
+            422: "these settings are not possible, or the place is beside the picture",
+        },
+        empty=_NOT_MEASURED,
+    ),
+)
+async def _eyedropper(request: Tuning, body: EyedropperBody) -> ColourPickView | Response:
     frames, at = await request.frames(body)
     if not frames:
         return Response(status_code=204)
@@ -164,42 +258,50 @@ async def _eyedropper(request: Tuning, body: EyedropperBody) -> Response:
         )
     except ValueError as error:
         raise RefusalError(422, "beside", str(error)) from None
-    return JSONResponse(response_models.picked(made))
+    return responses.picked(made)
 
 
-@_get("/profile", "the settings in force, and what may be set")
-async def _profile(request: Tuning) -> JSONResponse:
+@_get("/profile", "the settings in force, and what may be set", _described("profile", ProfileView))
+async def _profile(request: Tuning) -> ProfileView:
     in_force = await request.service.in_force(request.bay)
     file = await _file(request, in_force)
-    schema = [asdict(key) for key in parameter_schema.schema()]
-    return JSONResponse({**_settings(request, in_force), "schema": schema, "file": file})
+    schema = [ParameterView.model_validate(key) for key in parameter_schema.schema()]
+    return ProfileView(**await _settings(request, in_force), schema=schema, file=file)
 
 
-async def _file(request: TuningRequest, in_force: VisionConfig) -> dict[str, object]:
+async def _file(request: TuningRequest, in_force: VisionConfig) -> ProfileFileView:
     """Where saving would write to, what prevents it, and which keys differ from the file."""
     path = request.service.file or None
     try:
         found = await request.about_file(ReadFile(request.bay), FileSettings)
     except ConfigError as error:
-        return {"path": path, "why_not": str(error), "unsaved": []}
-    return {"path": path, "why_not": found.why_not, "unsaved": list(parameter_schema.changes(found.vision, in_force))}
+        return ProfileFileView(path=path, why_not=str(error), unsaved=[])
+    unsaved = list(parameter_schema.changes(found.vision, in_force))
+    return ProfileFileView(path=path, why_not=found.why_not, unsaved=unsaved)
 
 
-def _settings(request: TuningRequest, in_force: VisionConfig) -> dict[str, Any]:
-    service, bay = request.service, request.bay
+async def _settings(request: TuningRequest, in_force: VisionConfig) -> dict[str, Any]:
+    former = await request.service.client.former_settings(request.bay, request.caller.writer)
+    before = in_force if former.newest is None else former.newest
+    undo = parameter_schema.values(before)
     return {
         "vision": parameter_schema.values(in_force),
-        "function_check": service.function_check(bay).name.lower(),
-        "undo_steps": service.undo_steps(bay),
+        "function_check": request.service.function_check(request.bay).name.lower(),
+        "undo_steps": former.steps,
+        "undo": {key: undo[key] for key in parameter_schema.changes(in_force, before)},
     }
 
 
-@_get("/profile/export", "the settings in force as a file")
+@_get("/profile/export", "the settings in force as a file", _described("export_profile", media="application/toml"))
 async def _export(request: Tuning) -> Response:
     return _exported(request, await request.service.in_force(request.bay))
 
 
-@_try("/profile/export", "other settings as a file")
+@_try(
+    "/profile/export",
+    "other settings as a file",
+    _described("export_settings", errors=_SETTINGS, media="application/toml"),
+)
 async def _export_draft(request: Tuning, body: SettingsBody) -> Response:
     return _exported(request, await request.settings(body.vision))
 
@@ -211,48 +313,76 @@ def _exported(request: TuningRequest, settings: VisionConfig) -> Response:
     return PlainTextResponse(text, media_type="application/toml", headers=headers)
 
 
-@_try("/profile/import", "read settings from a file", PROFILE_BYTES)
-async def _import(request: Tuning, body: ImportBody) -> JSONResponse:
+@_try(
+    "/profile/import",
+    "read settings from a file",
+    _described("import_profile", ImportedView, _BODY | {422: "what is wrong with the file"}),
+    PROFILE_BYTES,
+)
+async def _import(request: Tuning, body: ImportBody) -> ImportedView:
     """Checked and returned: nothing is applied, nothing is written."""
     in_force = await request.service.in_force(request.bay)
     settings = await request.service.imported(request.bay, body.text, body.name)
     changes = list(parameter_schema.changes(in_force, settings))
-    return JSONResponse({"vision": parameter_schema.values(settings), "changes": changes})
+    return ImportedView(vision=parameter_schema.values(settings), changes=changes)
 
 
-@_try("/profile/diff", "what saving would change")
-async def _diff(request: Tuning, body: SettingsBody) -> JSONResponse:
+@_try("/profile/diff", "what saving would change", _described("diff_profile", ProfileDiffView, _FILE))
+async def _diff(request: Tuning, body: SettingsBody) -> ProfileDiffView:
     settings = await request.settings(body.vision)
     planned = await request.about_file(PreviewFile(request.bay, settings), FilePreview)
-    return JSONResponse(
-        {
-            "path": request.service.file,
-            "diff": planned.diff,
-            "changes": list(planned.changes),
-            "digest": planned.digest,
-            "why_not": planned.why_not,
-        }
+    return ProfileDiffView(
+        path=request.service.file,
+        diff=planned.diff,
+        changes=list(planned.changes),
+        digest=planned.digest,
+        why_not=planned.why_not,
     )
 
 
-@_post("/profile/apply", "let settings go live")
-async def _apply(request: Tuning, body: ApplyBody) -> JSONResponse:
+@_post(
+    "/profile/apply",
+    "let settings go live",
+    _described(
+        "apply_profile",
+        VisionInForceView,
+        _SETTINGS | {409: f"others are in force than `over`, or no function check, or {warning_gate.REFUSED}"},
+    ),
+)
+async def _apply(request: Tuning, body: ApplyBody) -> VisionInForceView:
     settings = await request.settings(body.vision)
     over = None if body.over is None else await request.settings(body.over)
+    await request.gate(settings, body.accepted, "go live")
     in_force = await request.service.apply(request.bay, settings, request.caller.writer, over)
-    return JSONResponse(_settings(request, in_force))
+    return VisionInForceView(**await _settings(request, in_force))
 
 
-@_post("/profile/undo", "go back to the settings before")
-async def _undo(request: Tuning, body: EmptyBody) -> JSONResponse:
-    settings = await request.service.undo(request.bay, request.caller.writer)
-    if settings is None:
-        raise RefusalError(409, "undo", "there is nothing to go back to")
-    return JSONResponse(_settings(request, settings))
+@_post(
+    "/profile/undo",
+    "go back to the settings before",
+    _described(
+        "undo_profile",
+        VisionInForceView,
+        _SETTINGS | {409: "there is nothing to go back to, or others are in force than `over`, or no function check"},
+    ),
+)
+async def _undo(request: Tuning, body: UndoBody) -> VisionInForceView:
+    over = None if body.over is None else await request.settings(body.over)
+    settings = await request.service.undo(request.bay, request.caller.writer, over)
+    return VisionInForceView(**await _settings(request, settings))
 
 
-@_post("/profile/save", "write settings into the configuration")
-async def _save(request: Tuning, body: SaveBody) -> JSONResponse:
+@_post(
+    "/profile/save",
+    "write settings into the configuration",
+    _described(
+        "save_profile",
+        ProfileSavedView,
+        _FILE | {409: f"the file was changed since it was read, or {warning_gate.REFUSED}"},
+    ),
+)
+async def _save(request: Tuning, body: SaveBody) -> ProfileSavedView:
     settings = await request.settings(body.vision)
+    await request.gate(settings, body.accepted, "are saved")
     saved = await request.about_file(SaveFile(request.bay, settings, body.digest), FileSaved)
-    return JSONResponse({"path": request.service.file, "changes": list(saved.changes), "backup": saved.backup})
+    return ProfileSavedView(path=request.service.file, changes=list(saved.changes), previous=saved.previous)

@@ -5,8 +5,8 @@ Pictures are worked on by one thread; the file is read and written on another; n
 
 import asyncio
 import itertools
-from collections import OrderedDict, defaultdict, deque
-from collections.abc import Callable, Sequence
+from collections import OrderedDict
+from collections.abc import Awaitable, Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
@@ -20,19 +20,22 @@ from gateway.vision.detect.method import Panel, Remark
 from gateway.vision.offline.tuning import exposure
 from gateway.vision.offline.tuning.exposure import Light
 from gateway.vision.transport.ring import Snapshot
-from gateway.web.ipc.messages import ApplySettings, SetFunctionCheck
-from gateway.web.profile import profile
+from gateway.web.auth.audit_log import printable
+from gateway.web.ipc.messages import ApplySettings, SetFunctionCheck, UndoSettings
+from gateway.web.profile import parameter_schema, profile
 from gateway.web.server.gateway_client import GatewayClient
 from gateway.web.server.pictures import encoded as jpeg
-from gateway.web.tuning import eyedropper, stages, trial
+from gateway.web.tuning import eyedropper, stages, trial, uploads
 from gateway.web.tuning.eyedropper import ColourPick, Mode
 from gateway.web.tuning.remarks import remarks
 from gateway.web.tuning.snapshots import Capture, CaptureStore, Recorder
+from gateway.web.tuning.standing_warnings import LIVE, StandingWarning, WarningStore
 from gateway.web.tuning.trial import DetectionCache, TrialResult
 from gateway.web.tuning.trial_thread import TrialsBusyError, TrialThread
 
 KEPT_TRIALS = 24  # whose pictures may still be fetched
-KEPT_UNDO = 20  # of a bay
+KEPT_FRAMES = 8  # of trials on the running picture, which may still be frozen
+MAX_TITLE = 100  # characters
 FIRST_S = 10.0  # the main process reports a bay within this
 NEWER_S = 3.0  # and of new settings within this
 LOOK_S = 0.02  # between two looks for a new frame while recording
@@ -40,6 +43,10 @@ TRIES = 10  # to copy the newest frame
 NO_FRAME = "there is no frame: the camera has given none"
 RECORDERS = 2  # at the same time: each fills its own memory
 LIGHTS = 5  # frames of a recording that are checked for exposure
+
+
+Standing = Callable[[str, VisionConfig, VisionConfig], Awaitable[list[StandingWarning]]]
+"""What else stands about a bay's settings: bay, settings, those in force. Raises as `TuningService.standing`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,10 +62,11 @@ class CompletedTrial:
     shown: int  # the panels are of this frame of those that were given
     width_px: int
     height_px: int
+    frame_id: int  # of the frame of the panels
 
 
 class TuningService:
-    """One for the web process. `pace` is real time. To be closed.
+    """One for the web process. `pace` is real time. To be closed. `also_standing`: what the test sets say of settings.
 
     `thread`: for pictures and for texts; by default pictures have one of their own, and texts take the loop's.
     """
@@ -70,11 +78,12 @@ class TuningService:
         self._texts = thread
         self._pace = pace
         self._known = DetectionCache()
+        self._warnings = WarningStore()
         self._numbers = itertools.count(1)
         self._pictures: OrderedDict[int, tuple[str, dict[str, tuple[bytes, str]]]] = OrderedDict()
-        self._undo: dict[str, deque[VisionConfig]] = {}
-        self._changing: defaultdict[str, asyncio.Lock] = defaultdict(asyncio.Lock)  # by bay: one change at a time
+        self._frames: OrderedDict[int, tuple[str, Snapshot]] = OrderedDict()
         self._recorders = 0
+        self.also_standing: Standing | None = None
 
     def close(self) -> None:
         self.trial_thread.close()
@@ -97,12 +106,25 @@ class TuningService:
 
     # Pictures.
 
-    async def freeze(self, bay: str) -> Capture:
-        """Raises LinkError where there is no frame."""
+    async def freeze(self, bay: str, number: int | None = None) -> Capture | None:
+        """The newest frame, or that of a trial on the running picture; None: that one is not kept any more.
+
+        Raises LinkError where there is no frame.
+        """
+        if number is not None:
+            of, frame = self._frames.get(number, ("", None))
+            return None if of != bay or frame is None else self.store.still(bay, frame, self.client.clock.wall_ns())
         frame = await self.newest(bay)
         if frame is None:
             raise LinkError(NO_FRAME)
         return self.store.still(bay, frame, self.client.clock.wall_ns())
+
+    async def upload(self, bay: str, name: str, text: str) -> Capture:
+        """A picture's file in base64, kept like a frozen frame. Raises UploadError, TrialsBusyError."""
+        number = next(self._numbers)
+        image = await self.trial_thread.work(f"upload {number}", lambda _: uploads.decoded(text))
+        frame = Snapshot(image, -number, self.client.clock.now_ns())  # no camera's frame has such a number
+        return self.store.still(bay, frame, self.client.clock.wall_ns(), printable(name, MAX_TITLE))
 
     async def newest(self, bay: str) -> Snapshot | None:
         """Tried a few times: a copy fails where the camera writes over the frame meanwhile."""
@@ -146,13 +168,15 @@ class TuningService:
         timed: bool,
         width_px: int,
         with_frame: bool = False,
+        picture: str = LIVE,
     ) -> CompletedTrial:
         """At least one frame; `shown`: whose stages are drawn. Raises EndedError, TrialsBusyError, LinkError.
 
         Not `timed`: one run on the frame, for a slider that is being moved. `with_frame`: the frame itself is among the
-        pictures, for a page that can't fetch it otherwise.
+        pictures, for a page that can't fetch it otherwise. `picture`: name of what is tried on, for `standing`.
         """
         in_force = await self.in_force(bay)
+        complete = timed or len(frames) == 1
         if not timed:
             frames = [frames[shown]]
         number = next(self._numbers)
@@ -171,12 +195,26 @@ class TuningService:
             lights = _lights(frames, result) if timed else ()
             height, width = image.shape[:2]
             tried = CompletedTrial(
-                number, result, in_force, tuple(found_remarks), panels, lights, at if timed else shown, width, height
+                number,
+                result,
+                in_force,
+                tuple(found_remarks),
+                panels,
+                lights,
+                at if timed else shown,
+                width,
+                height,
+                frames[at].seq,
             )
             return tried, {panel.name: stages.encoded(panel) for panel in panels}
 
         tried, pictures = await self.trial_thread.work(who, work)
+        self._warnings.note(bay, settings, picture, tried.remarks, complete=complete)
         self._pictures[number] = bay, pictures
+        if with_frame:
+            self._frames[number] = bay, frames[0]
+        while len(self._frames) > KEPT_FRAMES:
+            self._frames.popitem(last=False)
         while len(self._pictures) > KEPT_TRIALS:
             self._pictures.popitem(last=False)
         return tried
@@ -197,6 +235,23 @@ class TuningService:
 
     # Settings.
 
+    async def standing(self, bay: str, settings: VisionConfig) -> list[StandingWarning]:
+        """The warnings about `settings`: of the pictures that they were tried on, and of the newest frame, on which
+        they are tried now. What is not tuned counts as in force. Raises TrialsBusyError, LinkError."""
+        in_force = await self.in_force(bay)
+        settings = in_force.model_copy(update=parameter_schema.changes(in_force, settings))
+        frame = await self.newest(bay)
+        if frame is not None:
+
+            def work(wanted: Callable[[], bool]) -> list[Remark]:
+                result = trial.look(frame, settings, in_force, self._known, self._pace.now_ns, wanted)
+                return remarks([frame], settings, in_force, result)
+
+            who = f"warnings {next(self._numbers)}"  # nobody's newer request withdraws it
+            self._warnings.note(bay, settings, LIVE, await self.trial_thread.work(who, work))
+        found = self._warnings.of(bay, settings, [capture.name for capture in self.store.of(bay)])
+        return found if self.also_standing is None else [*found, *await self.also_standing(bay, settings, in_force)]
+
     async def check(self, bay: str, mode: FunctionCheck, who: Writer) -> None:
         """Begin or end a function check. Raises RefusedError, LinkError."""
         await self._command(bay, SetFunctionCheck(bay, mode), who)
@@ -208,28 +263,17 @@ class TuningService:
 
         Raises RefusedError, where something else is in force, too; LinkError.
         """
-        async with self._changing[bay]:
-            before = await self.in_force(bay)
-            await self._command(bay, ApplySettings(bay, settings, over), who)
-            if before != settings:
-                self._undo.setdefault(bay, deque(maxlen=KEPT_UNDO)).append(before)
-            return await self.in_force(bay)
+        await self._command(bay, ApplySettings(bay, settings, over), who)
+        return await self.in_force(bay)
 
-    async def undo(self, bay: str, who: Writer) -> VisionConfig | None:
-        """Back to what was in force before the newest `apply`. None: there was none. Of two at the same time the second
-        restores one step further."""
-        async with self._changing[bay]:
-            kept = self._undo.get(bay)
-            if not kept:
-                return None
-            await self._command(bay, ApplySettings(bay, kept[-1]), who)
-            kept.pop()
-            return await self.in_force(bay)
+    async def undo(self, bay: str, who: Writer, over: VisionConfig | None = None) -> VisionConfig:
+        """Back to what was in force before the newest `apply`. Of two at the same time the second restores one step
+        further, unless it names by `over` what it takes to be in force. Raises RefusedError, where nothing can be gone
+        back to, too; LinkError."""
+        await self._command(bay, UndoSettings(bay, over), who)
+        return await self.in_force(bay)
 
-    def undo_steps(self, bay: str) -> int:
-        return len(self._undo.get(bay, ()))
-
-    async def _command(self, bay: str, action: SetFunctionCheck | ApplySettings, who: Writer) -> None:
+    async def _command(self, bay: str, action: SetFunctionCheck | ApplySettings | UndoSettings, who: Writer) -> None:
         """Executed, and reported by the main process, so that the next request gets the new state."""
         await self.client.command(action, who)
         report = self.client.report(bay)

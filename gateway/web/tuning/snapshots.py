@@ -28,6 +28,7 @@ class Capture:
     frames: tuple[Snapshot, ...]
     wall_ns: int  # Unix time when it was taken
     full: bool = False  # a recording that ended early: no more memory
+    title: str = ""  # of an uploaded picture: its file's name
 
     @property
     def recorded(self) -> bool:
@@ -43,15 +44,15 @@ class Capture:
 
 
 class CaptureStore:
-    """What has been capture. Names are never used again."""
+    """The captures that are kept. Names are never used again."""
 
     def __init__(self, limit_bytes: int = STORE_BYTES) -> None:
         self._limit_bytes = limit_bytes
         self._kept: dict[str, Capture] = {}
         self._numbers = itertools.count(1)
 
-    def still(self, bay: str, frame: Snapshot, wall_ns: int) -> Capture:
-        return self._keep(Capture(f"s{next(self._numbers)}", bay, (frame,), wall_ns), STILLS)
+    def still(self, bay: str, frame: Snapshot, wall_ns: int, title: str = "") -> Capture:
+        return self._keep(Capture(f"s{next(self._numbers)}", bay, (frame,), wall_ns, title=title), STILLS)
 
     def recording(self, bay: str, frames: Sequence[Snapshot], wall_ns: int, *, full: bool = False) -> Capture:
         """At least one frame."""
@@ -97,7 +98,7 @@ class Recorder:
         return bool(self.frames) and self._bytes + self.frames[-1].image.nbytes > self._limit_bytes
 
     def offer(self, frame: Snapshot) -> bool:
-        """Whether it was capture."""
+        """Whether the frame was kept."""
         if self.frames:
             before = self.frames[-1]
             early_ns = frame.t_capture_ns - before.t_capture_ns - self._period_ns
@@ -106,18 +107,3 @@ class Recorder:
         self.frames.append(frame)
         self._bytes += frame.image.nbytes
         return True
-
-
-def described(capture: Capture) -> dict[str, object]:
-    """For the page's list."""
-    height, width = capture.frames[0].image.shape[:2]
-    return {
-        "name": capture.name,
-        "kind": "recording" if capture.recorded else "snapshot",
-        "frames": len(capture.frames),
-        "seconds": round(capture.seconds, 3),
-        "width_px": width,
-        "height_px": height,
-        "taken_ms": capture.wall_ns // 1_000_000,
-        "full": capture.full,
-    }

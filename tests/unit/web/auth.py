@@ -134,6 +134,11 @@ class Browser:
     async def get(self, path: str, headers: Mapping[str, str] | None = None, *, method: str = "GET") -> Answer:
         return await self.call(method, path, headers or {})
 
+    async def delete(self, path: str, headers: Mapping[str, str] | None = None) -> Answer:
+        """As `post`, without a body."""
+        sent = {"origin": f"{self.scheme}://{self.host}", "x-csrf-token": self.csrf}
+        return await self.call("DELETE", path, {**sent, **(headers or {})})
+
     async def post(self, path: str, body: object = None, headers: Mapping[str, str] | None = None) -> Answer:
         """With everything that an honest page sends; a header with the value "-" is left out."""
         sent = {"origin": f"{self.scheme}://{self.host}", "content-type": "application/json", "x-csrf-token": self.csrf}

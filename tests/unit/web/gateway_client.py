@@ -7,20 +7,26 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from gateway import config_check
 from gateway.alarms.definition import GatewayConditions
 from gateway.alarms.monitor import AlarmMonitor
 from gateway.bay import BayControl
 from gateway.clock import SystemClock
-from gateway.config import BayConfig, FusionConfig, GatewayConfig, VisionConfig
+from gateway.config import BayConfig, CameraConfig, ControlsConfig, FusionConfig, GatewayConfig, VisionConfig
 from gateway.core.detection import Circle
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.errors import ConfigError
 from gateway.hub import Hub
 from gateway.modbus.registers.bay_unit import image_of
 from gateway.processes.channel import Channel
+from gateway.vision.process.controls_trial import ControlsTrial
+from gateway.vision.source.v4l2_controls import OfferedControl
+from gateway.vision.transport.messages import ControlsReport
 from gateway.vision.transport.ring import Ring, RingSpec
 from gateway.web.host.config_file_requests import ConfigFileRequests
 from gateway.web.host.request_handler import BayParts, EventHistory, RequestHandler
+from gateway.web.host.settings_file import SettingsFile
+from gateway.web.host.startup import Startup
 from gateway.web.ipc.messages import (
     FROM_WEB,
     TO_WEB,
@@ -42,6 +48,16 @@ class StandInVision:
 
     settings: VisionConfig = field(default_factory=VisionConfig)
     refuses: str = ""
+    controls: ControlsTrial = field(default_factory=ControlsTrial)
+    offered: tuple[OfferedControl, ...] = ()
+    asked: int = 0  # for a report of the camera's controls
+
+    def ask_controls(self) -> None:
+        self.asked += 1
+
+    def try_controls(self, tried: ControlsConfig) -> None:
+        self.controls.set(tried, CameraConfig(exposure="marker"))
+        self.controls.reported(ControlsReport(self.offered, self.controls.message().number, {"gain": 64}, "no"))
 
     def apply(self, settings: VisionConfig) -> None:
         if self.refuses:
@@ -78,9 +94,16 @@ class Plant:
 
 @asynccontextmanager
 async def plant(
-    bays: int = 1, *, keep: bool = True, config: GatewayConfig | None = None, source: str = ""
+    bays: int = 1,
+    *,
+    keep: bool = True,
+    config: GatewayConfig | None = None,
+    source: str = "",
+    startup: Startup | None = None,
+    test_sets: int | None = None,
 ) -> AsyncIterator[Plant]:
-    """In virtual time. Every message crosses a real socket. `source`: the configuration's file."""
+    """In virtual time. Every message crosses a real socket. `source`: the configuration's file; `startup`: how the
+    gateway was started; `test_sets`: descriptor of the socket to what keeps them."""
     clock = LoopClock()
     named = tuple(BayConfig(name=f"bay{n}", unit_id=n, fusion=PLAIN) for n in range(1, bays + 1))
     config = config or GatewayConfig(bays=named)
@@ -106,10 +129,11 @@ async def plant(
         clock,
         lambda: replace(made.links, alarms=monitor.summary(100), changes=monitor.changes()),
         monitor.act,
+        startup.restart.request if startup is not None and startup.restart is not None else None,
     )
     specs = {name: RingSpec.create(0.1) for name in names}
     near, far = Channel[ToWeb, FromWeb].pair(FROM_WEB)
-    about = WebSetup(config, SystemClock(), specs, source=source, boot="0123456789abcdef")
+    about = WebSetup(config, SystemClock(), specs, source=source, boot="0123456789abcdef", test_sets=test_sets)
     client = GatewayClient(about, Channel[FromWeb, ToWeb](far, TO_WEB), clock, clock)
     made = Plant(
         client,
@@ -125,7 +149,11 @@ async def plant(
         for done in file.finished():
             assert near.offer(done)
 
-    file = ConfigFileRequests(Path(source) if source else None, clock, AtOnce(), send_finished)
+    def check(found: GatewayConfig, name: str, text: str) -> None:
+        config_check.check(found, source=name, text=text)
+
+    settings = SettingsFile(Path(source), lambda: config, startup or Startup(), check) if source else None
+    file = ConfigFileRequests(Path(source) if source else None, settings, clock, AtOnce(), send_finished)
 
     def receive() -> None:
         for message in near.received():

@@ -1,5 +1,6 @@
 """Links of a gateway in which everything there is has something to tell."""
 
+from gateway.logs.folding import LogCounts
 from gateway.modbus.server.limits import Refusal
 from gateway.modbus.server.traffic import PeerNow, ServerNow
 from gateway.sinks.contract import LinkStatus, StoreStatus
@@ -72,6 +73,8 @@ def full(**changes: object) -> SystemStatus:
         "sinks": (mqtt(), sparkplug(), historian()),
         "modbus": (server(), server(tls=True)),
         "events_dropped": 5,
+        "certificate_days": {"modbus": 12},
+        "log": LogCounts(30, 2),
         "latencies": (Histogram("bay1", CAPTURE_TO_RESULT, counts, 0.0123), Histogram("bay1", "fit", counts, 0.01)),
     } | changes
     return SystemStatus(**links)  # type: ignore[arg-type]

@@ -8,11 +8,11 @@ import jsonschema
 from fastapi import FastAPI
 
 from gateway.config.sections.hmi import HmiConfig
-from gateway.web.auth.access import Level
+from gateway.web.auth.access import Level, find
 from gateway.web.auth.logins import Logins
 from gateway.web.auth.sessions import Caller, with_caller
 from gateway.web.server import openapi
-from gateway.web.server.app import routes_app
+from gateway.web.server.app import RULES, routes_app
 from gateway.web.server.metrics.family import PageStatistics
 from gateway.web.server.services import services_of
 from tests.unit.web import asgi
@@ -20,7 +20,8 @@ from tests.unit.web.asgi import Answer, answer_to
 from tests.unit.web.gateway_client import Plant
 from tests.virtual_time import AtOnce
 
-COMPONENTS = openapi.document()["components"]
+DOCUMENT = openapi.document()
+COMPONENTS = DOCUMENT["components"]
 ANNA = Caller("anna", Level.TECHNICIAN, "10.0.0.7", "token")
 
 
@@ -33,9 +34,22 @@ def fits(text: str | bytes, model: str) -> Any:
     return found
 
 
+def _as_described(method: str, path: str, answer: Answer) -> None:
+    """Any answer of a described address has a described status, and its JSON is what the description says."""
+    rule = find(method, path.partition("?")[0], RULES).rule
+    operation = None if rule is None else DOCUMENT["paths"].get(rule.path, {}).get(method.lower())
+    if operation is None or answer.status == 500:
+        return
+    described = operation["responses"].get(str(answer.status))
+    assert described is not None, f"{method} {path}: {answer.status} is not described: {answer.text[:200]}"
+    schema = described.get("content", {}).get("application/json", {}).get("schema")
+    if schema is not None:
+        jsonschema.Draft202012Validator({**schema, "components": COMPONENTS}).validate(answer.json)
+
+
 @dataclass
 class ApiClient:
-    """Sends requests as `caller`."""
+    """Sends requests as `caller`. Every answer is compared with the description."""
 
     app: FastAPI
     caller: Caller = ANNA
@@ -49,7 +63,9 @@ class ApiClient:
     async def call(self, method: str, path: str, body: bytes = b"", headers: dict[str, str] | None = None) -> Answer:
         sent = [(name.lower().encode(), value.encode()) for name, value in (headers or {}).items()]
         scope = with_caller(asgi.scope("http", path, sent, address=self.caller.address), self.caller)
-        return await answer_to(self.app, method, scope, [body])
+        answer = await answer_to(self.app, method, scope, [body])
+        _as_described(method, path, answer)
+        return answer
 
 
 def api_client(made: Plant, statistics: PageStatistics | None = None) -> ApiClient:

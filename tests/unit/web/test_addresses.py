@@ -68,7 +68,7 @@ async def test_what_is_wrong_with_a_request_is_named(browser: Browser) -> None:
     assert (wrong.status, wrong.json["error"]) == (400, "query")
     assert wrong.json["detail"] == "per = '61': a whole number from 1 to 60"
     wrong = await browser.post("/api/added/restart", {})
-    assert (wrong.status, wrong.json["error"], wrong.json["detail"]) == (400, "json", "reason: Field required")
+    assert (wrong.status, wrong.json["error"], wrong.json["detail"]) == (400, "body", "reason: Field required")
 
 
 def test_the_entry_is_the_description() -> None:

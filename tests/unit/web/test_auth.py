@@ -52,7 +52,12 @@ async def tried(browser: Browser, rule: Rule) -> int:
         else:
             assert socket.data == 0
         return socket.status
-    answer = await (browser.post(example(rule)) if rule.method == "POST" else browser.get(example(rule)))
+    if rule.method == "POST":
+        answer = await browser.post(example(rule))
+    elif rule.method == "DELETE":
+        answer = await browser.delete(example(rule))
+    else:
+        answer = await browser.get(example(rule))
     if answer.status in (401, 403):
         assert answer.json["error"] in ("login", "role")
         assert "who" not in answer.text
@@ -83,6 +88,7 @@ def test_what_technicians_do_is_closed_to_all_others() -> None:
     assert ("GET", "/tune/{bay}") in technician
     assert opened == {
         "/login", "/static/{path:path}", "/favicon.ico", "/healthz", "/api/session", "/api/login", "/api/logout",
+        "/api/languages", "/api/languages/{code}", "/api/pages",
     }  # fmt: skip
     assert {rule.path for rule in RULES if rule.least is Level.DRIVER} == {"/driver", "/driver/{bay}", "/api/driver"}
 
@@ -189,6 +195,19 @@ async def test_unknown_addresses_and_methods(method: str, path: str, status: int
         assert answer.headers["allow"] in ("GET", "POST")
 
 
+@in_virtual_time
+async def test_a_person_at_an_unknown_address_sees_a_page_and_a_program_gets_a_problem() -> None:
+    browser = Browser(secured_app("viewer"))
+    person = {"accept": "text/html,application/xhtml+xml,*/*;q=0.8"}
+    page = await browser.get("/hystory", person)
+    assert (page.status, page.headers["content-type"]) == (404, "text/html; charset=utf-8")
+    assert "There is no such page" in page.text
+    assert "content-security-policy" in page.headers
+    for path, headers in (("/hystory", {"accept": "*/*"}), ("/api/hystory", person)):
+        answer = await browser.get(path, headers)
+        assert (answer.status, answer.json["error"]) == (404, "unknown")
+
+
 @given(st.text(max_size=60))
 @settings(max_examples=examples(300))
 def test_no_path_slips_past_its_row(text: str) -> None:
@@ -261,6 +280,9 @@ async def test_forged_requests(token: str) -> None:
     assert (answer.status, answer.json["error"]) == (403, "csrf")
     assert AuditKind.CHANGED not in built.kinds()
     assert (await browser.post("/api/bays/north/profile/apply")).status == 200
+    assert (await browser.delete("/api/bays/north/teach-in", {"x-csrf-token": forged})).status == 403
+    assert (await browser.delete("/api/bays/north/teach-in", {"origin": "http://evil.example"})).status == 403
+    assert (await browser.delete("/api/bays/north/teach-in")).status == 200
 
 
 @in_virtual_time

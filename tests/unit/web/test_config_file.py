@@ -32,7 +32,7 @@ def test_the_new_text_is_there_with_the_old_mode_and_the_old_text_beside_it(plan
     assert stat.S_IMODE(plant.stat().st_mode) == 0o640
     assert backup.read_bytes() == "\ufeffsite = 'ä'\r\n".encode()
     assert stat.S_IMODE(backup.stat().st_mode) == 0o640
-    assert names(plant.parent) == ["plant.toml", "plant.toml.bak"]
+    assert names(plant.parent) == ["plant.toml", "plant.toml.previous"]
 
 
 def test_a_second_save_needs_a_second_look(plant: Path) -> None:
@@ -43,9 +43,9 @@ def test_a_second_save_needs_a_second_look(plant: Path) -> None:
         config_file.save(loaded, "b = 1\n")
 
     assert plant.read_text() == "a = 1\n"
-    assert names(plant.parent) == ["plant.toml", "plant.toml.bak"]
+    assert names(plant.parent) == ["plant.toml", "plant.toml.previous"]
     config_file.save(config_file.load(plant), "b = 1\n")
-    assert (plant.parent / "plant.toml.bak").read_text() == "a = 1\n"
+    assert (plant.parent / "plant.toml.previous").read_text() == "a = 1\n"
 
 
 def test_a_symlink_is_followed_and_stays_one(plant: Path, tmp_path: Path) -> None:
@@ -58,7 +58,7 @@ def test_a_symlink_is_followed_and_stays_one(plant: Path, tmp_path: Path) -> Non
 
     assert link.is_symlink()
     assert plant.read_text() == "new = 1\n"
-    assert backup == tmp_path / "plant.toml.bak"
+    assert backup == tmp_path / "plant.toml.previous"
     assert names(elsewhere) == ["gateway.toml"]
 
 

@@ -131,6 +131,8 @@ async def test_every_family_is_reported_and_parsed() -> None:
         assert now.value("sink_figures", sink="mqtt", figure="published") is None  # it has a family of its own
         assert now.value("task_starts_total", task="mqtt.deliver") == 4
         assert now.value("event_queues_dropped_total") == 5
+        assert now.value("certificate_days", server="modbus") == 12
+        assert (now.value("log_lines_folded_total"), now.value("log_lines_lost_total")) == (30, 2)
         assert now.value("viewers", page="live") == 2
         assert now.value("pictures_encoded_total") == 12
         assert now.value("page_refusals_total", code="csrf") == 1

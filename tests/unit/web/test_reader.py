@@ -146,7 +146,7 @@ async def test_too_late_too_long_and_nobody_there(monkeypatch: pytest.MonkeyPatc
         with pytest.raises(RefusalError, match="not be read in time"):
             await reader.ask(AT)
         stand_in.channel.sock.close()
-        with pytest.raises(RefusalError, match="takes no questions"):
+        with pytest.raises(RefusalError, match="takes no requests"):
             await reader.ask(AT)
     with pytest.raises(RefusalError) as found:
         await Reader(None).ask(AT)

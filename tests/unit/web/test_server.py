@@ -23,7 +23,7 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.typing import Origin
 
-from gateway import app
+from gateway import config_check
 from gateway.cli.main import main
 from gateway.clock import SystemClock
 from gateway.config import parse
@@ -319,7 +319,7 @@ def test_files_that_are_no_good(plant: Plant, tmp_path: Path, key: str, text: st
     files = {"tls_cert": good.tls_cert, "tls_key": good.tls_key, key: str(path)}
     toml = f"[hmi]\nenabled = true\ntls_cert = '{files['tls_cert']}'\ntls_key = '{files['tls_key']}'\n"
     with pytest.raises(ConfigError) as caught:
-        app.check(parse(tomllib.loads(toml), text=toml), source="g.toml", text=toml)
+        config_check.check(parse(tomllib.loads(toml), text=toml), source="g.toml", text=toml)
     assert expected in str(caught.value)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -342,7 +342,7 @@ def test_a_certificate_that_ends_soon_and_a_key_that_others_read(plant: Plant, t
     key.write_bytes(plant.folder.key_path("gateway").read_bytes())
     key.chmod(0o644)
     assert tls.warnings(TlsFiles.of_pages(pages(plant, tls_key=str(key))), round(NOW.timestamp() * 1e9)) == [
-        f"hmi.tls_key: {key} can be read by others; chmod 600"
+        f"hmi.tls_key: {key} can be read by others; chmod o-rwx"
     ]
     (gone,) = tls.warnings(TlsFiles.of_pages(pages(plant, tls_cert=str(tmp_path / "none.pem"))), 0)
     assert "can't be read" in gone

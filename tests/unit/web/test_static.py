@@ -75,11 +75,31 @@ def test_no_script_makes_code_or_markup_of_text(script: Path) -> None:
     assert not re.search(r"https?://(?!www\.w3\.org/)", text), "an address of somewhere else"
 
 
+@pytest.mark.parametrize("script", OURS, ids=lambda path: path.relative_to(STATIC).as_posix())
+def test_what_a_page_draws_goes_through_the_viewers_language(script: Path) -> None:
+    if script.name != "page.js":
+        assert "vendor/preact-htm" not in script.read_text(encoding="utf-8"), "import from lib/page.js"
+
+
 @pytest.mark.parametrize("style", STYLES, ids=lambda path: path.relative_to(STATIC).as_posix())
 def test_styles_fetch_nothing_from_elsewhere(style: Path) -> None:
     text = style.read_text(encoding="utf-8")
     assert "@import" not in text
     assert not re.search(r"url\((?!['\"]?/static/)", text)
+
+
+# What letters and spaces are made of; style.css says how large each is. In a drawing (SVG) sizes are of the drawing.
+SCALE = r"var\(--(small|normal|large|huge|space-\d|gap|pad)\)|calc\(|\)|-1|2|[*+]|auto|inherit|0|400|600|\s"
+SCALED = r"(?<![\w-])(font-size|font-weight|(?:row-|column-)?gap|padding(?:-\w+)*|margin(?:-\w+)*):\s*([^;}]+)"
+DESKS = [path for path in STYLES if path.name != "driver.css"]  # its sizes follow its screen
+
+
+@pytest.mark.parametrize("style", DESKS, ids=lambda path: path.relative_to(STATIC).as_posix())
+def test_letters_and_spaces_are_of_one_scale(style: Path) -> None:
+    text, _, _ = style.read_text(encoding="utf-8").partition("@page")  # what follows is for paper
+    text = re.sub(r"(:root|\.chart text) \{ font-size[^}]*\}", "", text)
+    found = [f"{name}: {value}" for name, value in re.findall(SCALED, text) if not re.fullmatch(f"({SCALE})+", value)]
+    assert [each for each in found if each not in ("margin-left: -2px", "margin-top: 2px", "row-gap: 2px")] == []
 
 
 @pytest.fixture(scope="module")

@@ -1,5 +1,6 @@
 """The tuning page's addresses against a real main process's side: what is answered, what changes, and what does not."""
 
+import base64
 import re
 from asyncio import TaskGroup
 from collections.abc import AsyncIterator
@@ -12,18 +13,21 @@ import cv2
 import numpy as np
 import pytest
 
-from gateway.config import BayConfig, GatewayConfig, VisionConfig
+from gateway.config import BayConfig, ControlsConfig, GatewayConfig, Intrinsics, VisionConfig
 from gateway.core.state import FunctionCheck
+from gateway.vision.source.v4l2_controls import OfferedControl
 from gateway.web.auth.access import Level
+from gateway.web.host.request_handler import KEPT_FORMER
 from gateway.web.profile import parameter_schema
 from gateway.web.tuning import trial
 from gateway.web.tuning.routes import ADDRESSES
 from gateway.web.tuning.service import TuningService
+from gateway.web.tuning.snapshots import STILLS
 from gateway.web.tuning.trial import EndedError
 from tests.unit.web.asgi import Answer
 from tests.unit.web.gateway_client import Plant, plant
 from tests.unit.web.programs import ApiClient, api_client
-from tests.unit.web.tuning import HEIGHT, MARKER, WIDTH, picture
+from tests.unit.web.tuning import HEIGHT, MARKER, WIDTH, empty, picture
 from tests.virtual_time import in_virtual_time, run
 
 FILE = """\
@@ -56,6 +60,11 @@ class Bay:
     def film(self, seq: int = 1, u: float = MARKER[0]) -> None:
         self.made.rings["bay1"].write(picture(u, seed=seq), seq, self.made.client.clock.now_ns())
 
+    async def empty(self, seq: int) -> None:
+        """The truck has left, a moment later."""
+        await self.made.client.clock.sleep(0.1)
+        self.made.rings["bay1"].write(empty().image, seq, self.made.client.clock.now_ns())
+
 
 @asynccontextmanager
 async def bay(source: Path | None = None) -> AsyncIterator[Bay]:
@@ -66,7 +75,7 @@ async def bay(source: Path | None = None) -> AsyncIterator[Bay]:
 
 
 def test_every_address_is_for_technicians_alone() -> None:
-    assert len(ADDRESSES.rules) == len(ADDRESSES.routes) == 16
+    assert len(ADDRESSES.rules) == len(ADDRESSES.routes) == 17
     assert {rule.least for rule in ADDRESSES.rules} == {Level.TECHNICIAN}
 
 
@@ -87,6 +96,22 @@ async def test_the_profile_holds_settings_schema_and_file(tmp_path: Path) -> Non
 
 
 @in_virtual_time
+async def test_the_frame_of_a_live_trial_is_frozen_though_newer_ones_have_come() -> None:
+    async with bay() as page:
+        page.film()
+        tried = (await page.post("trial", live=True, vision={})).json
+        page.film(2, u=30)
+        newest = (await page.post("freeze")).json
+        frozen = (await page.post("freeze", trial=tried["number"])).json
+        assert frozen["frame_ids"] == [tried["frame_id"]]
+        assert newest["frame_ids"][0] > tried["frame_id"]
+        again = (await page.post("trial", snapshot=frozen["name"], vision={})).json
+        assert again["frame_id"] == tried["frame_id"]
+        refused = await page.post("freeze", trial=again["number"])
+        assert (refused.status, refused.json["detail"][:36]) == (404, "this picture is not kept any more: i")
+
+
+@in_virtual_time
 async def test_a_frame_is_frozen_looked_at_and_tried() -> None:
     async with bay() as page:
         assert (await page.post("freeze")).status == 503  # no frame yet
@@ -94,12 +119,12 @@ async def test_a_frame_is_frozen_looked_at_and_tried() -> None:
         page.film()
         frozen = (await page.post("freeze")).json
         assert (frozen["kind"], frozen["width_px"], frozen["height_px"]) == ("snapshot", WIDTH, HEIGHT)
-        assert (await page.get("taken")).json == [frozen]
-        shot = await page.get(f"taken/{frozen['name']}/0")
+        assert (await page.get("captures")).json == [frozen]
+        shot = await page.get(f"captures/{frozen['name']}/0")
         assert shot.headers["content-type"] == "image/jpeg"
         assert decoded(shot.body).shape == (HEIGHT, WIDTH, 3)
-        assert (await page.get(f"taken/{frozen['name']}/1")).status == 400
-        assert (await page.get("taken/s99/0")).status == 404
+        assert (await page.get(f"captures/{frozen['name']}/1")).status == 400
+        assert (await page.get("captures/s99/0")).status == 404
 
         page.film(2, u=30)  # the truck goes on; the frozen frame stays what it is
         tried = (await page.post("trial", snapshot=frozen["name"], vision={"method": "paper"})).json
@@ -186,15 +211,62 @@ async def test_settings_go_live_in_a_function_check_and_back_again() -> None:
         assert page.made.controls["bay1"].state().function_check is FunctionCheck.MAY_MOVE_KEPT
         live = (await page.post("profile/apply", vision={"method": "paper", "coast_s": 0.5})).json
         assert (live["vision"]["method"], live["vision"]["coast_s"], live["undo_steps"]) == ("paper", 0.5, 1)
+        assert live["undo"] == {"method": "robust", "coast_s": 0.3}
         assert page.made.vision["bay1"].settings == VisionConfig(method="paper", coast_s=0.5)
         assert page.made.vision["bay2"].settings == VisionConfig()
         same = (await page.post("profile/apply", vision={})).json
         assert same["undo_steps"] == 1
 
         back = (await page.post("profile/undo")).json
-        assert (back["vision"]["method"], back["undo_steps"]) == ("robust", 0)
+        assert (back["vision"]["method"], back["undo_steps"], back["undo"]) == ("robust", 0, {})
         assert page.made.vision["bay1"].settings == VisionConfig()
         assert (await page.post("function-check", mode="off")).json["function_check"] == "off"
+
+
+@in_virtual_time
+async def test_a_web_process_that_takes_the_place_of_another_can_undo_what_that_one_applied() -> None:
+    async with bay() as page:
+        await page.post("function-check", mode="may_move_off")
+        for n in range(KEPT_FORMER + 3):
+            live = (await page.post("profile/apply", vision={"coast_s": 0.5 + n / 100})).json
+        new = api_client(page.made)
+        shown = (await new.get("/api/bays/bay1/profile")).json
+        assert (shown["undo_steps"], shown["undo"]) == (KEPT_FORMER, {"coast_s": pytest.approx(0.71)})
+        assert (await new.get("/api/bays/bay2/profile")).json["undo_steps"] == 0
+        back = await new.post("/api/bays/bay1/profile/undo", {"over": live["vision"]})
+        assert back.json["vision"]["coast_s"] == pytest.approx(0.71)
+        assert page.made.vision["bay1"].settings.coast_s == pytest.approx(0.71)
+
+        await page.post("function-check", mode="off")
+        refused = await new.post("/api/bays/bay1/profile/undo", {})
+        assert (refused.status, "begin a function check first" in refused.json["detail"]) == (409, True)
+
+
+@in_virtual_time
+async def test_an_undo_brings_back_what_is_tuned_and_nothing_else() -> None:
+    """The lens was calibrated and saved meanwhile."""
+    lens = Intrinsics(width_px=WIDTH, height_px=HEIGHT, fx=300, fy=300, cx=80, cy=60)
+    async with bay() as page:
+        await page.post("function-check", mode="may_move_off")
+        await page.post("profile/apply", vision={"coast_s": 0.5})
+        standing = page.made.vision["bay1"]
+        standing.apply(standing.settings.model_copy(update={"intrinsics": lens}))
+        await page.made.client.clock.sleep(2)
+        assert (await page.post("profile/undo")).status == 200
+        assert standing.settings == VisionConfig(intrinsics=lens)
+
+
+@in_virtual_time
+async def test_a_tab_does_not_undo_what_another_one_has_let_go_live() -> None:
+    async with bay() as page:
+        await page.post("function-check", mode="may_move_off")
+        mine = (await page.post("profile/apply", vision={"coast_s": 0.5})).json["vision"]
+        theirs = (await page.post("profile/apply", vision={"coast_s": 1.0})).json["vision"]
+        refused = await page.post("profile/undo", over=mine)
+        assert refused.status == 409
+        assert page.made.vision["bay1"].settings.coast_s == 1.0
+        assert (await page.get("profile")).json["undo_steps"] == 2
+        assert (await page.post("profile/undo", over=theirs)).json["vision"]["coast_s"] == 0.5
 
 
 @in_virtual_time
@@ -222,9 +294,10 @@ async def test_changes_that_overlap_can_each_be_gone_back_from() -> None:
         async with TaskGroup() as group:
             for coast_s in (0.5, 0.75):
                 group.create_task(page.post("profile/apply", vision={"coast_s": coast_s}))
-        assert page.made.vision["bay1"].settings.coast_s == 0.75
+        first, second = (0.5, 0.75) if page.made.vision["bay1"].settings.coast_s == 0.75 else (0.75, 0.5)
+        assert page.made.vision["bay1"].settings.coast_s == second
         steps = [(await page.post("profile/undo")).json["vision"]["coast_s"] for _ in range(2)]
-        assert steps == [0.5, 0.3]
+        assert steps == [first, 0.3]
 
 
 @in_virtual_time
@@ -244,6 +317,108 @@ async def test_of_two_technicians_the_second_does_not_overwrite_what_the_first_a
         anew = await page.post("profile/apply", vision={"min_fill": 0.5}, over=first.json["vision"])
         assert (anew.status, anew.json["undo_steps"]) == (200, 2)
         assert page.made.vision["bay1"].settings == VisionConfig(coast_s=0.5, min_fill=0.5)
+
+
+BROAD = {
+    "method": "paper",
+    "red_low_1": [0, 0, 0],
+    "red_high_1": [180, 255, 255],
+    "min_circularity": 0.95,
+}  # of a picture
+
+
+@in_virtual_time
+async def test_settings_with_warnings_go_live_only_when_each_is_accepted(caplog: pytest.LogCaptureFixture) -> None:
+    async with bay() as page:
+        page.film()
+        await page.post("function-check", mode="may_move_off")
+        refused = await page.post("profile/apply", vision=BROAD)
+        assert (refused.status, refused.json["error"]) == (409, "warnings")
+        warnings = {one["id"]: one for one in refused.json["warnings"]}
+        broad = "red_low_1: too broad: the red ranges let in # % of the picture [100]"
+        assert warnings[broad]["text"] == "too broad: the red ranges let in 100 % of the picture"
+        assert (warnings[broad]["key"], warnings[broad]["pictures"]) == ("red_low_1", ["bay1/live"])
+        assert len(warnings) > 1
+        assert f"go live with {len(warnings)} warnings only if each is accepted: " in refused.json["detail"]
+        assert (await page.post("profile/apply", vision=BROAD, accepted=[broad])).status == 409
+        assert page.made.vision["bay1"].settings == VisionConfig()
+        assert "despite" not in caplog.text
+
+        far = [*warnings, broad.replace("[100]", "[60]")]  # clearly worse than what was accepted
+        far.remove(broad)
+        assert (await page.post("profile/apply", vision=BROAD, accepted=far)).status == 409
+        near = [*far, "of another time", broad.replace("[100]", "[90]")]
+        accepted = await page.post("profile/apply", vision=BROAD, accepted=near)
+        assert accepted.status == 200
+        assert page.made.vision["bay1"].settings.method == "paper"
+        assert "bay1: settings go live despite: " in caplog.text
+        assert "let in 100 % of the picture" in caplog.text
+        assert (await page.post("profile/apply", vision={"method": "robust"})).status == 200  # none, and no question
+
+
+def in_base64(suffix: str) -> str:
+    done, data = cv2.imencode(suffix, picture())
+    assert done
+    return base64.b64encode(data.tobytes()).decode()
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+@in_virtual_time
+async def test_settings_are_tried_on_an_uploaded_picture(suffix: str) -> None:
+    async with bay() as page:
+        kept = (await page.post("upload", name="dusk\n.png", data=in_base64(suffix))).json
+        assert (kept["kind"], kept["title"], kept["width_px"]) == (
+            "snapshot",
+            "dusk\N{REPLACEMENT CHARACTER}.png",
+            WIDTH,
+        )
+        assert (await page.get("captures")).json == [kept]
+        tried = (await page.post("trial", snapshot=kept["name"], vision={})).json
+        assert tried["tried"]["frames"][0]["radius_px"] == pytest.approx(MARKER[2], abs=0.5)
+        assert tried["frame_id"] < 0  # no camera's
+        refused = await page.post("upload", name="x.png", data="AAAA")
+        assert (refused.status, refused.json["error"]) == (422, "picture")
+        assert refused.json["detail"] == "x.png: not a JPEG or PNG picture"
+
+
+@in_virtual_time
+async def test_what_a_kept_picture_showed_stands_until_these_settings_are_tried_on_it_again() -> None:
+    """The truck has left: on the newest frame there is nothing to lose."""
+    lost = {"min_radius_share": 0.45}  # R = 26 px of 120
+    async with bay() as page:
+        page.film()
+        name = (await page.post("freeze")).json["name"]
+        await page.empty(2)
+        await page.post("function-check", mode="may_move_off")
+        await page.post("trial", snapshot=name, vision=lost)
+        refused = await page.post("profile/apply", vision=lost)
+        assert refused.status == 409
+        assert {tuple(one["pictures"]) for one in refused.json["warnings"]} == {(f"bay1/{name}",)}
+        assert any(one["text"].startswith("finds the marker less often") for one in refused.json["warnings"])
+        assert (await page.post("profile/apply", vision={"coast_s": 0.5})).status == 200  # other settings, no question
+        for seq in range(3, 3 + STILLS):  # it goes, as the oldest
+            page.film(seq)
+            await page.post("freeze")
+        await page.empty(20)
+        assert (await page.post("profile/apply", vision=lost)).status == 200
+
+
+def test_saving_settings_with_warnings_needs_each_accepted_too(tmp_path: Path) -> None:
+    path = tmp_path / "plant.toml"
+    path.write_text(FILE)
+
+    async def scene() -> None:
+        async with bay(path) as page:
+            page.film()
+            digest = (await page.post("profile/diff", vision=BROAD)).json["digest"]
+            refused = await page.post("profile/save", vision=BROAD, digest=digest)
+            assert (refused.status, refused.json["error"]) == (409, "warnings")
+            assert path.read_text() == FILE
+            ids = [one["id"] for one in refused.json["warnings"]]
+            assert (await page.post("profile/save", vision=BROAD, digest=digest, accepted=ids)).status == 200
+            assert path.read_text() != FILE
+
+    run(scene())
 
 
 @pytest.mark.parametrize(
@@ -298,7 +473,7 @@ async def test_a_strange_body_is_refused(path: str, body: dict[str, Any]) -> Non
     async with bay() as page:
         page.film()
         reply = await page.post(path, **body)
-        assert (reply.status, reply.json["error"]) == (400, "json")
+        assert (reply.status, reply.json["error"]) == (400, "body")
 
 
 @in_virtual_time
@@ -327,7 +502,7 @@ def test_saving_shows_the_difference_first_and_writes_just_that(tmp_path: Path) 
 
             saved = (await page.post("profile/save", vision={"coast_s": 0.125}, digest=plan["digest"])).json
             assert saved["changes"] == ["coast_s"]
-            assert saved["backup"] == f"{path}.bak"
+            assert saved["previous"] == f"{path}.previous"
             assert path.read_text() == FILE.replace("unit_id = 1\n", "unit_id = 1\nvision.coast_s = 0.125\n")
 
             again = await page.post("profile/save", vision={"coast_s": 0.25}, digest=plan["digest"])
@@ -335,7 +510,7 @@ def test_saving_shows_the_difference_first_and_writes_just_that(tmp_path: Path) 
             assert "0.125" in path.read_text()
 
     run(scene())
-    assert path.with_name("plant.toml.bak").read_text() == FILE
+    assert path.with_name("plant.toml.previous").read_text() == FILE
 
 
 @in_virtual_time
@@ -364,3 +539,39 @@ async def test_a_profile_is_exported_and_imported_without_being_applied() -> Non
         bad = await page.post("profile/import", text="[vision]\nmin_fill = 7\n", name="x.toml")
         assert bad.status == 422
         assert bad.json["detail"].startswith("x.toml:2: vision.min_fill = 7: ")
+
+
+@in_virtual_time
+async def test_the_cameras_controls_are_tried_in_a_function_check_only_and_its_end_puts_them_back() -> None:
+    async with bay() as page:
+        assert (await page.get("camera")).json["known"] is False
+        refused = await page.post("camera/try", controls={"brightness": 5})
+        assert (refused.status, "function check" in refused.json["detail"]) == (409, True)
+
+        await page.post("function-check", mode="may_move_off")
+        trial = page.made.vision["bay1"].controls
+        gain = OfferedControl("gain", 0, 100, 1, 0, 64, 10)
+        page.made.vision["bay1"].offered = OfferedControl("auto_exposure", 1, 3, 2, 3, 3), gain
+        seen = (await page.post("camera/try", controls={"gain": 20, "white_balance_automatic": True})).json
+        assert trial.tried == ControlsConfig(gain=20, white_balance_automatic=True)
+        assert trial.message().found == {"gain": 64}
+        automatic, shown = seen["controls"]
+        assert (seen["tried"], seen["fault"]) == ({"gain": 20, "white_balance_automatic": True}, "no")
+        assert automatic["choices"] == ["manual", "shutter_priority", "aperture_priority"]
+        assert (automatic["value"], automatic["fixed"], automatic["tried"]) == ("aperture_priority", None, False)
+        assert (shown["kind"], shown["low"], shown["high"], shown["value"], shown["fixed"], shown["tried"]) == (
+            "number", 0, 100, 64, 10, True
+        )  # fmt: skip
+        for controls, status in (
+            ({"exposure_time_absolute": 5}, 409),  # the stand-in's camera.exposure is "marker"
+            ({"iris": 5}, 400),
+            ({"gain": 5, "gain_automatic": True}, 400),
+        ):
+            assert (await page.post("camera/try", controls=controls)).status == status
+        assert trial.tried == ControlsConfig(gain=20, white_balance_automatic=True)
+
+        await page.post("function-check", mode="may_move_kept")
+        assert trial.tried != ControlsConfig()
+        await page.post("function-check", mode="off")
+        assert trial.tried == ControlsConfig()
+        assert trial.under_way, "a new vision process has something to put back"

@@ -4,7 +4,9 @@ import asyncio
 import json
 from typing import Any
 
+from gateway.config import parse
 from gateway.core.detection import Circle, Ellipse, Tracking
+from gateway.core.plc import PlcWrite, Writer
 from gateway.core.readings import Quality, VisionReading
 from gateway.web.ipc.messages import SystemStatus
 from gateway.web.server import views
@@ -81,6 +83,21 @@ async def test_the_driver_s_display_shows_what_the_plc_reads() -> None:
         guidance = made.hub.state("bay1").guidance
         assert (view["code"], view["to_go_mm"]) == (guidance.code.name, guidance.to_go_mm)
         assert view["stop"] is made.hub.state("bay1").stop is False
+
+
+@in_virtual_time
+async def test_the_recipe_that_the_plc_has_selected_chooses_the_driver_s_language() -> None:
+    recipes = [{"id": 5, "name": "short truck", "language": "tr"}, {"id": 6, "name": "long truck"}]
+    modbus = {"writes": True, "plc_addresses": ["10.0.0.0/24"]}
+    config = parse({"bays": [{"name": "bay1", "unit_id": 1}], "recipes": recipes, "modbus": modbus})
+    async with plant(config=config) as made:
+        languages = []
+        for recipe in (0, 5, 6):
+            made.controls["bay1"].on_write(PlcWrite(Writer("10.0.0.1"), recipe=recipe))
+            await asyncio.sleep(1.2)
+            assert made.hub.state("bay1").plc.recipe == recipe
+            languages.append(fits(views.driver_json(made.client, ("bay1",)), "DriverView")["language"])
+        assert languages == [None, "tr", None]
 
 
 def test_a_frame_fits_into_a_header() -> None:

@@ -94,6 +94,7 @@ BAYS: tuple[Family, ...] = (
     _gauge("may_move", "1: the truck may move", lambda b: b.state.may_move),
     _gauge("in_place", "1: the truck is in place, the only condition for loading", lambda b: b.state.in_place),
     _gauge("in_place_held", "1: in place by the ranger alone", lambda b: b.state.visit.held),
+    _gauge("truck_rolling", "1: a truck that was in place moves now, without release", lambda b: b.state.visit.rolling),
     _states("moved", "since it was in place, has the truck moved?", Moved, lambda s: s.visit.moved),
     _states("visit_phase", "phase of the visit", VisitPhase, lambda s: s.visit.phase),
     _gauge("permit", "old name of may_move, for one version", lambda b: b.state.may_move),

@@ -1,0 +1,294 @@
+"""All settings of the configuration's file for the settings page: shown without passwords, changed, checked completely,
+saved. IO, on the file's thread.
+
+Nothing is saved that this gateway would not start with: the new text passes the checks of `gateway check` first.
+"""
+
+import json
+import logging
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from gateway.bay_file import begin_with_function_check
+from gateway.config import SHARED_SECTIONS, BayConfig, GatewayConfig, VisionConfig, parse
+from gateway.config.live import changes
+from gateway.config.strict.errors import Fault, FaultsError
+from gateway.config.strict.section import inner_model
+from gateway.config.strict.toml_file import merge
+from gateway.core.plc import Writer
+from gateway.errors import ConfigError
+from gateway.sinks import registry as sink_registry
+from gateway.web.auth.audit_log import printable
+from gateway.web.host import config_file
+from gateway.web.host.startup import Startup
+from gateway.web.ipc.messages import (
+    ChangedOnDiskError,
+    FileFault,
+    PreviewSettings,
+    SaveSettings,
+    SettingsDocument,
+    SettingsPreview,
+    SettingsSaved,
+)
+from gateway.web.profile import parameter_schema, profile, settings_model, stored_passwords
+from gateway.web.profile.redact import HIDDEN, Fields, plainly
+from gateway.web.profile.settings_edit import ChangeError, KeyPath, SettingChange, by_name, edited, parsed, path_of
+
+log = logging.getLogger(__name__)
+
+MAX_DIFF = 200_000  # characters
+MAX_LOGGED = 10  # keys
+SWITCHED_OFF = "the settings page is switched off: hmi.setup_page = false"
+
+Check = Callable[[GatewayConfig, str, str], None]
+"""The gateway's checks of a configuration: settings, its file's name and text. Raises FaultsError."""
+
+
+@dataclass(frozen=True)
+class Planned:
+    """The file with the changes made."""
+
+    former: config_file.Loaded
+    text: str
+    faults: tuple[FileFault, ...]
+    settings: GatewayConfig | None  # None: there are faults
+
+
+class SettingsFile:
+    """`running`: the settings in force. `reload`: takes over what is live of a saved file; None: nothing is live."""
+
+    def __init__(
+        self,
+        path: Path,
+        running: Callable[[], GatewayConfig],
+        startup: Startup,
+        check: Check,
+        reload: Callable[[], None] | None = None,
+    ) -> None:
+        self._path = path
+        self._source = str(path)
+        self._now = running
+        self._startup = startup
+        self._check = check
+        self._reload = reload
+
+    @property
+    def _running(self) -> GatewayConfig:
+        return self._now()
+
+    @cached_property
+    def _sinks(self) -> settings_model.Sinks:
+        return sink_registry.known_sections(self._running)
+
+    @cached_property
+    def _fields(self) -> Fields:
+        return settings_model.model_of(self._sinks).model_fields
+
+    @cached_property
+    def _schema(self) -> str:
+        return json.dumps(settings_model.schema(self._sinks))
+
+    def read(self) -> SettingsDocument:
+        """Raises ConfigError."""
+        self._permitted()
+        loaded = config_file.load(self._path)
+        document = parsed(loaded.text, self._source)
+        settings, faults = self._checked(loaded.text)
+        shown = None if settings is None else self._parsed(loaded.text, self._startup.file_overrides)
+        return SettingsDocument(
+            values="null" if shown is None else json.dumps(self._shown(_values(shown, document))),
+            written=json.dumps(self._shown(document), default=str),
+            schema=self._schema,
+            digest=loaded.digest,
+            path=self._source,
+            why_not=config_file.why_not_writable(self._path),
+            command_line=tuple(_leaves(self._startup.overrides)),
+            faults=faults,
+            waiting=() if settings is None else tuple(map(str, changes(self._running, settings))),
+            undo=config_file.previous(self._path) is not None,
+        )
+
+    def preview(self, wanted: PreviewSettings) -> SettingsPreview:
+        """Raises ConfigError, ChangedOnDiskError."""
+        self._permitted()
+        planned = self._planned(wanted)
+        former = planned.former
+        diff = profile.diff(former.text, planned.text, self._source, self._fields)
+        live, restart = self._effects(planned)
+        return SettingsPreview(
+            diff=diff if len(diff) <= MAX_DIFF else f"{diff[:MAX_DIFF]}\n(and more)\n",
+            faults=planned.faults,
+            warnings=() if planned.settings is None else tuple(self._startup.warnings(planned.settings)),
+            live=live,
+            restart=restart,
+            digest=former.digest,
+            why_not=config_file.why_not_writable(self._path),
+            vision=self._tuned(planned),
+        )
+
+    def save(self, wanted: SaveSettings, who: Writer) -> SettingsSaved:
+        """Raises ConfigError with every fault, ChangedOnDiskError."""
+        self._permitted()
+        planned = self._planned(wanted)
+        if planned.faults:
+            raise ConfigError("\n".join(f"{'.'.join(fault.path)}: {fault.message}" for fault in planned.faults))
+        live, restart = self._effects(planned)
+        self._begin_checks(planned)
+        previous = config_file.save(planned.former, planned.text)
+        if live and self._reload is not None:
+            self._reload()
+        keys = [".".join(change.path) for change in wanted.changes]
+        what = "the last save undone" if wanted.undo else ", ".join(keys[:MAX_LOGGED])
+        more = f" and {len(keys) - MAX_LOGGED} more" if len(keys) > MAX_LOGGED else ""
+        log.info("%s: %s saved by %s", self._source, printable(f"{what}{more}", 400), printable(str(who)))
+        return SettingsSaved(live, restart, config_file.load(self._path).digest, str(previous))
+
+    def _begin_checks(self, planned: Planned) -> None:
+        """A bay that is new starts under a function check: nobody has tried it. Raises ConfigError."""
+        running = {bay.name for bay in self._running.bays}
+        for bay in () if planned.settings is None else planned.settings.bays:
+            if planned.settings is not None and bay.name not in running:
+                try:
+                    begin_with_function_check(planned.settings, bay)
+                except OSError as error:
+                    raise ConfigError(f"state_dir: {bay.name}'s function check can't be kept: {error}") from error
+
+    def _permitted(self) -> None:
+        if not self._running.hmi.setup_page:
+            raise ConfigError(SWITCHED_OFF)
+
+    def _planned(self, wanted: PreviewSettings | SaveSettings) -> Planned:
+        former = config_file.load(self._path)
+        if former.digest != wanted.digest:
+            raise ChangedOnDiskError(f"{self._path}: was changed elsewhere since it was shown; nothing was written")
+        try:
+            text = self._undone() if wanted.undo else self._edited(former.text, wanted.changes)
+        except ChangeError as error:
+            return Planned(former, former.text, (FileFault(error.path, None, str(error)),), None)
+        if sent := {} if wanted.undo else self._sent_elsewhere(former.text, text, wanted.changes):
+            return Planned(former, text, tuple(FileFault(path, None, why) for path, why in sent.items()), None)
+        settings, faults = self._checked(text)
+        return Planned(former, text, faults, settings)
+
+    def _sent_elsewhere(self, former: str, text: str, changes: Sequence[SettingChange]) -> dict[KeyPath, str]:
+        """What the changes would have done with passwords that nobody has typed."""
+        before, after = (by_name(parsed(one, self._source)) for one in (former, text))
+        return stored_passwords.faults(before, after, " ".join(_texts(change.value) for change in changes))
+
+    def _undone(self) -> str:
+        found = config_file.previous(self._path)
+        if found is None:
+            raise ConfigError(f"{self._path}: there is no file of before the last save")
+        return found.text
+
+    def _edited(self, text: str, requested: Sequence[SettingChange]) -> str:
+        """Raises ChangeError."""
+        fixed = tuple(_leaves(self._startup.overrides))
+        shown = self._shown(parsed(text, self._source))
+        wanted: list[SettingChange] = []
+        for change in requested:
+            if any(change.path[: len(path)] == path for path in fixed):
+                raise ChangeError(change.path, "is set on the command line, whatever the file says")
+            if HIDDEN in _texts(change.value):
+                if change.value == _at(shown, change.path):
+                    continue  # as it was
+                raise ChangeError(change.path, f"{HIDDEN} stands for what is not shown: write the complete value")
+            wanted.append(change)
+        return edited(text, wanted, source=self._source)
+
+    def _checked(self, text: str) -> tuple[GatewayConfig | None, tuple[FileFault, ...]]:
+        """As this gateway would start with it; its bays are checked also where the command line has others."""
+        try:
+            document = parsed(text, self._source)
+        except ConfigError as error:
+            return None, (FileFault((), None, str(error)),)
+        try:
+            self._check(self._parsed(text, self._startup.file_overrides), self._source, text.removeprefix("\ufeff"))
+            return self._parsed(text, self._startup.overrides), ()
+        except FaultsError as error:
+            return None, tuple(_shown_fault(fault, document) for fault in error.faults)
+        except ConfigError as error:
+            return None, (FileFault((), None, str(error)),)
+
+    def _parsed(self, text: str, overrides: Mapping[str, Any]) -> GatewayConfig:
+        """Raises FaultsError, ConfigError."""
+        document = merge(parsed(text, self._source), overrides)
+        return parse(document, source=self._source, text=text.removeprefix("\ufeff"))
+
+    def _effects(self, planned: Planned) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """What the new text changes at once, and what at the next start."""
+        if planned.settings is None:
+            return (), ()
+        before, _ = self._checked(planned.former.text)
+        found = changes(before or self._running, planned.settings)
+        waits = {change.path for change in changes(self._running, planned.settings) if not change.live}
+        if self._reload is None:
+            return (), tuple(map(str, found))
+        live = tuple(str(change) for change in found if change.path not in waits)
+        return live, tuple(str(change) for change in found if change.path in waits)
+
+    def _tuned(self, planned: Planned) -> dict[str, VisionConfig]:
+        """The settings of vision that the changes would give to running bays."""
+        if planned.settings is None:
+            return {}
+        former, _ = self._checked(planned.former.text)
+        before = {bay.name: bay.vision for bay in (former or self._running).bays}
+        running = {bay.name for bay in self._running.bays}
+        return {
+            bay.name: bay.vision
+            for bay in planned.settings.bays
+            if bay.name in running and parameter_schema.changes(before.get(bay.name, VisionConfig()), bay.vision)
+        }
+
+    def _shown(self, document: Mapping[str, Any]) -> dict[str, Any]:
+        return by_name(plainly(document, self._fields))
+
+
+def _values(settings: GatewayConfig, document: Mapping[str, Any]) -> dict[str, Any]:
+    """Every key with its value, defaults included."""
+    values = settings.model_dump(mode="json")
+    values["sinks"] = {
+        name.removeprefix("sinks."): section.model_dump(mode="json")
+        for name, section in sink_registry.settings_of(settings)
+    }
+    for name in SHARED_SECTIONS:
+        model = inner_model(BayConfig.model_fields[name].annotation)
+        if model is not None:
+            values[name] = model.model_validate(document.get(name, {})).model_dump(mode="json")
+    return values
+
+
+def _shown_fault(fault: Fault, document: Mapping[str, Any]) -> FileFault:
+    where = "" if fault.line or fault.where != "command line" else "set on the command line: "
+    shown = f"{fault.shown.removeprefix(' = ')}: " if fault.shown else ""
+    return FileFault(path_of(fault.place, document), fault.line, f"{where}{shown}{fault.message}")
+
+
+def _leaves(tree: Mapping[str, Any], above: KeyPath = ()) -> Iterator[KeyPath]:
+    """A list of tables is one: it takes the place of the file's."""
+    for key, value in tree.items():
+        if isinstance(value, Mapping):
+            yield from _leaves(value, (*above, key))
+        else:
+            yield (*above, key)
+
+
+def _at(tree: Any, path: KeyPath) -> Any:
+    for part in path:
+        tree = tree.get(part) if isinstance(tree, Mapping) else None
+    return tree
+
+
+def _texts(value: Any) -> str:
+    """All text in it, to look for what is masked."""
+    match value:
+        case str():
+            return value
+        case Mapping():
+            return " ".join(map(_texts, value.values()))
+        case list() | tuple():
+            return " ".join(map(_texts, value))
+    return ""

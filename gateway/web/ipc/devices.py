@@ -1,0 +1,150 @@
+"""What the web process asks about cameras, boards, the PLC and the broker, and what comes back. Pure.
+
+The web process may open no device and no connection: a process of the doctor's does (gateway/doctor/device_process.py).
+A question travels with the writing end of a pipe; answers are pieces, each its length and a record, until the end of
+the file. Where the asker closes its end, the work is given up.
+"""
+
+from dataclasses import dataclass
+
+from gateway.config import CameraConfig, GatewayConfig, MqttConfig, RangerConfig
+from gateway.processes.channel import Failed
+from gateway.processes.codec import Codec, Message
+
+LENGTH_BYTES = 4  # before every record
+STORED_PASSWORDS = ("password_file", "password_env")  # keys end so; never sent to an address that was just typed
+MAX_PIECE_BYTES = 4 * 1024 * 1024
+
+
+class DevicesSetup(Message, frozen=True):
+    """The process's job. `devices`, `system`: the folders that the kernel has at /dev and /sys."""
+
+    config: GatewayConfig  # of the running gateway, whose devices are in use
+    questions: int  # descriptor: a SOCK_SEQPACKET socket, inherited
+    devices: str = "/dev"
+    system: str = "/sys"
+
+
+class ListDevices(Message, frozen=True):
+    """Every camera and serial port of this machine."""
+
+
+class LookAtCamera(Message, frozen=True):
+    """Its pictures and figures, about once a second; the settings are those of the bay that it may become."""
+
+    camera: CameraConfig
+
+
+class LookAtRanger(Message, frozen=True):
+    """Its distances, twice a second."""
+
+    ranger: RangerConfig
+
+
+class TryPlc(Message, frozen=True):
+    """Does the gateway's own Modbus port answer? `port`: the one that it listens on now; None: none is open."""
+
+    port: int | None
+
+
+class TryBroker(Message, frozen=True):
+    """Log in, publish, read back. `mqtt` None: the brokers of the configuration."""
+
+    mqtt: MqttConfig | None
+
+
+class Examine(Message, frozen=True):
+    """All that `gateway doctor` can try beside a running gateway; a piece for each finding."""
+
+
+DeviceQuestion = ListDevices | LookAtCamera | LookAtRanger | TryPlc | TryBroker | Examine
+DEVICE_QUESTIONS = Codec(DeviceQuestion)
+DEVICES_SETUP = Codec(DevicesSetup, compressed=True)
+
+
+@dataclass(frozen=True, slots=True)
+class CameraMode:
+    """Sizes and rates that a camera offers; `rates_hz` empty: not known."""
+
+    pixel_format: str
+    width_px: int
+    height_px: int
+    rates_hz: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class FoundCamera:
+    """`url`: what camera.url should be; `used_by`: the bay that has it; `fault`: why it does not answer."""
+
+    url: str
+    node: str
+    name: str
+    used_by: str = ""
+    fault: str = ""
+    modes: tuple[CameraMode, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class FoundPort:
+    """`url`: what ranger.port should be."""
+
+    url: str
+    node: str
+    name: str
+    used_by: str = ""
+
+
+class FoundDevices(Message, frozen=True):
+    """To `ListDevices`."""
+
+    cameras: tuple[FoundCamera, ...]
+    ports: tuple[FoundPort, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Tried:
+    """One line of an examination, as the doctor's: `verdict` is ok, warning or fault."""
+
+    part: str
+    name: str
+    verdict: str
+    tried: str
+    result: str
+    remedy: str = ""
+
+
+class TriedParts(Message, frozen=True):
+    """To `TryPlc`, `TryBroker` and `Examine`; a look that could not be begun, or has ended, ends with one."""
+
+    lines: tuple[Tried, ...]
+
+
+class CameraSeen(Message, frozen=True):
+    """To `LookAtCamera`. `jpeg`: the newest frame; `marker`: u, v and R in it, px, in a picture of this size."""
+
+    line: Tried
+    width_px: int
+    height_px: int
+    rate_hz: float
+    late_ms: float
+    frames: int
+    fresh: int  # of `frames`: proved to be new
+    marker: tuple[float, float, float] | None
+    jpeg: bytes
+
+
+class RangerSeen(Message, frozen=True):
+    """To `LookAtRanger`. `identity`: what the board says it is; empty: nothing yet. `noise_mm`: standard deviation of
+    the newest distances."""
+
+    line: Tried
+    identity: str
+    distance_mm: float | None
+    noise_mm: float | None
+    rate_hz: float
+    lines_hz: float
+    damaged: int
+
+
+DeviceAnswer = FoundDevices | CameraSeen | RangerSeen | TriedParts | Failed
+DEVICE_ANSWERS = Codec(DeviceAnswer)

@@ -1,0 +1,76 @@
+"""The requests about devices, and the settings in them, checked as the configuration's file is. Pure."""
+
+from typing import Annotated, Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from gateway.config import CameraConfig, MqttConfig, RangerConfig
+from gateway.config.strict.errors import explain
+from gateway.errors import ConfigError
+from gateway.web.ipc.devices import STORED_PASSWORDS, LookAtCamera, LookAtRanger
+
+Settings = Annotated[dict[str, Any], Field(max_length=64)]
+
+
+class DeviceBody(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+class LookBody(DeviceBody):
+    """Exactly one of: a camera, a ranger, with the keys of its section. `replaces`: the page's own look before."""
+
+    camera: Settings | None = None
+    ranger: Settings | None = None
+    replaces: int | None = None
+
+    @model_validator(mode="after")
+    def _one(self) -> "LookBody":
+        if (self.camera is None) == (self.ranger is None):
+            raise ValueError("one of camera, ranger")
+        return self
+
+    def question(self) -> LookAtCamera | LookAtRanger:
+        """Raises ConfigError."""
+        if self.camera is not None:
+            return LookAtCamera(_section(_Camera, {"camera": self.camera}).camera)
+        return LookAtRanger(_section(_Ranger, {"ranger": self.ranger}).ranger)
+
+
+class BrokerBody(DeviceBody):
+    """The keys of [mqtt] to try; none: the brokers of the configuration."""
+
+    mqtt: Settings | None = None
+
+    def settings(self) -> MqttConfig | None:
+        """Raises ConfigError, also where a password of this machine would go to an address that was just typed."""
+        for key in self.mqtt or ():
+            if key.endswith(STORED_PASSWORDS):
+                raise ConfigError(f"mqtt.{key}: only the broker of the file is tried with it: save it first")
+        return None if self.mqtt is None else _section(_Mqtt, {"mqtt": self.mqtt}).mqtt
+
+
+class NoBody(DeviceBody):
+    """Nothing is needed."""
+
+
+class _Camera(BaseModel):
+    camera: CameraConfig
+
+
+class _Ranger(BaseModel):
+    ranger: RangerConfig
+
+
+class _Mqtt(BaseModel):
+    mqtt: MqttConfig
+
+
+Checked = TypeVar("Checked", bound=BaseModel)
+
+
+def _section(kind: type[Checked], given: dict[str, Any]) -> Checked:
+    try:
+        return kind.model_validate(given)
+    except ValidationError as error:
+        lines = explain(error, source="settings", text="", model=kind)
+    raise ConfigError("\n".join(lines))  # outside `except`: the checker's error quotes passwords

@@ -1,0 +1,245 @@
+"""The web process's side of the process that opens devices (gateway/doctor/device_process.py): questions and looks. IO.
+
+A look at a camera or a board lasts as long as its page asks for news: a page that is closed ends it. One at a time.
+"""
+
+import asyncio
+import itertools
+import os
+import socket
+from collections.abc import AsyncGenerator
+from contextlib import aclosing
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+from gateway.errors import LinkError, ProtocolError
+from gateway.processes.channel import Channel, Failed
+from gateway.processes.codec import Codec
+from gateway.web.auth.refusals import RefusalError
+from gateway.web.ipc.devices import (
+    DEVICE_ANSWERS,
+    LENGTH_BYTES,
+    MAX_PIECE_BYTES,
+    CameraSeen,
+    DeviceAnswer,
+    DeviceQuestion,
+    Examine,
+    LookAtCamera,
+    LookAtRanger,
+    RangerSeen,
+    Tried,
+    TriedParts,
+)
+
+ANSWER_S = 45.0  # real time: several brokers, each with its own time limits
+EXAMINED_S = 55.0  # the process gives it 60
+KEPT_S = 10.0  # an examination
+SILENT_S = 20.0  # a look whose device has given nothing for so long has ended
+NEWS_S = 5.0  # a page's question waits at most so long for something newer
+UNWATCHED_S = NEWS_S + 5.0  # a look that no page asks for ends
+MAX_WAITING = 4
+READ_BYTES = 256 * 1024
+HANGS = "no answer: what was tried does not come back"
+BUSY = "another page is looking at a device; close it there, or wait a few seconds"
+
+Answer = TypeVar("Answer", bound=DeviceAnswer)
+
+
+@dataclass(slots=True)
+class DevicePreview:
+    """One device that is looked at. `seen`: the newest; `end`: why it has ended; None: it goes on."""
+
+    number: int
+    question: LookAtCamera | LookAtRanger
+    watched_s: float
+    pieces: int = 0
+    seen: CameraSeen | RangerSeen | None = None
+    end: Tried | None = None
+    changed: asyncio.Event = field(default_factory=asyncio.Event)
+    task: asyncio.Task[None] | None = None
+
+    def take(self, piece: DeviceAnswer) -> None:
+        match piece:
+            case CameraSeen() | RangerSeen():
+                self.seen = piece
+            case TriedParts((line, *_)):
+                self.end = line
+            case Failed(why):
+                self.end = Tried("device", "", "fault", "look at it", why, "look at the gateway's log")
+            case _:
+                self.end = Tried("device", "", "fault", "look at it", "another answer", "look at the gateway's log")
+        self.news()
+
+    def finish(self, why: str) -> None:
+        self.end = self.end or Tried("device", "", "fault", "look at it", why, "check cable, power and address")
+        self.news()
+
+    def news(self) -> None:
+        self.pieces += 1
+        self.changed.set()
+        self.changed = asyncio.Event()
+
+
+class DeviceClient:
+    """`fd`: of the socket to that process; None: there is none. For one event loop."""
+
+    def __init__(self, fd: int | None) -> None:
+        self._channel: Channel[DeviceQuestion, Failed] | None = None
+        if fd is not None:
+            self._channel = Channel(socket.socket(fileno=os.dup(fd)), Codec(Failed))
+        self._waiting = 0
+        self._numbers = itertools.count(1)
+        self._look: DevicePreview | None = None
+        self._examining = asyncio.Lock()
+        self._examined: tuple[float | None, list[Tried], bool] = None, [], False
+
+    def close(self) -> None:
+        if self._look is not None and self._look.task is not None:
+            self._look.task.cancel()
+        if self._channel is not None:
+            self._channel.close()
+
+    async def ask(self, question: DeviceQuestion, kind: type[Answer]) -> Answer:
+        """The one answer to a question that is no look. Raises RefusalError."""
+        if self._waiting >= MAX_WAITING:
+            raise RefusalError(503, "busy", "too much is being tried", headers={"Retry-After": "3"})
+        self._waiting += 1
+        try:
+            async with asyncio.timeout(ANSWER_S), aclosing(self._answers(question)) as pieces:
+                async for piece in pieces:
+                    if isinstance(piece, kind):
+                        return piece
+                    raise LinkError(piece.why if isinstance(piece, Failed) else "another answer")
+            raise LinkError("the process that opens devices has failed; see the gateway's log")
+        except TimeoutError:
+            raise RefusalError(503, "devices", HANGS) from None
+        except (LinkError, ProtocolError) as error:
+            raise RefusalError(503, "devices", str(error)) from None
+        finally:
+            self._waiting -= 1
+
+    async def examined(self) -> tuple[list[Tried], bool]:
+        """What the doctor finds beside the running gateway, and whether that is all of it: a part may take too long.
+        Who asks again within KEPT_S gets the same. Raises RefusalError."""
+        async with self._examining:
+            at_s, lines, complete = self._examined
+            if at_s is not None and _now_s() - at_s < KEPT_S:
+                return lines, complete
+            lines, complete = [], False
+            try:
+                async with asyncio.timeout(EXAMINED_S), aclosing(self._answers(Examine())) as pieces:
+                    async for piece in pieces:
+                        if not isinstance(piece, TriedParts):
+                            raise LinkError(piece.why if isinstance(piece, Failed) else "another answer")
+                        lines += piece.lines
+                complete = bool(lines)
+            except TimeoutError:
+                pass
+            except (LinkError, ProtocolError) as error:
+                raise RefusalError(503, "devices", str(error)) from None
+            self._examined = _now_s(), lines, complete
+            return lines, complete
+
+    def begin(self, question: LookAtCamera | LookAtRanger, replaces: int | None) -> DevicePreview:
+        """`replaces`: the page's own look before, which ends. Raises RefusalError where another page has one."""
+        running = self._look
+        if running is not None and running.end is None and running.number != replaces:
+            raise RefusalError(409, "busy", BUSY)
+        self.end(replaces)
+        look = self._look = DevicePreview(next(self._numbers), question, _now_s())
+        look.task = asyncio.get_running_loop().create_task(self._follow(look), name=f"look {look.number}")
+        return look
+
+    def end(self, number: int | None) -> None:
+        """The device is closed; nothing happens where the look is another, or over."""
+        if (look := self._look) is not None and look.number == number:
+            if look.task is not None:
+                look.task.cancel()
+            look.finish("it was closed")
+
+    async def news(self, number: int, after: int) -> DevicePreview:
+        """The look once it has more than `after` pieces, or has ended; waits some seconds. Raises RefusalError."""
+        look = self._look
+        if look is None or look.number != number:
+            raise RefusalError(404, "gone", "this look has ended: look again")
+        look.watched_s = _now_s()
+        try:
+            async with asyncio.timeout(NEWS_S):
+                while look.pieces <= after and look.end is None:
+                    await look.changed.wait()
+        except TimeoutError:
+            pass
+        look.watched_s = _now_s()
+        return look
+
+    async def _follow(self, look: DevicePreview) -> None:
+        """Until the device, its process or the page has ended."""
+        why = "the process that looked has ended; see the gateway's log"
+        try:
+            async with aclosing(self._answers(look.question)) as pieces:
+                while look.end is None:
+                    async with asyncio.timeout(SILENT_S):
+                        piece = await anext(pieces, None)
+                    if piece is None:
+                        break
+                    if _now_s() - look.watched_s > UNWATCHED_S:
+                        why = "no page was watching"
+                        break
+                    look.take(piece)
+        except TimeoutError:
+            why = HANGS
+        except (LinkError, ProtocolError) as error:
+            why = str(error)
+        finally:
+            look.finish(why)
+
+    async def _answers(self, question: DeviceQuestion) -> AsyncGenerator[DeviceAnswer]:
+        """Pieces until the end of the file. Where it is closed before, the work is given up. Raises LinkError,
+        ProtocolError."""
+        if self._channel is None:
+            raise LinkError("no process opens devices here")
+        reading, writing = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
+        loop = asyncio.get_running_loop()
+        more = asyncio.Event()
+        try:
+            os.set_blocking(writing, True)
+            try:
+                if not self._channel.offer(question, (writing,)):
+                    raise LinkError("the process that opens devices takes no questions")
+            finally:
+                os.close(writing)
+            loop.add_reader(reading, more.set)
+            try:
+                data = b""
+                while True:
+                    piece, data = _first(data)
+                    if piece is not None:
+                        yield DEVICE_ANSWERS.unpacked(piece)
+                        continue
+                    try:
+                        got = os.read(reading, READ_BYTES)
+                    except BlockingIOError:
+                        more.clear()
+                        await more.wait()
+                        continue
+                    if not got:
+                        return
+                    data += got
+            finally:
+                loop.remove_reader(reading)
+        finally:
+            os.close(reading)
+
+
+def _first(data: bytes) -> tuple[bytes | None, bytes]:
+    """The first complete piece, and what follows it. Raises ProtocolError for one that is too long."""
+    if len(data) < LENGTH_BYTES:
+        return None, data
+    end = LENGTH_BYTES + int.from_bytes(data[:LENGTH_BYTES])
+    if end > MAX_PIECE_BYTES:
+        raise ProtocolError("an answer is too long")
+    return (None, data) if len(data) < end else (data[LENGTH_BYTES:end], data[end:])
+
+
+def _now_s() -> float:
+    return asyncio.get_running_loop().time()

@@ -1,0 +1,148 @@
+"""The settings page's addresses. `security` has checked who calls; the main process reads, checks and writes the
+file."""
+
+import json
+from collections.abc import Callable, Mapping
+
+from gateway.errors import ConfigError
+from gateway.web.auth.access import Level
+from gateway.web.auth.addresses import Addresses, Description, Endpoint
+from gateway.web.auth.refusals import RefusalError
+from gateway.web.ipc.messages import (
+    TRUCK_AT_BAY,
+    FileFault,
+    PreviewSettings,
+    ReadSettings,
+    RestartGateway,
+    SaveSettings,
+    SettingsDocument,
+    SettingsPreview,
+    SettingsSaved,
+)
+from gateway.web.profile.settings_edit import SettingChange
+from gateway.web.server.gateway_client import RefusedError
+from gateway.web.server.services import RequestCaller, WebServices
+from gateway.web.setup.models import (
+    BootView,
+    ChangesBody,
+    FaultView,
+    PreviewView,
+    RestartBody,
+    RestartView,
+    SaveChangesBody,
+    SavedView,
+    SettingsView,
+)
+from gateway.web.tuning import warning_gate
+
+ADDRESSES = Addresses("/api/setup")
+BODY_BYTES = 48 * 1024  # fits into one message to the main process
+RESTART_S = 10.0  # from the last value to the first one of a small machine
+
+_FILE_ERRORS = {
+    409: "the file was changed since it was read",
+    422: "there is no file, or it can't be read, or the page is switched off",
+    503: "the main process does not answer",
+}
+_SAVE_ERRORS = _FILE_ERRORS | {409: f"the file was changed since it was read, or {warning_gate.REFUSED}"}
+
+
+def _described(operation_id: str, model: object, errors: Mapping[int, str] | None = None) -> Description:
+    return Description(operation_id, model, errors=errors or _FILE_ERRORS)
+
+
+def _post(
+    path: str,
+    operation_id: str,
+    summary: str,
+    model: object,
+    errors: Mapping[int, str] = _FILE_ERRORS,
+    *,
+    audited: bool = True,
+    body_bytes: int = BODY_BYTES,
+) -> Callable[[Endpoint], Endpoint]:
+    return ADDRESSES.post(
+        path,
+        Level.TECHNICIAN,
+        summary,
+        _described(operation_id, model, {400: "the body is not what is described here", **errors}),
+        body_bytes=body_bytes,
+        audited=audited,
+    )
+
+
+@ADDRESSES.get(
+    "/settings", Level.TECHNICIAN, "the configuration's file, and what may be set", _described("settings", SettingsView)
+)
+async def _settings(services: WebServices, caller: RequestCaller) -> SettingsView:
+    found = await services.client.about_file(ReadSettings(), SettingsDocument, caller.writer)
+    return SettingsView(
+        values=json.loads(found.values),
+        written=json.loads(found.written),
+        json_schema=json.loads(found.schema),
+        digest=found.digest,
+        file=found.path,
+        why_not=found.why_not,
+        command_line=[list(path) for path in found.command_line],
+        faults=list(map(_fault, found.faults)),
+        waiting=list(found.waiting),
+        undo=found.undo,
+        restart_s=RESTART_S,
+    )
+
+
+@_post("/preview", "preview_settings", "what changes of the file would do", PreviewView, audited=False)
+async def _preview(services: WebServices, caller: RequestCaller, body: ChangesBody) -> PreviewView:
+    wanted = PreviewSettings(_changes(body), body.digest, body.undo)
+    found = await services.client.about_file(wanted, SettingsPreview, caller.writer)
+    return PreviewView(
+        diff=found.diff,
+        faults=list(map(_fault, found.faults)),
+        warnings=list(found.warnings),
+        live=list(found.live),
+        restart=list(found.restart),
+        digest=found.digest,
+        why_not=found.why_not,
+    )
+
+
+@_post("/save", "save_settings", "write changes into the configuration's file", SavedView, _SAVE_ERRORS)
+async def _save(services: WebServices, caller: RequestCaller, body: SaveChangesBody) -> SavedView:
+    client, changes = services.client, _changes(body)
+    if not body.undo:  # going back asks nothing
+        planned = await client.about_file(PreviewSettings(changes, body.digest), SettingsPreview, caller.writer)
+        await warning_gate.check(services.tuning, planned.vision, body.accepted, "are saved", caller.writer)
+    saved = await client.about_file(SaveSettings(changes, body.digest, body.undo), SettingsSaved, caller.writer)
+    return SavedView(live=list(saved.live), restart=list(saved.restart), digest=saved.digest, previous=saved.previous)
+
+
+@_post("/restart", "restart", "end the gateway cleanly and start it again", RestartView)
+async def _restart(services: WebServices, caller: RequestCaller, body: RestartBody) -> RestartView:
+    if not body.confirmed:
+        raise RefusalError(409, "confirm", f"stop is shown on all bays for about {RESTART_S:g} s: confirm it")
+    client = services.client
+    if client.about.source:
+        found = await client.about_file(ReadSettings(), SettingsDocument, caller.writer)
+        if found.faults:
+            first = found.faults[0]
+            raise ConfigError(f"it would not start: {'.'.join(first.path)}: {first.message}")
+    try:
+        await client.command(RestartGateway(body.despite_trucks), caller.writer)
+    except RefusedError as error:
+        if str(error).startswith(TRUCK_AT_BAY):
+            raise RefusalError(409, "truck", str(error)) from None
+        raise
+    return RestartView(seconds=RESTART_S, boot=client.about.boot)
+
+
+@ADDRESSES.get("/boot", Level.TECHNICIAN, "which start of the gateway answers", _described("boot", BootView, {}))
+async def _boot(services: WebServices) -> BootView:
+    return BootView(boot=services.client.about.boot)
+
+
+def _changes(body: ChangesBody) -> tuple[SettingChange, ...]:
+    return tuple(SettingChange(tuple(change.path), change.value) for change in body.changes)
+
+
+def _fault(fault: FileFault) -> FaultView:
+    return FaultView(path=list(fault.path), line=fault.line, message=fault.message)

@@ -1,0 +1,1 @@
+"""Test sets: labelled pictures of a bay's camera that are kept by name, and scored before settings go live."""

@@ -1,0 +1,121 @@
+"""The answers to the tuning page and to programs, made from what was measured. Pure."""
+
+from dataclasses import asdict
+from urllib.parse import quote
+
+from gateway.core.detection import Detection
+from gateway.vision.offline.tuning import exposure
+from gateway.web.profile import parameter_schema
+from gateway.web.tuning.eyedropper import ColourPick
+from gateway.web.tuning.response_models import (
+    CaptureView,
+    ColourPickView,
+    DetectionView,
+    DeviationView,
+    ExposureView,
+    JitterView,
+    LightView,
+    PanelView,
+    PatchView,
+    RemarkView,
+    SideView,
+    SizeView,
+    StageView,
+    TrialView,
+)
+from gateway.web.tuning.service import CompletedTrial
+from gateway.web.tuning.snapshots import Capture
+from gateway.web.tuning.trial import SideResult
+
+
+def described(capture: Capture) -> CaptureView:
+    height, width = capture.frames[0].image.shape[:2]
+    return CaptureView(
+        name=capture.name,
+        kind="recording" if capture.recorded else "snapshot",
+        frames=len(capture.frames),
+        frame_ids=[frame.seq for frame in capture.frames],
+        seconds=round(capture.seconds, 3),
+        width_px=width,
+        height_px=height,
+        taken_ms=capture.wall_ns // 1_000_000,
+        full=capture.full,
+        title=capture.title,
+    )
+
+
+def tried(bay: str, one: CompletedTrial) -> TrialView:
+    result = one.result
+    deviations = (
+        None if found is None else DeviationView.model_validate(found)
+        for found in (result.from_in_force, result.from_reference)
+    )
+    from_in_force, from_reference = deviations
+    return TrialView(
+        number=one.number,
+        frames=result.frames,
+        shown=one.shown,
+        frame_id=one.frame_id,
+        timed=result.timed,
+        cut_short=result.cut_short,
+        settings_in_force=parameter_schema.values(one.in_force),
+        picture=SizeView(width_px=one.width_px, height_px=one.height_px),
+        tried=_side(result.tried),
+        in_force=_side(result.in_force),
+        reference=[_detection(found) for found in result.reference],
+        from_in_force=from_in_force,
+        from_reference=from_reference,
+        time_ratio=round(result.time_ratio, 3),
+        remarks=[RemarkView.model_validate(remark) for remark in one.remarks],
+        panels=[
+            PanelView(
+                name=panel.name,
+                title=panel.title,
+                detail=panel.detail,
+                url=f"/api/bays/{quote(bay)}/trial/{one.number}/{panel.name}",
+                width_px=panel.image.shape[1],
+                height_px=panel.image.shape[0],
+            )
+            for panel in one.panels
+        ],
+        exposure=None
+        if not one.lights
+        else ExposureView(
+            advice=exposure.advice(one.lights),
+            figures=LightView.model_validate(one.lights[len(one.lights) // 2]),
+            marker_seen=any(found.circle is not None for found in result.reference),
+        ),
+    )
+
+
+def _side(one: SideResult) -> SideView:
+    return SideView(
+        found_share=one.found_share,
+        jitter=None if one.jitter is None else JitterView.model_validate(one.jitter),
+        total_ms=round(one.times.total_ms, 3),
+        stages=[StageView(name=name, ms=round(ms, 3)) for name, ms in one.times.stages],
+        frames=[_detection(found) for found in one.found],
+    )
+
+
+def _detection(found: Detection) -> DetectionView:
+    circle = found.circle
+    return DetectionView(
+        found=circle is not None,
+        u_px=circle and circle.u_px,
+        v_px=circle and circle.v_px,
+        radius_px=circle and circle.radius_px,
+        confidence=found.confidence,
+        candidates=found.candidates,
+    )
+
+
+def picked(one: ColourPick) -> ColourPickView:
+    return ColourPickView(
+        patch=PatchView(**asdict(one.patch), hue=one.patch.hue),
+        keys=one.keys,
+        admitted_px=one.admitted_px,
+        admitted_share=one.admitted_px / one.picture_px,
+        hanging_px=one.hanging_px,
+        warnings=list(one.warnings),
+    )

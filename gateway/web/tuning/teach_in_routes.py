@@ -1,0 +1,120 @@
+"""The addresses of the teach-in, /api/bays/{bay}/teach-in."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+from pydantic import Field
+
+from gateway.clock import NS_PER_S
+from gateway.core.teach_in import Suggestion, spreads_of, toml_lines
+from gateway.web.auth.access import Level
+from gateway.web.auth.addresses import Addresses, Description
+from gateway.web.server.services import Bay, RequestCaller, WebServices
+from gateway.web.setup.models import SettingChangeBody
+from gateway.web.tuning.request_models import Body
+from gateway.web.tuning.response_models import (
+    PointsView,
+    SpreadsView,
+    TaughtValueView,
+    TeachInResultView,
+    TeachInView,
+)
+from gateway.web.tuning.teach_in import TeachInSession, TeachInSessions
+
+ADDRESSES = Addresses("/api/bays/{bay}/teach-in")
+POINTS = 300  # of the plot, about
+SECONDS = 60.0
+
+
+class TeachInBody(Body):
+    """Begin a teach-in."""
+
+    seconds: float = Field(SECONDS, ge=20, le=300, description="so long it measures")
+
+
+_ERRORS = {404: "no such bay", 503: "the gateway has not reported the bay, or is busy"}
+_REFUSED = {400: "the body is not what is described here", 409: "it can't begin now, and why"}
+
+
+def _described(operation_id: str, errors: Mapping[int, str] | None = None) -> Description:
+    return Description(operation_id, TeachInView, errors={**_ERRORS, **(errors or {})})
+
+
+@ADDRESSES.get("", Level.TECHNICIAN, "the bay's teach-in and its result", _described("teach_in"))
+async def _teach_in(services: WebServices, bay: Bay) -> TeachInView:
+    return _view(services.teach_ins, bay.name)
+
+
+@ADDRESSES.post(
+    "",
+    Level.TECHNICIAN,
+    "measure a truck that stands right, for thresholds and aim",
+    _described("begin_teach_in", _REFUSED),
+    audited=False,
+)
+async def _start(services: WebServices, bay: Bay, caller: RequestCaller, body: TeachInBody) -> TeachInView:
+    await services.teach_ins.start(bay, body.seconds, caller.name or caller.address)
+    return _view(services.teach_ins, bay.name)
+
+
+@ADDRESSES.delete(  # audited: it may be another user's
+    "", Level.TECHNICIAN, "cancel or forget the bay's teach-in", _described("cancel_teach_in")
+)
+async def _cancel(services: WebServices, bay: Bay) -> TeachInView:
+    services.teach_ins.cancel(bay.name)
+    return _view(services.teach_ins, bay.name)
+
+
+def _view(teach_ins: TeachInSessions, bay: str) -> TeachInView:
+    session = teach_ins.of(bay)
+    if session is None:
+        return TeachInView(phase="none")
+    last_ns = session.samples[-1].t_ns if session.samples else session.began_ns
+    spreads = session.suggestion.spreads if session.suggestion is not None else spreads_of(session.samples)
+    return TeachInView(
+        phase=session.phase.value,
+        who=session.who,
+        seconds=session.seconds,
+        elapsed_s=round(min(session.seconds, (last_ns - session.began_ns) / NS_PER_S), 1),
+        why=session.why,
+        spreads=SpreadsView.model_validate(_rounded(asdict(spreads))),
+        points=_points(session),
+        result=None if session.suggestion is None else _result(session, session.suggestion),
+    )
+
+
+def _rounded(found: Any) -> Any:
+    if isinstance(found, dict):
+        return {key: _rounded(value) for key, value in found.items()}
+    return round(found, 3) if isinstance(found, float) else found
+
+
+def _points(session: TeachInSession) -> PointsView:
+    step = max(1, round(len(session.samples) / POINTS))
+    shown = session.samples[::step]
+    return PointsView(
+        t_s=[round((one.t_ns - session.began_ns) / NS_PER_S, 1) for one in shown],
+        radius_px=[None if one.circle is None else round(one.circle.radius_px, 1) for one in shown],
+        distance_mm=[None if one.distance_mm is None else round(one.distance_mm, 1) for one in shown],
+    )
+
+
+def _result(session: TeachInSession, suggestion: Suggestion) -> TeachInResultView:
+    table = ["recipes", str(session.recipe)] if session.recipe else ["bays", session.bay.name]
+    return TeachInResultView(
+        recipe=session.recipe,
+        refusals=list(suggestion.refusals),
+        notes=list(suggestion.notes),
+        before_mm=_rounded(suggestion.before_mm),
+        values=[
+            TaughtValueView(key=".".join(one.path), value=one.value, old=one.old, why=one.why)
+            for one in suggestion.values
+        ],
+        changes=[
+            SettingChangeBody(path=[*table, *one.path], value=one.value)
+            for one in suggestion.values
+            if one.value != one.old
+        ],
+        toml=toml_lines(session.bay.name, suggestion, session.recipe) if suggestion.values else "",
+    )

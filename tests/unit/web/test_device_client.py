@@ -1,0 +1,293 @@
+"""The web process's questions to the process that opens devices, over a real socket and real pipes, in virtual time."""
+
+import asyncio
+import os
+import socket
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+import pytest
+
+from gateway.config import CameraConfig, RangerConfig
+from gateway.errors import ConfigError
+from gateway.processes.channel import Channel, Failed
+from gateway.processes.codec import record_packed
+from gateway.web.auth.access import Level
+from gateway.web.auth.refusals import RefusalError
+from gateway.web.ipc.devices import (
+    DEVICE_QUESTIONS,
+    LENGTH_BYTES,
+    MAX_PIECE_BYTES,
+    CameraSeen,
+    DeviceAnswer,
+    DeviceQuestion,
+    Examine,
+    FoundDevices,
+    FoundPort,
+    ListDevices,
+    LookAtCamera,
+    LookAtRanger,
+    RangerSeen,
+    Tried,
+    TriedParts,
+    TryBroker,
+)
+from gateway.web.setup import device_client as module
+from gateway.web.setup.device_bodies import BrokerBody
+from gateway.web.setup.device_client import DeviceClient
+from gateway.web.setup.device_routes import ADDRESSES
+from tests.unit.web.gateway_client import plant
+from tests.unit.web.programs import api_client, fits
+from tests.virtual_time import in_virtual_time
+
+LINE = Tried("camera", "", "ok", "open it", "it gives pictures")
+SEEN = CameraSeen(LINE, 640, 480, 30.0, 12.0, 60, 59, (1.0, 2.0, 3.0), b"jpeg")
+HEARD = RangerSeen(Tried("ranger", "", "ok", "listen", "Z"), "hcsr04 1", 620.0, 1.5, 16.7, 16.6, 0)
+FAULT = TriedParts((Tried("camera", "", "fault", "open it", "cannot be opened", "plug it in"),))
+LOOK = LookAtCamera(CameraConfig(url="/dev/video5"))
+FOUND = FoundDevices((), (FoundPort("/dev/a", "/dev/b", "board"),))
+
+
+@dataclass
+class StandIn:
+    """In place of that process."""
+
+    channel: Channel[Any, DeviceQuestion]
+
+    def take(self) -> tuple[DeviceQuestion, int]:
+        question, (fd,) = self.channel.receive_with_fds()
+        return question, fd
+
+
+def send(fd: int, *pieces: DeviceAnswer) -> None:
+    for piece in pieces:
+        data = record_packed(piece)
+        os.write(fd, len(data).to_bytes(LENGTH_BYTES) + data)
+
+
+@asynccontextmanager
+async def asking() -> AsyncIterator[tuple[DeviceClient, StandIn]]:
+    near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    client = DeviceClient(near.fileno())
+    try:
+        with near, far:
+            yield client, StandIn(Channel(far, DEVICE_QUESTIONS))
+    finally:
+        client.close()
+        await asyncio.sleep(0)
+
+
+async def settled() -> None:
+    """All that can run has run."""
+    for _ in range(20):
+        await asyncio.sleep(0)
+
+
+@in_virtual_time
+async def test_a_question_has_one_answer_however_it_arrives() -> None:
+    async with asking() as (client, stand_in):
+        asked = asyncio.ensure_future(client.ask(ListDevices(), FoundDevices))
+        await settled()
+        question, fd = stand_in.take()
+        assert question == ListDevices()
+        data = record_packed(FOUND)
+        for byte in len(data).to_bytes(LENGTH_BYTES) + data:
+            os.write(fd, bytes([byte]))
+            await settled()
+        assert await asked == FOUND
+        with pytest.raises(BrokenPipeError):  # its end is what ends the work
+            os.write(fd, b"x")
+        os.close(fd)
+
+
+@pytest.mark.parametrize(
+    ("sent", "text"),
+    [
+        ([Failed("too much")], "too much"),
+        ([], "has failed"),
+        ([FOUND], "another answer"),
+        ((MAX_PIECE_BYTES + 1).to_bytes(LENGTH_BYTES), "too long"),
+        (b"\0\0\0\1x", "not a message"),
+    ],
+)
+def test_what_is_no_answer_is_refused(sent: list[DeviceAnswer] | bytes, text: str) -> None:
+    @in_virtual_time
+    async def asked() -> None:
+        async with asking() as (client, stand_in):
+            answer = asyncio.ensure_future(client.ask(TryBroker(None), TriedParts))
+            await settled()
+            _, fd = stand_in.take()
+            if isinstance(sent, bytes):
+                os.write(fd, sent)
+            else:
+                send(fd, *sent)
+            os.close(fd)
+            with pytest.raises(RefusalError, match=text) as found:
+                await answer
+            assert found.value.status == 503
+
+    asked()
+
+
+@in_virtual_time
+async def test_what_does_not_come_back_is_given_up_and_few_wait() -> None:
+    async with asking() as (client, stand_in):
+        waiting = [asyncio.ensure_future(client.ask(ListDevices(), FoundDevices)) for _ in range(module.MAX_WAITING)]
+        await settled()
+        fds = [stand_in.take()[1] for _ in waiting]
+        with pytest.raises(RefusalError, match="too much"):
+            await client.ask(ListDevices(), FoundDevices)
+        for each in waiting:
+            with pytest.raises(RefusalError, match="does not come back"):
+                await each
+        for fd in fds:
+            os.close(fd)
+    with pytest.raises(RefusalError, match="no process opens devices"):
+        await DeviceClient(None).ask(ListDevices(), FoundDevices)
+
+
+@in_virtual_time
+async def test_a_look_lasts_as_long_as_its_page_asks() -> None:
+    async with asking() as (client, stand_in):
+        look = client.begin(LOOK, None)
+        await settled()
+        question, fd = stand_in.take()
+        assert question == LOOK
+        for n in range(1, 30):  # a minute
+            await asyncio.sleep(2)
+            send(fd, SEEN)
+            news = await client.news(look.number, n - 1)
+            assert (news.pieces, news.seen, news.end) == (n, SEEN, None)
+        await asyncio.sleep(module.UNWATCHED_S + 1)
+        send(fd, SEEN)
+        await settled()
+        assert look.end is not None
+        assert look.end.result == "no page was watching"
+        with pytest.raises(BrokenPipeError):
+            os.write(fd, b"x")
+        os.close(fd)
+
+
+@in_virtual_time
+async def test_a_device_that_falls_silent_ends_its_look() -> None:
+    async with asking() as (client, stand_in):
+        look = client.begin(LOOK, None)
+        await settled()
+        _, fd = stand_in.take()
+        while look.end is None:
+            await client.news(look.number, 0)
+        assert look.end.result == module.HANGS
+        os.close(fd)
+
+
+@in_virtual_time
+async def test_one_look_at_a_time() -> None:
+    async with asking() as (client, stand_in):
+        first = client.begin(LOOK, None)
+        await settled()
+        _, fd = stand_in.take()
+        with pytest.raises(RefusalError, match="another page") as found:
+            client.begin(LookAtRanger(RangerConfig()), None)
+        assert found.value.status == 409
+        second = client.begin(LookAtRanger(RangerConfig()), first.number)
+        await settled()
+        with pytest.raises(BrokenPipeError):
+            os.write(fd, b"x")
+        os.close(fd)
+        question, fd = stand_in.take()
+        assert question == LookAtRanger(RangerConfig())
+        client.end(first.number)  # a late message of the page about its look before
+        send(fd, HEARD)
+        assert (await client.news(second.number, 0)).seen == HEARD
+        send(fd, FAULT)
+        assert (await client.news(second.number, 1)).end == FAULT.lines[0]
+        os.close(fd)
+        with pytest.raises(RefusalError, match="has ended"):
+            await client.news(first.number, 0)
+        third = client.begin(LOOK, None)  # the one before is over
+        await settled()
+        os.close(stand_in.take()[1])
+        await settled()
+        assert third.end is not None
+        assert "has ended; see the gateway's log" in third.end.result
+
+
+@in_virtual_time
+async def test_the_page_gets_figures_and_picture() -> None:
+    async with plant() as made, asking() as (client, stand_in):
+        api = api_client(made)
+        api.app.state.services = replace(api.app.state.services, devices=client)
+        begun = await api.post("/api/setup/look", {"camera": {"url": "/dev/video5"}})
+        await settled()
+        _, fd = stand_in.take()
+        send(fd, SEEN)
+        seen = (await api.get(f"/api/setup/look/{begun.json['look']}?after=0")).json
+        assert seen["figures"] == {
+            "width_px": 640, "height_px": 480, "rate_hz": 30.0, "late_ms": 12.0, "frames": 60, "fresh": 59,
+            "marker": [1.0, 2.0, 3.0],
+        }  # fmt: skip
+        assert (seen["line"]["result"], seen["end"]) == ("it gives pictures", None)
+        picture = await api.get(f"/api/setup/look/{seen['look']}/picture")
+        assert (picture.body, picture.headers["content-type"]) == (b"jpeg", "image/jpeg")
+        assert (await api.post(f"/api/setup/look/{seen['look']}/end")).status == 200
+        os.close(fd)
+        assert (await api.post("/api/setup/look", {"ranger": {"port": "x", "baud": 1}})).status == 422
+        wrong = await api.post("/api/setup/broker", {"mqtt": {"url": "mqtt://a:geheim@b", "keepalive_s": 0}})
+        assert (wrong.status, "mqtt.keepalive_s" in wrong.text, "geheim" in wrong.text) == (422, True, False)
+
+
+def test_every_address_is_for_technicians_alone() -> None:
+    assert {rule.least for rule in ADDRESSES.rules} == {Level.TECHNICIAN}
+
+
+@in_virtual_time
+async def test_an_examination_is_collected_kept_for_ten_seconds_and_cut_off_where_a_part_hangs() -> None:
+    async with asking() as (client, stand_in):
+        asked = asyncio.ensure_future(client.examined())
+        other = asyncio.ensure_future(client.examined())
+        await settled()
+        question, fd = stand_in.take()
+        assert isinstance(question, Examine)
+        send(fd, TriedParts((LINE,)), FAULT)
+        os.close(fd)
+        assert await asked == ([LINE, *FAULT.lines], True)
+        assert await other == ([LINE, *FAULT.lines], True), "nobody was asked a second time"
+        await asyncio.sleep(module.KEPT_S + 1)
+        asked = asyncio.ensure_future(client.examined())
+        await settled()
+        _, fd = stand_in.take()
+        send(fd, FAULT)
+        assert await asked == (list(FAULT.lines), False)
+        os.close(fd)
+        await asyncio.sleep(module.KEPT_S + 1)
+        asked = asyncio.ensure_future(client.examined())
+        await settled()
+        _, fd = stand_in.take()
+        send(fd, Failed("no memory"))
+        os.close(fd)
+        with pytest.raises(RefusalError, match="no memory"):
+            await asked
+
+
+@in_virtual_time
+async def test_the_doctor_answers_programs(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def examined(self: DeviceClient) -> tuple[list[Tried], bool]:
+        return list(FAULT.lines), False
+
+    monkeypatch.setattr(DeviceClient, "examined", examined)
+    async with plant() as made:
+        answer = await api_client(made).get("/api/doctor")
+        assert fits(answer.body, "DoctorView")["complete"] is False
+        assert answer.json["findings"][0]["remedy"] == "plug it in"
+
+
+@pytest.mark.parametrize("key", ["password_file", "password_env", "proxy_password_file", "proxy_password_env"])
+def test_no_password_of_this_machine_goes_to_a_broker_that_was_just_typed(key: str) -> None:
+    typed = {"url": "mqtt://tom@elsewhere"}
+    made = BrokerBody(mqtt=typed).settings()
+    assert made is not None
+    assert made.url == "mqtt://tom@elsewhere"
+    with pytest.raises(ConfigError, match=f"mqtt.{key}: only the broker of the file is tried with it"):
+        BrokerBody(mqtt={**typed, key: "/etc/hostname"}).settings()
