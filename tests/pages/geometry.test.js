@@ -1,7 +1,7 @@
 import assert from 'node:assert/strict';
 import test from 'node:test';
-import { barOf, nice, ticks } from '../static/lib/bars.js';
-import { arrow, draw, fit, inside } from '../static/lib/overlay.js';
+import { barOf, nice, ticks, written } from '../static/lib/bars.js';
+import { arrow, draw, fit } from '../static/lib/overlay.js';
 
 const near = (got, wanted, message) => assert.ok(Math.abs(got - wanted) < 1e-9, `${message ?? ''} ${got} is not ${wanted}`);
 
@@ -33,11 +33,6 @@ test('no arrow where it would be no longer than its head', () => {
   assert.equal(arrow([100, 50], [119, 50], 5, 10), null);
   assert.equal(arrow([100, 50], [100, 50], 5, 10), null);
   assert.equal(arrow([NaN, 50], [100, 50], 5, 10), null);
-});
-
-test('a label stays inside', () => {
-  assert.deepEqual(inside([10, 10], [50, 20], 200, 100), [16, 10]);
-  assert.deepEqual(inside([190, 95], [50, 20], 200, 100), [134, 80]);
 });
 
 /** Notes what is painted instead of painting it. */
@@ -129,4 +124,13 @@ test('a value beyond the scale fills it and says so', () => {
   assert.equal(bar.fill, 1);
   assert.equal(bar.beyond, true);
   assert.equal(barOf({ ...R, value: -4 }).fill, 0);
+});
+
+test('the marks of an axis read apart: decimals where they are needed, none where things are counted', () => {
+  assert.deepEqual(written([0.5, 1, 1.5, 2]), ['0.5', '1.0', '1.5', '2.0']);
+  assert.deepEqual(written([0, 25, 50]), ['0', '25', '50']);
+  assert.deepEqual(written([0, 0.1 + 0.2]), ['0.0', '0.3']);
+  assert.deepEqual(ticks(15), [0, 2.5, 5, 7.5, 10, 12.5, 15]);
+  assert.deepEqual(ticks(15, true), [0, 5, 10, 15]);
+  assert.deepEqual(ticks(4, true), [0, 1, 2, 3, 4]);
 });

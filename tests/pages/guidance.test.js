@@ -1,8 +1,7 @@
 import assert from 'node:assert/strict';
 import { readFileSync } from 'node:fs';
 import test from 'node:test';
-import { CODES, WITH_AMOUNT, column, driverView } from '../static/lib/guidance.js';
-import { LANGUAGES, chosen } from '../static/lib/lang.js';
+import { CODES, WITH_AMOUNT, column, driverView, wordOf } from '../static/lib/guidance.js';
 import { PATHS } from '../static/lib/symbols.js';
 
 const GOOD = { bay: 'bay1', code: 'WAIT', text: '', stop: true, amount_mm: null, closing_mm_s: -3.5, to_go_mm: 10, age_ms: 20 };
@@ -10,24 +9,18 @@ const told = (change) => driverView(JSON.stringify({ ...GOOD, ...change }), 'bay
 // Written by the test that runs this: the names of gateway.core.state.GuidanceCode.
 const NAMES = JSON.parse(readFileSync(new URL('../codes.json', import.meta.url), 'utf8'));
 
-test('every code of the gateway has a sign, a kind, and a word in every language', () => {
+test('every code of the gateway has a sign and a kind', () => {
   assert.deepEqual(Object.keys(CODES).sort(), [...NAMES].sort());
   for (const [code, { symbol, kind }] of Object.entries(CODES)) {
     assert.ok(PATHS[symbol], `${code}: ${symbol}`);
     assert.ok(['go', 'care', 'halt', 'wait', 'done'].includes(kind));
   }
   for (const code of WITH_AMOUNT) assert.ok(CODES[code]);
-  const english = LANGUAGES.en;
-  for (const [name, texts] of Object.entries(LANGUAGES)) {
-    assert.deepEqual(Object.keys(texts).sort(), Object.keys(english).sort(), name);
-    assert.deepEqual(Object.keys(texts.codes).sort(), [...NAMES].sort(), name);
-    for (const word of Object.values(texts.codes)) assert.ok(word.length > 0 && word.length <= 10, `${name}: ${word}`);
-    assert.equal(texts.codes.FAULT, texts.codes.STOP, 'a fault is shown as STOP');
-  }
 });
 
 test('a fault looks like STOP: same sign, same colour', () => {
   assert.deepEqual([CODES.FAULT.symbol, CODES.FAULT.kind], [CODES.STOP.symbol, CODES.STOP.kind]);
+  assert.equal(wordOf('FAULT'), wordOf('STOP'));
   assert.equal(CODES.TOO_FAR.kind, 'halt');
 });
 
@@ -41,7 +34,7 @@ test('what makes no sense is no message', () => {
   for (const text of ['', '{', 'null', '7', '[]', '"STOP"']) assert.equal(driverView(text, 'bay1'), null, text);
   for (const change of [
     { bay: 'bay2' }, { bay: null }, { code: 'GO' }, { code: 'toString' }, { code: 1 }, { stop: null }, { stop: 'false' }, { stop: 0 },
-    { age_ms: null }, { age_ms: -1 }, { age_ms: '20' }, { amount_mm: '3' }, { to_go_mm: undefined }, { closing_mm_s: true },
+    { age_ms: null }, { language: 7 }, { age_ms: -1 }, { age_ms: '20' }, { amount_mm: '3' }, { to_go_mm: undefined }, { closing_mm_s: true },
   ]) assert.equal(told(change), null, JSON.stringify(change));
 });
 
@@ -62,12 +55,4 @@ test('the column: far at its foot, the stopping place at the line, past it above
   assert.ok(column(100).at < line && column(-100).at > line && column(-100).past);
   assert.equal(column(-9000).at, 1);
   assert.equal(column(null).at, null);
-});
-
-test('the language: asked for, else the reader’s, else English', () => {
-  assert.equal(chosen('de', ['en']), 'de');
-  assert.equal(chosen('DE-at', []), 'de');
-  assert.equal(chosen('xx', ['fr', 'de-CH']), 'de');
-  assert.equal(chosen(null, ['fr']), 'en');
-  assert.equal(chosen('constructor', []), 'en');
 });

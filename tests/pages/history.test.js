@@ -1,6 +1,6 @@
 import assert from 'node:assert/strict';
 import test from 'node:test';
-import { VISIT_KINDS, abnormal, bucketAt, bucketText, columns, faultsText, frameMs, hashOf, pictureAt, placeOf, stamp, stopOf, windowAt, zone } from '../static/lib/history.js';
+import { VISIT_KINDS, abnormal, bucketAt, bucketText, columns, faultsText, firstScale, frameMs, hashOf, pictureAt, placeOf, spanOf, stamp, stopOf, windowAt, zone } from '../static/lib/history.js';
 
 const MIN = 60_000;
 const bucket = (t_ms, more = {}) => ({ t_ms, recorded_s: 60, may_move_s: 0, in_place_s: 0, stop_s: {}, r_min: null, r_mean: null, r_max: null, z_min: null, z_mean: null, z_max: null, ...more });
@@ -47,6 +47,11 @@ test('the address of a moment goes both ways, and nonsense is left out', () => {
   assert.deepEqual(placeOf('#a', []), { bay: null, atMs: null, scale: null });
 });
 
+test('a page begins with the time there is, a day at most', () => {
+  const spans = [0, 9 * MIN, 15 * MIN, 16 * MIN, 61 * MIN, 9 * 60 * MIN, 90 * 24 * 60 * MIN];
+  assert.deepEqual(spans.map(firstScale), ['quarter', 'quarter', 'quarter', 'hour', 'shift', 'day', 'day']);
+});
+
 test('a window has its length, whole minutes at its end, and ends at the newest', () => {
   for (const [scale, ms] of [['hour', 3_600_000], ['day', 86_400_000], ['month', 30 * 86_400_000]]) {
     const last = 1_795_400_040_000;
@@ -79,4 +84,9 @@ test('visits are filtered by what happened in them', () => {
   const kinds = Object.entries(VISIT_KINDS).filter(([, [, fits]]) => fits(visit)).map(([key]) => key);
   assert.deepEqual(kinds, ['all', 'faults', 'never', 'corrected']);
   assert.match(faultsText(visit), /^no echo 2 × 1\.[23].s$/);
+});
+
+test('the time that an answer is of', () => {
+  assert.deepEqual(spanOf('/api/bays/bay%201/trend?since_ms=60000&until_ms=120000&points=60'), { sinceMs: 60_000, untilMs: 120_000 });
+  assert.equal(spanOf(null), null);
 });

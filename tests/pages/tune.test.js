@@ -2,6 +2,7 @@ import assert from 'node:assert/strict';
 import test from 'node:test';
 import { css, differing, groups, partLimits, placeOf, range, same, stepOf, title, typed, valueAt, widely, followed } from '../static/tune/settings.js';
 import { trials } from '../static/tune/trials.js';
+import { confirmed } from '../static/lib/warnings.js';
 
 const key = (name, kind, low, high, more = {}) => ({ name, kind, low, high, unit: '', step: null, default: 0, belongs: 'paper', choices: [], meaning: '', ...more });
 const AREA = key('min_area_px2', 'number', 0, 1e8, { unit: 'px²' });
@@ -18,11 +19,10 @@ test('a key as people read it', () => {
   assert.equal(range(SHARE), '0.002 to 1');
 });
 
-test('every key stands in one group', () => {
-  const all = [AREA, KERNEL, SHARE, FILL, RED, METHOD];
-  const parts = groups(all);
+test('every key stands in one group, but those of red, which have controls of their own', () => {
+  const all = [AREA, KERNEL, SHARE, FILL, METHOD];
+  const parts = groups([...all, RED]);
   assert.deepEqual(Object.values(parts).flat().map((one) => one.name).sort(), all.map((one) => one.name).sort());
-  assert.deepEqual(parts.red, [RED]);
   assert.deepEqual(parts.clean, [KERNEL]);
   assert.deepEqual(parts.gates, [AREA, FILL]);
 });
@@ -37,6 +37,7 @@ test('what is typed is taken only where the gateway would take it', () => {
   assert.equal(typed(KERNEL, '7'), 7);
   for (const bad of ['8', '33', '-1', '', ' ', 'x', '7.5', 'Infinity', '1e400']) assert.equal(typed(KERNEL, bad), null, bad);
   assert.equal(typed(FILL, '0.25'), 0.25);
+  assert.equal(typed(FILL, '0,25'), 0.25);
   assert.equal(typed(FILL, '1.01'), null);
   assert.equal(typed(AREA, '1e8'), 1e8);
 });
@@ -172,4 +173,46 @@ test('when what is in force changes, keys that nobody has touched follow and the
   const draft = { a: 1, red: [1, 2, 9], c: 5 };
   assert.deepEqual(followed(draft, was, { a: 2, red: [4, 5, 6], c: 5 }), { a: 2, red: [1, 2, 9], c: 5 });
   assert.deepEqual(followed(was, was, { a: 2, red: [4, 5, 6], c: 5 }), { a: 2, red: [4, 5, 6], c: 5 });
+});
+
+/** A gateway with `warnings` about the settings, and what was sent to it. */
+const gate = (...warnings) => {
+  const sent = [];
+  return { sent, act: async (accepted) => {
+    sent.push(accepted);
+    const open = warnings[Math.min(sent.length - 1, warnings.length - 1)];
+    if (open.some((id) => !accepted.includes(id))) throw Object.assign(new Error('refused'), { body: { error: 'warnings', warnings: open.map((id) => ({ id })) } });
+    return 'live';
+  } };
+};
+
+test('warnings are accepted one list after the other; without any there is no question', async () => {
+  const none = gate([]);
+  assert.equal(await confirmed(none.act, () => assert.fail('asked')), 'live');
+  const asked = [];
+  const more = gate(['a'], ['a', 'b']);
+  assert.equal(await confirmed(more.act, async (list) => asked.push(list.map((one) => one.id))), 'live');
+  assert.deepEqual([asked, more.sent], [[['a'], ['a', 'b']], [[], ['a'], ['a', 'b']]]);
+});
+
+test('a score that runs is waited for before anybody is asked, and once only', async () => {
+  const refusal = (...warnings) => Object.assign(new Error('refused'), { body: { error: 'warnings', warnings } });
+  const dusk = { id: 'dusk: not scored []', bay: 'bay1', test_set: 'dusk', scoring: true };
+  const dawn = { ...dusk, id: 'dawn: not scored []', test_set: 'dawn' };
+  const busy = { ...dawn, scoring: false }; // others are being scored: it has not begun
+  const answers = [refusal(dusk, busy), refusal(dusk, dawn), refusal(dusk, dawn)];
+  const act = async (accepted) => { if (answers.length) throw answers.shift(); return accepted; };
+  const waited = [];
+  const wait = async (warnings) => waited.push(warnings.map((one) => one.test_set));
+  assert.deepEqual(await confirmed(act, async () => true, wait), [dusk.id, dawn.id]);
+  assert.deepEqual(waited, [['dusk'], ['dawn']]);
+  assert.equal(await confirmed(async () => { throw refusal(dusk); }, () => assert.fail('asked'), async () => false), null);
+});
+
+test('who does not accept the warnings changes nothing; another refusal is no question', async () => {
+  const one = gate(['a']);
+  assert.equal(await confirmed(one.act, async () => false), null);
+  assert.equal(one.sent.length, 1);
+  const broken = async () => { throw Object.assign(new Error('no'), { body: { error: 'refused' } }); };
+  await assert.rejects(confirmed(broken, () => assert.fail('asked')), /no/);
 });

@@ -34,7 +34,8 @@ test('the size of a frame', () => {
 
 test('an empty bay is in order; a camera that is gone is not', () => {
   assert.deepEqual([visionHealth(state('NO_TARGET')), rangeHealth(state('NO_TARGET', 'NO_ECHO'))], ['ok', 'ok']);
-  assert.equal(rangeHealth(state('GOOD', 'NO_ECHO')), 'warn');
+  assert.equal(rangeHealth({ ...state('GOOD', 'NO_ECHO'), may_move: false }), 'warn');
+  assert.equal(rangeHealth(state('GOOD', 'NO_ECHO')), 'ok', 'a truck arrives from beyond its range');
   for (const bad of ['STALE', 'LINK_DOWN', 'PROCESS_FAULT', 'SOMETHING_NEW']) assert.equal(visionHealth(state(bad)), 'bad');
   for (const bad of ['STALE', 'LINK_DOWN', 'STUCK', 'WRONG_VERSION', 'SOMETHING_NEW']) assert.equal(rangeHealth(state('GOOD', bad)), 'bad');
   assert.deepEqual(['ALIVE', 'UNUSED', 'WAITING', 'LOST', 'NEW'].map((link) => plcHealth(state('GOOD', 'GOOD', link))), ['ok', 'off', 'off', 'bad', 'bad']);
@@ -44,6 +45,8 @@ test('nothing known is never leave to move', () => {
   assert.equal(decisionWords(null), 'NOT KNOWN');
   assert.equal(decisionWords({ stop: true, may_move: false }), 'STOP');
   assert.equal(decisionWords({ stop: true, may_move: true }), 'STOP');
+  assert.equal(decisionWords({ stop: true, may_move: false, in_place: true }), 'IN PLACE');
+  assert.equal(decisionWords({ stop: false, may_move: true, in_place: true }), 'MAY MOVE', 'in place is never without stop');
   assert.equal(decisionWords({ stop: false, may_move: true }), 'MAY MOVE');
   assert.equal(decisionWords({ stop: false, may_move: false }), 'NO STOP, MAY NOT MOVE');
 });

@@ -3,19 +3,24 @@
 // Three watches, each enough alone: a timer on setInterval, one on requestAnimationFrame, and an animation of the
 // browser's compositor that ends in STOP even while no script runs.
 
-import { driverDistance } from './lib/format.js';
+import { watch } from './lib/ambient.js';
+import { driverDistance, driverSpeed } from './lib/format.js';
 import { Freshness } from './lib/freshness.js';
-import { CODES, WITH_AMOUNT, column, driverView } from './lib/guidance.js';
-import { LANGUAGES, chosen } from './lib/lang.js';
+import { CODES, WITH_AMOUNT, column, driverView, wordOf } from './lib/guidance.js';
+import { beginKiosk, keepAwake, watchIdle } from './lib/kiosk.js';
+import { choice, choose, chosen, language, languages, load, t } from './lib/lang.js';
 import { open } from './lib/live.js';
+import { remember, remembered } from './lib/memory.js';
+import { Sound, pattern } from './lib/sound.js';
 import { PATHS } from './lib/symbols.js';
 
 const LIMIT_MS = 500;
+const AGAIN_MS = 5000; // between two requests for a language, while the gateway does not answer
 
 const query = new URLSearchParams(location.search);
 const bay = decodeURIComponent(location.pathname.split('/')[2] ?? '') || null;
-const language = chosen(query.get('lang'), navigator.languages);
-const texts = LANGUAGES[language];
+const sound = new Sound();
+let units = (query.get('units') ?? remembered('gateway.units')) === 'imperial' ? 'imperial' : 'metric';
 const element = (id) => /** @type {HTMLElement} */ (document.getElementById(id));
 
 const deadman = element('deadman');
@@ -43,7 +48,8 @@ function stopNow(reason) {
   element('show').setAttribute('aria-hidden', 'true');
   document.body.dataset.code = 'STOP';
   document.body.dataset.fresh = 'false';
-  say('STOP', texts.codes.STOP);
+  say('STOP', t('driver|STOP'));
+  sound.play('STOP', pattern('STOP', 'halt', null, false), performance.now());
   if (why.textContent !== reason) why.textContent = reason;
 }
 
@@ -57,7 +63,7 @@ function say(code, word) {
 /** Is what stands there still true? Called by every watch. */
 function judge() {
   const ageMs = fresh.ageMs(performance.now(), Date.now());
-  if (view === null || ageMs > LIMIT_MS) stopNow(connected ? texts.noData : texts.noConnection);
+  if (view === null || ageMs > LIMIT_MS) stopNow(connected ? t('driver|no data') : t('driver|no connection'));
 }
 
 function number(id, label, value, unit) {
@@ -65,7 +71,10 @@ function number(id, label, value, unit) {
   at.classList.toggle('none', value === null);
   if (value === null) return;
   const [name, digits, after] = [at.querySelector('dt'), at.querySelector('b'), at.querySelector('span')];
-  if (name.textContent !== label) name.textContent = label;
+  if (name.textContent !== label) {
+    name.textContent = label;
+    if (id === 'amount') element('show').style.setProperty('--label-em', String(Math.max(1, widest([label.toLocaleUpperCase(language())]))));
+  }
   if (digits.textContent !== value) digits.textContent = value;
   if (after.textContent !== unit) after.textContent = unit;
 }
@@ -77,30 +86,34 @@ function show(now) {
   document.body.dataset.fresh = 'true';
   const path = element('path');
   if (path.getAttribute('d') !== PATHS[what.symbol]) path.setAttribute('d', PATHS[what.symbol]);
-  put('word', texts.codes[now.code]);
+  put('word', t(wordOf(now.code)));
   const sideways = now.code === 'LEFT' || now.code === 'RIGHT';
   const amount = WITH_AMOUNT.includes(now.code) ? now.amount_mm ?? (sideways ? null : now.to_go_mm) : null;
-  const [digits, unit] = driverDistance(amount);
-  const past = now.code === 'BACK' || now.code === 'TOO_FAR';
-  const label = sideways ? texts.sideways : past ? texts.past : texts.toGo;
-  if (now.code === 'FAULT') number('amount', '', texts.fault, '');
-  else number('amount', label, amount === null ? null : digits, unit);
+  const [digits, unit] = driverDistance(amount, units);
+  const driving = now.code === 'FORWARD' || now.code === 'SLOW'; // of BACK, TOO FAR, LEFT and RIGHT the word says what the number is
+  if (now.code === 'FAULT') number('amount', '', t('driver|fault'), '');
+  else number('amount', driving ? t('driver|to go') : '', amount === null ? null : digits, unit);
+  element('show').classList.toggle('plain', amount === null);
   const speed = now.closing_mm_s;
-  number('speed', speed !== null && speed <= -10 ? texts.away : texts.speed, speed === null ? null : String(Math.round(Math.abs(speed) / 10)), 'cm/s');
+  const moving = speed !== null && now.code !== 'FAULT' && (what.drives || Math.abs(speed) >= 10); // a truck that waits has no speed to be shown
+  const [pace, per] = driverSpeed(speed, units);
+  number('speed', t(speed !== null && speed <= -10 ? 'driver|backing off' : 'driver|speed'), moving ? pace : null, per);
   const place = column(now.to_go_mm);
   element('column').classList.toggle('none', place.at === null);
   element('line').style.bottom = `${place.line * 100}%`;
   element('past').style.bottom = `${place.line * 100}%`;
   element('bar').style.transform = `scaleY(${place.at ?? 0})`;
   element('show').removeAttribute('aria-hidden');
-  say(now.code, texts.codes[now.code]);
+  say(now.code, t(wordOf(now.code)));
+  sound.play(now.code, pattern(now.code, what.kind, now.to_go_mm, speed !== null && speed > 20), performance.now());
+  speak(now.language ?? null);
 }
 
 function message(text, arrival) {
   const now = driverView(text, bay);
   if (now === null || document.hidden) {
     fresh.forget();
-    stopNow(texts.noData);
+    stopNow(t('driver|no data'));
   } else {
     fresh.received(now.age_ms, arrival.receivedMs, Date.now(), arrival.askedMs, now.held_ms);
     const ageMs = fresh.ageMs(performance.now(), Date.now());
@@ -109,7 +122,7 @@ function message(text, arrival) {
       show(now);
       hold.currentTime = ageMs; // ends when the data is too old, whatever this script does
       hold.play();
-    } else stopNow(texts.noData);
+    } else stopNow(t('driver|no data'));
   }
   // The next one when this one has been drawn. A page in the background draws nothing: it asks slowly.
   let asked = false;
@@ -127,14 +140,14 @@ const link = open(`/api/driver${bay === null ? '' : `?bay=${encodeURIComponent(b
     connected = on;
     if (!on) {
       fresh.forget();
-      stopNow(texts.noConnection);
+      stopNow(t('driver|no connection'));
     }
   },
 });
 
 const forget = () => {
   fresh.forget();
-  stopNow(texts.noData);
+  stopNow(t('driver|no data'));
 };
 document.addEventListener('visibilitychange', forget);
 document.addEventListener('freeze', forget);
@@ -149,44 +162,144 @@ setInterval(judge, 50);
 
 // The look: theme, language, size of the words.
 const dark = matchMedia('(prefers-color-scheme: dark)');
+let ambient = /** @type {boolean|null} */ (null);
 function theme() {
   const wanted = query.get('theme');
-  const night = wanted === 'night' || (wanted !== 'sun' && dark.matches);
+  const night = wanted === 'night' || (wanted !== 'sun' && (ambient ?? dark.matches));
   document.documentElement.dataset.theme = night ? 'night' : 'sun';
 }
 theme();
 dark.addEventListener('change', theme);
-document.documentElement.lang = language;
-const letters = Math.max(...Object.values(texts.codes).map((word) => word.length));
-document.documentElement.style.setProperty('--letters', String(letters));
-document.documentElement.style.setProperty('--stop-letters', String(texts.codes.STOP.length));
-/** @type {HTMLElement} */ (deadman.querySelector('.word')).textContent = texts.codes.STOP;
-stopNow(texts.noConnection);
+watch((isDark) => {
+  ambient = isDark;
+  theme();
+});
 
-// The screen must not fall asleep; browsers grant it to visible pages of this machine or over TLS.
-async function keepAwake() {
-  if (document.hidden || !('wakeLock' in navigator)) return;
-  try {
-    await navigator.wakeLock.request('screen');
-  } catch {
-    // Not granted: the kiosk's own settings must keep the screen on.
+const ruler = /** @type {CanvasRenderingContext2D} */ (document.createElement('canvas').getContext('2d'));
+/** The width of the widest of these texts in units of its font's size. @param {string[]} texts */
+function widest(texts) {
+  ruler.font = `700 100px ${getComputedStyle(document.body).fontFamily}`;
+  return Math.max(...texts.map((text) => ruler.measureText(text).width)) / 100;
+}
+
+/** What the styles can't know: how wide the words are, all of one language in one size. */
+function fit() {
+  const root = document.documentElement.style;
+  root.setProperty('--word-em', String(widest(Object.keys(CODES).map((code) => t(wordOf(/** @type {any} */ (code)))))));
+  root.setProperty('--stop-em', String(widest([t('driver|STOP')])));
+  root.setProperty('--fault-em', String(widest([t('driver|fault')])));
+  const after = (digits, units) => widest([digits]) + 0.5 * (0.18 + widest(units)); // as the style has it
+  root.setProperty('--digits-em', String(Math.max(after('8.88', ['m', 'ft']), after('88', ['cm', 'in']))));
+}
+
+/** @type {{code: string, name: string}[]} */
+let known = [];
+let wanted = query.get('lang') ?? choice();
+let ofRecipe = /** @type {string|null} */ (null);
+
+let wishes = 0;
+
+const pause = () => new Promise((resolve) => setTimeout(resolve, AGAIN_MS));
+
+/** Requested until it arrives, or another one is wished. Until then it stays as it is: the signs need no words. */
+async function inLanguage(code) {
+  wishes += 1;
+  const mine = wishes;
+  while (mine === wishes) {
+    try {
+      await load(code);
+      return words();
+    } catch {
+      await pause();
+    }
   }
 }
-document.addEventListener('visibilitychange', keepAwake);
-keepAwake();
 
-const full = /** @type {HTMLButtonElement} */ (element('full'));
-full.textContent = texts.fullScreen;
+function words() {
+  fit();
+  shown = '';
+  /** @type {HTMLElement} */ (deadman.querySelector('.word')).textContent = t('driver|STOP');
+  if (view === null) stopNow(t('driver|no connection'));
+  else show(view);
+  tools();
+}
+
+/** The newest choice counts: that of the PLC's recipe, or at the display. @param {string|null} recipe */
+function speak(recipe) {
+  if (recipe === ofRecipe || known.length === 0) return;
+  ofRecipe = recipe;
+  inLanguage(chosen(known.map(({ code }) => code), recipe ?? wanted, navigator.languages));
+}
+
+keepAwake();
+beginKiosk();
+
+const button = (id) => /** @type {HTMLButtonElement} */ (element(id));
+const list = element('languages');
+
+function tools() {
+  const current = known.find(({ code }) => code === language());
+  button('language').textContent = `${t('driver|Language')}: ${current?.name ?? 'English'}`;
+  button('sound').textContent = t(sound.on ? 'driver|Turn sound off' : 'driver|Turn sound on'); // what it does, not how it is: so it is not "pressed"
+  button('full').textContent = t('driver|Full screen');
+  list.replaceChildren(
+    ...known.map(({ code, name }) => {
+      const one = document.createElement('button');
+      [one.type, one.textContent, one.lang] = ['button', name, code];
+      one.setAttribute('aria-pressed', String(code === language()));
+      one.addEventListener('click', () => {
+        wanted = code;
+        choose(code);
+        unfold(false);
+        inLanguage(code);
+      });
+      return one;
+    }),
+  );
+}
+
+// Room for the buttons where they would lie on the word; the list of languages may lie over it while one is chosen.
+new ResizeObserver(() => {
+  if (list.hidden) document.body.style.setProperty('--tools', `${element('tools').offsetHeight}px`);
+}).observe(element('tools'));
+
+function unfold(on) {
+  list.hidden = !on;
+  button('language').setAttribute('aria-expanded', String(on));
+}
+
+button('language').addEventListener('click', () => unfold(list.hidden));
+button('units').addEventListener('click', () => {
+  units = units === 'metric' ? 'imperial' : 'metric';
+  remember('gateway.units', units);
+  if (view !== null) show(view);
+});
+button('sound').addEventListener('click', () => {
+  if (sound.on) sound.stop();
+  else sound.start();
+  remember('gateway.sound', sound.on ? 'on' : null);
+  tools();
+});
+if ((query.get('sound') ?? remembered('gateway.sound')) === 'on') sound.start();
+const full = button('full');
 full.hidden = !document.fullscreenEnabled;
 full.addEventListener('click', () => {
   if (document.fullscreenElement) document.exitFullscreen();
   else document.documentElement.requestFullscreen().catch(() => {});
 });
-let idle = 0;
-function busy() {
-  document.body.classList.remove('idle');
-  clearTimeout(idle);
-  idle = setTimeout(() => document.body.classList.add('idle'), 4000);
-}
-for (const kind of ['pointermove', 'pointerdown', 'keydown']) addEventListener(kind, busy);
-busy();
+
+words();
+stopNow(t('driver|no connection'));
+(async function begin() {
+  for (;;) {
+    try {
+      known = await languages();
+      break;
+    } catch {
+      await pause();
+    }
+  }
+  await inLanguage(chosen(known.map(({ code }) => code), ofRecipe ?? wanted, navigator.languages));
+  tools();
+})();
+watchIdle(() => unfold(false));

@@ -1,55 +1,82 @@
-// The login. Where one wanted to go is only ever a path of this server.
+// The login, in the viewer's language. Where one wanted to go is only ever a path of this server.
 
+import { html, render, useEffect, useRef, useState } from './lib/page.js';
 import { get, post, safePath } from './lib/api.js';
+import { text } from './lib/lang.js';
+import { titled } from './lib/title.js';
+import { ViewMenu } from './lib/top.js';
 
-const element = (id) => /** @type {HTMLElement} */ (document.getElementById(id));
-const form = /** @type {HTMLFormElement} */ (document.querySelector('form'));
-const name = /** @type {HTMLInputElement} */ (element('name'));
-const password = /** @type {HTMLInputElement} */ (element('password'));
-const eye = element('eye');
-const submit = /** @type {HTMLButtonElement} */ (form.querySelector('[type=submit]'));
-const next = safePath(new URLSearchParams(location.search).get('next') ?? '/', location.origin);
+const asked = new URLSearchParams(location.search);
+const next = safePath(asked.get('next') ?? '/', location.origin);
+const lacking = asked.has('need'); // the role of the page that was asked for
 
-function trouble(text) {
-  const at = element('trouble');
-  at.textContent = text;
-  at.hidden = text === '';
+/** @param {any} error of a login */
+function words(error) {
+  if (error.name === 'TypeError' || error.name === 'TimeoutError') return 'The gateway does not answer.';
+  if (error.status === 401) return 'Wrong name or password.';
+  const waitS = /in (\d+) s$/.exec(error.message)?.[1];
+  return error.status === 429 && waitS ? text('Too many failed logins: try again in {0} s.', waitS) : error.message;
 }
 
-async function session() {
-  const answer = await get('/api/session');
-  element('none').hidden = answer.can_login;
-  return answer;
+function Login() {
+  const [session, setSession] = useState(/** @type {any} */ (null));
+  const [trouble, setTrouble] = useState('');
+  const [busy, setBusy] = useState(false);
+  const [shown, setShown] = useState(false);
+  const name = useRef(/** @type {any} */ (null));
+  const password = useRef(/** @type {any} */ (null));
+  const renewed = async () => {
+    const answer = await get('/api/session');
+    setSession(answer);
+    return answer;
+  };
+  useEffect(() => {
+    renewed().catch(() => setTrouble('The gateway does not answer.'));
+    name.current.focus();
+  }, []);
+  const submit = async (event) => {
+    event.preventDefault();
+    if (!name.current.value || !password.current.value) {
+      setTrouble('Name and password, please.');
+      (name.current.value ? password : name).current.focus();
+      return;
+    }
+    setBusy(true);
+    setTrouble('');
+    try {
+      const { csrf } = await renewed();
+      const answer = await post('/api/login', { name: name.current.value, password: password.current.value, next }, csrf);
+      location.replace(safePath(answer.next ?? next, location.origin));
+    } catch (error) {
+      password.current.value = '';
+      password.current.focus();
+      setTrouble(words(error));
+      setBusy(false);
+    }
+  };
+  const show = () => {
+    setShown(!shown);
+    password.current.focus();
+  };
+  return html`<main class="login">
+    <form class="panel" method="post" action="/api/login" novalidate onSubmit=${submit}>
+      <div class="row spread"><img src="/static/icon.svg" alt="" width="48" height="48" /><${ViewMenu} /></div>
+      <h1>Log in to the loading gateway</h1>
+      <p class="notice bad" role="alert" hidden=${!trouble}>${trouble}</p>
+      <p class="notice" hidden=${!(session?.name && lacking)}>The page that you asked for needs a login with more rights.</p>
+      <p class="notice" hidden=${session?.can_login !== false}>No users are configured. The command “gateway password” makes one for [[hmi.users]].</p>
+      <label for="name">Name</label>
+      <input id="name" ref=${name} name="name" autocomplete="username" autocapitalize="none" spellcheck=${false} required maxlength="64" />
+      <label for="password">Password</label>
+      <div class="with-eye">
+        <input id="password" ref=${password} name="password" type=${shown ? 'text' : 'password'} autocomplete="current-password" required />
+        <button type="button" aria-pressed=${String(shown)} aria-controls="password" onClick=${show}>${shown ? 'Hide' : 'Show'}</button>
+      </div>
+      <button class="primary" type="submit" disabled=${busy}>Log in</button>
+      <p class="small muted"><a href="/driver">Driver's display</a></p>
+    </form>
+  </main>`;
 }
 
-form.addEventListener('submit', async (event) => {
-  event.preventDefault();
-  if (!name.value || !password.value) {
-    trouble('Name and password, please.');
-    (name.value ? password : name).focus();
-    return;
-  }
-  submit.disabled = true;
-  trouble('');
-  try {
-    const { csrf } = await session();
-    const answer = await post('/api/login', { name: name.value, password: password.value, next }, csrf);
-    location.replace(safePath(answer.next ?? next, location.origin));
-  } catch (error) {
-    password.value = '';
-    trouble(error.name === 'TypeError' ? 'The gateway does not answer.' : error.message);
-    password.focus();
-    submit.disabled = false;
-  }
-});
-
-eye.addEventListener('click', () => {
-  const shown = password.type === 'text';
-  password.type = shown ? 'password' : 'text';
-  eye.setAttribute('aria-pressed', String(!shown));
-  eye.textContent = shown ? 'Show' : 'Hide';
-  password.focus();
-});
-
-session().catch(() => trouble('The gateway does not answer.'));
-name.focus();
+titled('Log in');
+render(html`<${Login} />`, document.body);

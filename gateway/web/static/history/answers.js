@@ -1,6 +1,6 @@
 // One answer at a time for an address; a newer address gives up what the older one waited for.
 
-import { useEffect, useState } from '../vendor/preact-htm.js';
+import { useEffect, useState } from '../lib/page.js';
 import { get, toLogin } from '../lib/api.js';
 
 /**

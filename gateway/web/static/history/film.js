@@ -1,8 +1,9 @@
 // One visit again: its kept pictures as a film, with the trend of the visit beside it.
 
-import { html, useEffect, useState } from '../vendor/preact-htm.js';
+import { html, useEffect, useState } from '../lib/page.js';
 import { clock, number, words } from '../lib/format.js';
-import { frameMs, pictureAt, stamp } from '../lib/history.js';
+import { listed, t, text } from '../lib/lang.js';
+import { frameMs, pictureAt, spanOf, stamp } from '../lib/history.js';
 import { useAnswer } from './answers.js';
 import { Timeline } from './timeline.js';
 import { pictureUrl } from './visits.js';
@@ -63,28 +64,28 @@ export function Film({ bay, visit, pictures: allowed, ask, close }) {
   const why = allowed === 'not_for_you' ? 'Kept pictures are not for this role (records.pictures_for).' : kept.wrong || (kept.busy ? 'Loading.' : 'No picture of this visit was kept.');
   return html`<section class="panel film" aria-labelledby="film-title">
     <header>
-      <h2 id="film-title">Visit of ${stamp(visit.begun_ms)}, ${number(visit.length_s, 0, 's')}</h2>
+      <h2 id="film-title">${text('Visit of {0}, {1}', stamp(visit.begun_ms), number(visit.length_s, 0, 's'))}</h2>
       <div class="row compact">${shown && html`<button type="button" onClick=${() => ask(shown.t_ms)}>Why, at this picture?</button>`}<button type="button" onClick=${close}>Close</button></div>
     </header>
     <div class="both">
       <div>
         <figure class="screen">
-          ${shown ? html`<img src=${url(shown)} alt=${`frame ${shown.frame_id} of ${stamp(shown.t_ms, { ms: true })}`} />` : html`<p class="no-picture"><span>${why}</span></p>`}
-          <figcaption class="small row spread">${shown && html`<span class="value">${stamp(shown.t_ms, { ms: true })}</span><span>frame ${shown.frame_id}, kept for ${shown.why.map(words).join(', ')}${shown.changed ? `; ${shown.changed}` : ''}</span>`}</figcaption>
+          ${shown ? html`<img src=${url(shown)} alt=${text('frame {0} of {1}', shown.frame_id, stamp(shown.t_ms, { ms: true }))} />` : html`<p class="no-picture"><span>${why}</span></p>`}
+          <figcaption class="small row spread">${shown && html`<span class="value">${stamp(shown.t_ms, { ms: true })}</span><span>${listed([text('frame {0}, kept for {1}', shown.frame_id, shown.why.map((one) => t(words(one))).join(', ')), shown.changed], '; ')}</span>`}</figcaption>
         </figure>
         <div class="row compact controls">
           <button type="button" class="primary" disabled=${pictures.length < 2} onClick=${play}>${playing ? 'Pause' : 'Play'}</button>
           <button type="button" disabled=${n <= 0} aria-label="one picture back" onClick=${() => setN(n - 1)}>‹</button>
           <button type="button" disabled=${n >= pictures.length - 1} aria-label="one picture on" onClick=${() => setN(n + 1)}>›</button>
           <input type="range" min="0" max=${Math.max(0, pictures.length - 1)} value=${n} disabled=${pictures.length < 2} aria-label="picture"
-            aria-valuetext=${shown ? `${n + 1} of ${pictures.length}, ${clock(shown.t_ms)}` : 'none'} onInput=${(event) => { setPlaying(false); setN(Number(event.target.value)); }} />
-          <span class="small nowrap">${pictures.length ? `${n + 1} of ${pictures.length}` : '0'}</span>
+            aria-valuetext=${shown ? text('{0} of {1}, {2}', n + 1, pictures.length, clock(shown.t_ms)) : 'none'} onInput=${(event) => { setPlaying(false); setN(Number(event.target.value)); }} />
+          <span class="small nowrap">${pictures.length ? text('{0} of {1}', n + 1, pictures.length) : '0'}</span>
           <select aria-label="speed" value=${speed} onChange=${(event) => setSpeed(Number(event.target.value))}>${SPEEDS.map((one) => html`<option value=${one} selected=${one === speed}>${one} ×</option>`)}</select>
         </div>
       </div>
       <div>
         ${values.wrong && html`<p class="notice warn small" role="status">${values.wrong}</p>`}
-        <${Timeline} label="visit" view=${values.answer} events=${[]} sinceMs=${sinceMs} untilMs=${untilMs} atMs=${shown?.t_ms ?? null}
+        <${Timeline} label="visit" view=${values.answer} viewed=${spanOf(values.path)} busy=${values.busy} events=${[]} sinceMs=${sinceMs} untilMs=${untilMs} atMs=${shown?.t_ms ?? null}
           pick=${(ms) => { setPlaying(false); setN(pictureAt(pictures, ms)); }} />
         ${values.busy && html`<p class="muted small">Reading the recording.</p>`}
       </div>

@@ -1,11 +1,13 @@
 // The history of a bay: a timeline by hour, day or month, its events, its visits, one visit as a film, and why.
 // `/history#bay1/1795400040000/day` is a bay, a moment and a length.
 
-import { html, render, useEffect, useErrorBoundary, useState } from '../vendor/preact-htm.js';
-import { get, toLogin } from '../lib/api.js';
+import { html, useEffect, useErrorBoundary, useRef, useState } from '../lib/page.js';
 import { words } from '../lib/format.js';
-import { MARKED, SCALES, abnormal, hashOf, inputTime, placeOf, stamp, windowAt, zone } from '../lib/history.js';
-import { Brand, Pages, Who } from '../lib/top.js';
+import { MARKED, SCALES, abnormal, firstScale, hashOf, inputTime, placeOf, spanOf, stamp, windowAt, zone } from '../lib/history.js';
+import { listed, t, text } from '../lib/lang.js';
+import { titled } from '../lib/title.js';
+import { start } from '../lib/start.js';
+import { Brand, Pages, SessionMenu } from '../lib/top.js';
 import { useKept } from '../operator/hooks.js';
 import { useAnswer } from './answers.js';
 import { Film } from './film.js';
@@ -14,22 +16,22 @@ import { Visits } from './visits.js';
 import { Why } from './why.js';
 
 const SCROLL_MS = 200; // before the server is asked, while somebody scrolls
-const POINTS = { hour: 60, day: 480, month: 720 };
+const POINTS = { quarter: 15, hour: 60, shift: 480, day: 480, month: 720 };
 
 function Top({ session, bay, setBay }) {
   return html`<header class="top">
     <${Brand} title="History" />
     <${Pages} session=${session} bay=${bay} current="History" />
     ${session.bays.length > 1 && html`<label class="small">bay <select aria-label="bay" value=${bay} onChange=${(event) => setBay(event.target.value)}>
-      ${session.bays.map((name) => html`<option value=${name} selected=${name === bay}>${name}</option>`)}</select></label>`}
-    <div class="facts push"><${Who} session=${session} next=${location.pathname + location.search + location.hash} /></div>
+      ${session.bays.map((name) => html`<option translate="no" value=${name} selected=${name === bay}>${name}</option>`)}</select></label>`}
+    <div class="facts push"><${SessionMenu} session=${session} next=${location.pathname + location.search + location.hash} /></div>
   </header>`;
 }
 
 function Empty({ records, bay }) {
-  return html`<section class="panel" aria-labelledby="empty-title"><h1 id="empty-title">History of ${bay}</h1>
+  return html`<section class="panel" aria-labelledby="empty-title"><h1 id="empty-title">${text('History of {0}', bay)}</h1>
     ${!records.recorded
-      ? html`<p><b>Nothing is recorded.</b> Set <code>state_dir</code> in the configuration to a folder that lasts, and leave <code>[records] enabled = true</code> as it is; then start the gateway anew. What is kept, how much, and who sees it: docs/records.md.</p>`
+      ? html`<p><b>Nothing is recorded.</b> ${text('Set {0} in the configuration to a folder that lasts, and leave {1} as it is; then start the gateway anew. What is kept, how much, and who sees it: docs/records.md.', 'state_dir', '[records] enabled = true')}</p>`
       : records.why
         ? html`<p class="notice warn"><b>The index of the records cannot be read.</b> ${records.why}</p>`
         : html`<p><b>Nothing is in the index yet.</b> It gets the newest records about once a minute.</p>`}
@@ -45,7 +47,7 @@ function Events({ view, wrong, pick }) {
       ${events.map((event) => html`<tr>
         <td class="nowrap"><button type="button" class="plain link mono" onClick=${() => pick(event.t_ms)}>${stamp(event.t_ms)}</button></td>
         <td class="nowrap">${abnormal(event.kind) ? html`<span class="tag bad">${words(event.kind)}</span>` : words(event.kind)}</td>
-        <td>${[event.sensor, event.quality && event.quality !== 'GOOD' ? words(event.quality) : '', event.detail].filter(Boolean).join(' · ')}</td></tr>`)}
+        <td>${listed([event.sensor && t(words(event.sensor)), event.quality && event.quality !== 'GOOD' && t(words(event.quality)), event.detail])}</td></tr>`)}
     </tbody></table>
     ${events.length === 0 && html`<p class="muted">None.</p>`}</div>
   </section>`;
@@ -96,7 +98,7 @@ function Bay({ bay, place, records, scale, setScale }) {
   return html`
     <section class="panel past" aria-labelledby="past-title">
       <header>
-        <h1 id="past-title">${bay}: <span class="value">${stamp(sinceMs)}</span> to <span class="value">${stamp(untilMs)}</span></h1>
+        <h1 id="past-title"><span translate="no">${bay}</span>: <span class="value">${`${stamp(sinceMs)} to ${stamp(untilMs)}`}</span></h1>
         <div class="row compact">
           <div class="group" role="group" aria-label="length of the timeline">
             ${Object.entries(SCALES).map(([name, { word }]) => html`<button type="button" aria-pressed=${String(scale === name)} onClick=${() => rescale(name)}>${word}</button>`)}
@@ -111,8 +113,8 @@ function Bay({ bay, place, records, scale, setScale }) {
         </div>
       </header>
       ${trend.wrong && html`<p class="notice warn small" role="status">${trend.wrong}</p>`}
-      <${Timeline} label="timeline" view=${trend.answer} events=${marks.answer?.events ?? []} sinceMs=${sinceMs} untilMs=${untilMs} atMs=${atMs} pick=${setAtMs} pan=${pan} />
-      <p class="small muted">Line: mean; band: least to largest. Hatched: not recorded. Red: stop for a fault. Recorded from ${stamp(records.first_ms)} to ${stamp(lastMs)}. Scroll sideways, or with the arrow keys.</p>
+      <${Timeline} label="timeline" view=${trend.answer} viewed=${spanOf(trend.path)} busy=${trend.busy} events=${marks.answer?.events ?? []} sinceMs=${sinceMs} untilMs=${untilMs} atMs=${atMs} pick=${setAtMs} pan=${pan} />
+      <p class="small muted">Line: mean; band: least to largest. Hatched: not recorded. Red: stop for a fault. Scroll sideways, or with the arrow keys. ${text('Recorded from {0} to {1}.', stamp(records.first_ms), stamp(lastMs))}</p>
     </section>
     ${visit && html`<${Film} key=${visit.begun_ms} bay=${bay} visit=${visit} pictures=${records.pictures} ask=${ask} close=${() => setVisit(null)} />`}
     <${Why} bay=${bay} atMs=${atMs} asked=${asked} ask=${() => ask()} />
@@ -124,23 +126,25 @@ function Bay({ bay, place, records, scale, setScale }) {
 function App({ session }) {
   const place = usePlace(session.bays);
   const { bay } = place;
-  const [kept, keep] = useKept('history.scale', 'day');
-  const scale = place.scale ?? (Object.hasOwn(SCALES, kept) ? kept : 'day');
-  const [chosen, setChosen] = useState(scale);
+  const [kept, keep] = useKept('history.scale', '');
+  const wanted = place.scale ?? (Object.hasOwn(SCALES, kept) ? kept : null); // by the address, or at some time before
+  const [chosen, setChosen] = useState(wanted);
+  const first = useRef({ bay: '', scale: '' });
   const [again, setAgain] = useState(0);
   const records = useAnswer(bay === null ? null : `/api/bays/${encodeURIComponent(bay)}/records`, { key: again });
   useEffect(() => {
     const timer = setInterval(() => !document.hidden && setAgain((n) => n + 1), 60_000); // as often as the index grows
     return () => clearInterval(timer);
   }, []);
-  useEffect(() => setChosen(scale), [place]);
-  document.title = `History of ${bay ?? 'bays'}`;
+  useEffect(() => setChosen(wanted), [place]);
+  titled(!bay ? 'History' : 'History of {0}', bay ?? '');
   const setBay = (name) => { location.hash = encodeURIComponent(name); };
   const setScale = (name) => {
     keep(name);
     setChosen(name);
   };
   const view = records.answer?.bay === bay ? records.answer : null;
+  if (view && view.last_ms !== null && first.current.bay !== bay) first.current = { bay, scale: firstScale(view.last_ms - view.first_ms) }; // kept while the records grow
   return html`
     <a class="skip" href="#main" onClick=${(event) => { event.preventDefault(); document.getElementById('main').focus(); }}>To the content</a>
     <${Top} session=${session} bay=${bay} setBay=${setBay} />
@@ -148,26 +152,15 @@ function App({ session }) {
       ${records.wrong && html`<p class="notice bad" role="alert">${records.wrong}</p>`}
       ${view && (view.last_ms === null
         ? html`<${Empty} records=${view} bay=${bay} />`
-        : html`<${Bay} key=${`${bay} ${place.atMs}`} bay=${bay} place=${place} records=${view} scale=${chosen} setScale=${setScale} />`)}
+        : html`<${Bay} key=${`${bay} ${place.atMs}`} bay=${bay} place=${place} records=${view} scale=${chosen ?? first.current.scale} setScale=${setScale} />`)}
       ${!view && !records.wrong && html`<p class="muted">Loading.</p>`}
     </main>`;
 }
 
 function Guarded({ session }) {
   const [fault] = useErrorBoundary((error) => console.error(error));
-  if (fault) return html`<main class="page"><p class="notice bad" role="alert"><b>This page has failed.</b> Load it anew. (${String(fault.message ?? fault)})</p></main>`;
+  if (fault) return html`<main class="page"><p class="notice bad" role="alert"><b>This page has failed.</b> Load it anew.</p><p class="mono small" translate="no">${String(fault.message ?? fault)}</p></main>`;
   return html`<${App} session=${session} />`;
 }
 
-async function begin() {
-  try {
-    const session = await get('/api/session');
-    render(html`<${Guarded} session=${session} />`, document.body);
-  } catch (error) {
-    if (error.status === 401) return toLogin();
-    render(html`<main class="page"><p class="notice bad" role="alert"><b>The gateway does not answer</b> (${error.name === 'TypeError' ? 'no connection' : error.message}). Trying again.</p></main>`, document.body);
-    setTimeout(begin, 2000);
-  }
-}
-
-begin();
+start(Guarded);

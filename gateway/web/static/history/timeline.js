@@ -1,18 +1,18 @@
 // The timeline: R and Z with their least and largest values, the outputs as shares of time, events as marks. What was
-// not recorded is hatched, and no line goes across it.
+// not recorded is hatched, and no line goes across it. What is not here yet is blank, and says that it is loading.
 
-import { html, useEffect, useRef, useState } from '../vendor/preact-htm.js';
+import { html, useEffect, useRef, useState } from '../lib/page.js';
 import uPlot from '../vendor/uplot.js';
-import { nice } from '../lib/bars.js';
-import { clock, day, number, words } from '../lib/format.js';
+import { nice, written } from '../lib/bars.js';
+import { FONT, cleared, hatched, textScale } from '../lib/canvas.js';
+import { clock, day, words } from '../lib/format.js';
 import { abnormal, bucketAt, bucketText, columns, stamp, stopOf } from '../lib/history.js';
+import { listed, t, text } from '../lib/lang.js';
+import { colour, ink } from '../lib/theme.js';
+import { inUnit, lengthUnit } from '../lib/units.js';
 
-const FONT = "'Segoe UI', Roboto, 'Noto Sans', 'Liberation Sans', sans-serif";
-const INK = '#16324a';
-const GRID = '#c3c8cb';
 const ROWS = ['stop', 'in place', 'may move', 'events'];
 const AXIS = 52; // two lines
-const scaleOfText = () => parseFloat(getComputedStyle(document.documentElement).fontSize) / 16;
 
 /** Ticks with the date where the day changes, and at the first one; with seconds where they are less than a minute apart. */
 const times = (_, ticks) =>
@@ -23,8 +23,8 @@ const times = (_, ticks) =>
   });
 
 function chart(at, { label, unit, names, bare, sync, moved }) {
-  const scale = scaleOfText();
-  const font = `${Math.round(12 * scale)}px ${FONT}`;
+  const scale = textScale();
+  const font = `${13 * scale}px ${FONT}`;
   const limits = { most: 1 };
   const paths = uPlot.paths.stepped({ align: 1 });
   const line = (width, stroke) => ({ paths, width: width * scale, stroke, spanGaps: false, points: { show: false } });
@@ -33,12 +33,12 @@ function chart(at, { label, unit, names, bare, sync, moved }) {
       width: 300, height: 100, pxAlign: 0, padding: [10 * scale, 20 * scale, bare ? 8 * scale : 0, 0], legend: { show: false },
       cursor: { sync: { key: sync }, drag: { x: false, y: false }, points: { show: false } },
       scales: { x: { time: true }, y: { range: () => [0, limits.most] } },
-      series: [{}, line(0.5, 'rgba(22,50,74,0.45)'), line(0.5, 'rgba(22,50,74,0.45)'), line(1.6, INK)],
-      bands: [{ series: [2, 1], fill: 'rgba(22,50,74,0.18)' }],
+      series: [{}, line(0.5, ink('--band-line')), line(0.5, ink('--band-line')), line(1.6, ink('--value'))],
+      bands: [{ series: [2, 1], fill: ink('--band') }],
       axes: [
-        { font, stroke: '#475057', grid: { stroke: GRID, width: 1 }, ticks: { stroke: GRID }, size: bare ? 0 : AXIS * scale, show: !bare, space: 90 * scale, values: times },
-        { font, stroke: '#475057', grid: { stroke: GRID, width: 1 }, ticks: { stroke: GRID }, size: 56 * scale, space: 26 * scale, label: `${label}, ${unit}`, labelSize: 20 * scale, labelFont: `600 ${font}`, labelGap: 0,
-          values: (_, ticks) => ticks.map((t) => number(t)) },
+        { font, stroke: ink('--muted'), grid: { show: false }, ticks: { stroke: ink('--grid') }, size: bare ? 0 : AXIS * scale, show: !bare, space: 90 * scale, values: times },
+        { font, stroke: ink('--muted'), grid: { stroke: ink('--grid'), width: 1 }, ticks: { stroke: ink('--grid') }, size: 56 * scale, space: 26 * scale, label: `${label}, ${unit}`, labelSize: 20 * scale, labelFont: `600 ${font}`, labelGap: 0,
+          values: (_, ticks) => written(ticks) },
       ],
       hooks: { setCursor: [moved] },
     },
@@ -48,45 +48,30 @@ function chart(at, { label, unit, names, bare, sync, moved }) {
   return { plot, limits, names };
 }
 
-function hatched(g, left, top, width, height, ratio) {
-  g.save();
-  g.beginPath();
-  g.rect(left, top, width, height);
-  g.clip();
-  g.strokeStyle = '#b9c0c4';
-  g.lineWidth = ratio;
-  g.beginPath();
-  for (let x = left - height; x < left + width; x += 8 * ratio) {
-    g.moveTo(x, top + height);
-    g.lineTo(x + height, top);
-  }
-  g.stroke();
-  g.restore();
-}
-
-/** The rows below the charts. `atMs`: the chosen moment. */
-function strip(canvas, plot, { buckets, lengthMs, events, sinceMs, untilMs, atMs }) {
-  const ratio = devicePixelRatio || 1;
-  const room = canvas.getBoundingClientRect();
-  const [width, height] = [Math.round(room.width * ratio), Math.round(room.height * ratio)];
-  if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
-  const g = canvas.getContext('2d');
-  g.clearRect(0, 0, width, height);
+/** The rows below the charts. `atMs`: the chosen moment; `viewed`: the time that the buckets are of, null: none. */
+function strip(canvas, plot, { buckets, lengthMs, events, sinceMs, untilMs, atMs, viewed, busy }) {
+  const { g, ratio, height } = cleared(canvas);
   const { left, width: across } = plot.bbox;
   const x = (ms) => left + Math.min(1, Math.max(0, (ms - sinceMs) / (untilMs - sinceMs))) * across;
   const row = height / ROWS.length;
+  const [known, end] = viewed ? [x(viewed.sinceMs), x(viewed.untilMs)] : [left, left];
   const box = (n) => [n * row + row * 0.12, row * 0.76];
   for (const [n, name] of ROWS.entries()) {
     const [y, tall] = box(n);
-    if (n < 3) hatched(g, left, y, across, tall, ratio);
-    g.strokeStyle = '#6f787e';
+    if (n < 3) hatched(g, known, y, end - known, tall, ratio);
+    g.strokeStyle = colour('--line-strong');
     g.lineWidth = ratio;
     if (n < 3) g.strokeRect(left, y, across, tall);
-    g.fillStyle = '#1f2529';
-    g.font = `${Math.min(row * 0.55, 12 * scaleOfText() * ratio)}px ${FONT}`;
+    g.fillStyle = colour('--text');
+    g.font = `${Math.min(row * 0.55, 13 * textScale() * ratio)}px ${FONT}`;
     g.textAlign = 'right';
     g.textBaseline = 'middle';
-    g.fillText(name, left - 6 * ratio, y + tall / 2);
+    g.fillText(t(name), left - 6 * ratio, y + tall / 2, left - 8 * ratio);
+  }
+  g.textAlign = 'center';
+  for (const [from, to] of busy ? [[left, known], [end, left + across]] : []) {
+    const words = t('Loading.');
+    if (g.measureText(words).width < to - from) g.fillText(words, (from + to) / 2, row / 2);
   }
   const part = (n, from, to, share, fill) => {
     const [y, tall] = box(n);
@@ -99,17 +84,17 @@ function strip(canvas, plot, { buckets, lengthMs, events, sinceMs, untilMs, atMs
     // As wide as what was recorded of it: the rest stays hatched.
     const share = Math.min(1, (1000 * bucket.recorded_s) / lengthMs);
     const [from, to] = [x(bucket.t_ms), x(bucket.t_ms + lengthMs * (share > 0.98 ? 1 : share))];
-    for (let n = 0; n < 3; n += 1) part(n, from, to, 1, '#ffffff');
+    for (let n = 0; n < 3; n += 1) part(n, from, to, 1, colour('--field'));
     const { all, fault } = stopOf(bucket);
-    part(0, from, to, all / bucket.recorded_s, '#5d666c');
-    part(0, from, to, fault / bucket.recorded_s, '#b00016');
-    part(1, from, to, bucket.in_place_s / bucket.recorded_s, '#3f5a73');
-    part(2, from, to, bucket.may_move_s / bucket.recorded_s, '#5b7285');
+    part(0, from, to, all / bucket.recorded_s, colour('--part-strong'));
+    part(0, from, to, fault / bucket.recorded_s, colour('--red'));
+    part(1, from, to, bucket.in_place_s / bucket.recorded_s, colour('--bar-strong'));
+    part(2, from, to, bucket.may_move_s / bucket.recorded_s, colour('--bar'));
   }
   const [y, tall] = box(3);
   for (const event of events) {
     const [at, bad] = [x(event.t_ms), abnormal(event.kind)];
-    g.fillStyle = bad ? '#b00016' : '#1f2529';
+    g.fillStyle = bad ? colour('--red') : colour('--text');
     g.beginPath();
     if (bad) { // a triangle on its base, else a bar: never colour alone
       g.moveTo(at, y);
@@ -119,7 +104,7 @@ function strip(canvas, plot, { buckets, lengthMs, events, sinceMs, untilMs, atMs
     g.fill();
   }
   if (atMs !== null && atMs >= sinceMs && atMs <= untilMs) {
-    g.strokeStyle = '#0a4d92';
+    g.strokeStyle = colour('--focus');
     g.lineWidth = 2 * ratio;
     g.beginPath();
     g.moveTo(x(atMs), 0);
@@ -129,28 +114,31 @@ function strip(canvas, plot, { buckets, lengthMs, events, sinceMs, untilMs, atMs
 }
 
 /**
- * @param {{view: {buckets: any[], bucket_ms: number}|null, events: any[], sinceMs: number, untilMs: number,
+ * `viewed`: the time that the view is of, which may be another than the shown one while the next view is on its way (`busy`).
+ * @param {{view: {buckets: any[], bucket_ms: number}|null, viewed: {sinceMs: number, untilMs: number}|null, busy: boolean, events: any[], sinceMs: number, untilMs: number,
  * atMs: number|null, pick: (ms: number) => void, pan?: (share: number) => void, label: string}} props
  */
-export function Timeline({ view, events, sinceMs, untilMs, atMs, pick, pan, label }) {
+export function Timeline({ view, viewed, busy, events, sinceMs, untilMs, atMs, pick, pan, label }) {
   const holder = useRef(null);
   const paint = useRef(() => {});
   const [cursor, setCursor] = useState(/** @type {number|null} */ (null));
   const live = useRef({});
-  live.current = { view, events, sinceMs, untilMs, atMs, pick, pan };
+  const of = view === null ? null : viewed;
+  live.current = { view, viewed: of, busy, events, sinceMs, untilMs, atMs, pick, pan };
 
   useEffect(() => {
     const [first, second, below] = holder.current.children;
     const sync = `history-${label}`;
     const moved = (u) => setCursor(u.cursor.left >= 0 && u.cursor.left != null ? Math.round(1000 * u.posToVal(u.cursor.left, 'x')) : null);
     const radius = chart(first, { label: 'R', unit: 'px', names: ['r_min', 'r_max', 'r_mean'], bare: true, sync, moved });
-    const distance = chart(second, { label: 'Z', unit: 'mm', names: ['z_min', 'z_max', 'z_mean'], bare: false, sync, moved });
+    const distance = chart(second, { label: 'Z', unit: lengthUnit(), names: ['z_min', 'z_max', 'z_mean'], bare: false, sync, moved });
     const draw = () => {
       const now = live.current;
       const buckets = now.view?.buckets ?? [];
       const lengthMs = now.view?.bucket_ms ?? 60_000;
       for (const one of [radius, distance]) {
-        const data = columns(buckets, lengthMs, one.names);
+        const [at, ...values] = columns(buckets, lengthMs, one.names);
+        const data = [at, ...(one === distance ? values.map((column) => column.map(inUnit)) : values)];
         one.limits.most = nice(1.05 * data[2].reduce((most, value) => Math.max(most, value ?? 0), 0.01));
         one.plot.batch(() => {
           one.plot.setData(data, false);
@@ -163,7 +151,7 @@ export function Timeline({ view, events, sinceMs, untilMs, atMs, pick, pan, labe
       const { clientWidth: width, clientHeight: height } = holder.current;
       const room = height - below.clientHeight - 6;
       if (width < 50 || room < 80) return;
-      const axis = AXIS * scaleOfText();
+      const axis = AXIS * textScale();
       const [upper, lower] = [Math.floor((room - axis) / 2), Math.ceil((room + axis) / 2)];
       second.style.top = `${upper}px`;
       radius.plot.setSize({ width, height: upper });
@@ -196,12 +184,13 @@ export function Timeline({ view, events, sinceMs, untilMs, atMs, pick, pan, labe
       distance.plot.destroy();
     };
   }, [label]);
-  useEffect(() => paint.current(), [view, events, sinceMs, untilMs, atMs]);
+  useEffect(() => paint.current(), [view, of?.sinceMs, of?.untilMs, busy, events, sinceMs, untilMs, atMs]);
 
   const readMs = cursor ?? atMs;
   const lengthMs = view?.bucket_ms ?? 60_000;
   const near = readMs === null ? [] : events.filter((event) => Math.abs(event.t_ms - readMs) < (untilMs - sinceMs) / 200).slice(0, 3);
-  const text = readMs === null || view === null ? '' : bucketText(bucketAt(view.buckets, lengthMs, readMs), lengthMs);
+  const here = of !== null && readMs !== null && readMs >= of.sinceMs && readMs <= of.untilMs;
+  const read = here ? bucketText(bucketAt(view.buckets, lengthMs, readMs), lengthMs) : busy && readMs !== null ? text('Loading.') : '';
   const keys = (event) => {
     const share = { ArrowLeft: -0.1, ArrowRight: 0.1, PageUp: -1, PageDown: 1 }[event.key];
     if (!share || !pan) return;
@@ -209,10 +198,10 @@ export function Timeline({ view, events, sinceMs, untilMs, atMs, pick, pan, labe
     pan(share);
   };
   return html`<div class="timeline">
-    <p class="read small"><span class="value">${readMs === null ? '' : stamp(readMs)}</span> ${text}
-      ${near.map((event) => html` <span class=${`tag ${abnormal(event.kind) ? 'bad' : ''}`}>${clock(event.t_ms)} ${words(event.kind)}${event.detail ? `: ${event.detail.slice(0, 60)}` : ''}</span>`)}</p>
+    <p class="read small"><span class="value">${readMs === null ? '' : stamp(readMs)}</span> ${read}
+      ${near.map((event) => html` <span class=${`tag ${abnormal(event.kind) ? 'bad' : ''}`}>${listed([clock(event.t_ms), t(words(event.kind)), event.detail?.slice(0, 60)])}</span>`)}</p>
     <div class="charts" ref=${holder} tabindex=${pan ? 0 : undefined} onKeyDown=${keys} role="img"
-      aria-label=${`${label}: R in px, Z in mm, outputs and events from ${stamp(sinceMs)} to ${stamp(untilMs)}; ${text}`}>
+      aria-label=${text('{0}: R in px, Z in {1}, outputs and events from {2} to {3}; {4}', t(label), lengthUnit(), stamp(sinceMs), stamp(untilMs), read)}>
       <div></div><div></div><canvas class="strip"></canvas>
     </div>
   </div>`;

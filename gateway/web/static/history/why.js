@@ -1,6 +1,8 @@
-// Why were the outputs as they were at the chosen moment? Asked on demand: it costs a second or more.
+// Why were the outputs as they were at the chosen moment? Asked on demand: it costs a second or more. The account itself is
+// the records', in English, as in the reports.
 
-import { html, useEffect, useState } from '../vendor/preact-htm.js';
+import { html, useEffect, useState } from '../lib/page.js';
+import { listed, t, text } from '../lib/lang.js';
 import { stamp } from '../lib/history.js';
 import { words } from '../lib/format.js';
 import { useAnswer } from './answers.js';
@@ -8,7 +10,7 @@ import { useAnswer } from './answers.js';
 const CHAIN = ['time', 'what', 'by', 'why'];
 const timed = (rows, caption) =>
   rows.length > 0 && html`<h3>${caption}</h3><table class="stack"><tbody>${rows.map((row) => html`<tr><td class="nowrap mono">${row.time.slice(11, 23)}</td>
-    ${CHAIN.slice(1).map((name) => html`<td>${row[name] ?? ''}</td>`)}</tr>`)}</tbody></table>`;
+    ${CHAIN.slice(1).map((name) => html`<td translate="no">${row[name] ?? ''}</td>`)}</tr>`)}</tbody></table>`;
 
 /** `asked`: counts what was asked; 0: nothing yet. */
 export function Why({ bay, atMs, asked, ask }) {
@@ -34,15 +36,15 @@ export function Why({ bay, atMs, asked, ask }) {
       ${wrong && html`<p class="notice warn">${wrong}</p>`}
     </div>
     ${answer && !busy && html`<div class="answer" tabindex="0" role="region" aria-label="the answer">
-      <p class="small muted">${answer.time.slice(0, 23)} ${answer.time.slice(23)}</p>
-      <p class="headline">${answer.headline}</p>
-      ${answer.warnings.filter((text) => text !== answer.headline).map((text) => html`<p class="notice warn small">${text}</p>`)}
-      ${outputs && html`<p class="small">stop <b>${outputs.stop}</b>, may_move <b>${outputs.may_move}</b>, in_place <b>${outputs.in_place}</b>, reason <b>${words(outputs.reason)}</b>${answer.since ? `, so since ${answer.since}` : ''}</p>`}
-      ${answer.causes.length > 1 && html`<h3>Besides</h3><ul class="notes">${answer.causes.slice(1).map((cause) => html`<li>${cause.text}</li>`)}</ul>`}
+      <p class="small muted" translate="no">${answer.time.slice(0, 23)} ${answer.time.slice(23)}</p>
+      <p class="headline" translate="no">${answer.headline}</p>
+      ${answer.warnings.filter((text) => text !== answer.headline).map((text) => html`<p class="notice warn small" translate="no">${text}</p>`)}
+      ${outputs && html`<p class="small">${listed([`stop ${outputs.stop}`, `may_move ${outputs.may_move}`, `in_place ${outputs.in_place}`, text('reason: {0}', t(words(outputs.reason))), answer.since && text('so since {0}', answer.since)])}</p>`}
+      ${answer.causes.length > 1 && html`<h3>Besides</h3><ul class="notes">${answer.causes.slice(1).map((cause) => html`<li translate="no">${cause.text}</li>`)}</ul>`}
       ${timed(answer.chain, 'How it came about')}
       ${timed(answer.after, 'And then')}
       ${timed(answer.done, 'Who did what')}
-      <p class="small muted">${answer.pictures.length} ${answer.pictures.length === 1 ? 'picture' : 'pictures'} kept round it. The report has them, with plots, the state vector and the settings.</p>
+      <p class="small muted">${answer.pictures.length === 1 ? '1 picture is kept round it.' : `${answer.pictures.length} pictures are kept round it.`} ${'The report has them, with plots, the state vector and the settings.'}</p>
     </div>`}
   </section>`;
 }

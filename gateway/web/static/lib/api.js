@@ -1,11 +1,12 @@
 // The gateway's HTTP side, as the pages use it.
 
 /** What the server refused, in its own words where it gave some. */
-export class Refused extends Error {
-  /** @param {number} status @param {string} message */
-  constructor(status, message) {
+class Refused extends Error {
+  /** @param {number} status @param {string} message @param {any} [body] the answer, where it was JSON */
+  constructor(status, message, body) {
     super(message);
     this.status = status;
+    this.body = body ?? null;
   }
 }
 
@@ -28,14 +29,15 @@ export function toLogin() {
 
 async function refusal(answer) {
   let message = '';
+  let body = null;
   try {
-    const body = await answer.json();
+    body = await answer.json();
     message = body.detail ?? body.error ?? body.message ?? '';
     if (typeof message !== 'string') message = JSON.stringify(message);
   } catch {
     message = '';
   }
-  return new Refused(answer.status, message || `${answer.status} ${answer.statusText}`.trim());
+  return new Refused(answer.status, message || `${answer.status} ${answer.statusText}`.trim(), body);
 }
 
 /**
@@ -52,13 +54,13 @@ export async function get(path, { signal, timeoutMs = 5000 } = {}) {
   return answer.json();
 }
 
-/** POST JSON with the session's token against forged requests. */
-export async function post(path, body, csrf, { timeoutMs = 10_000 } = {}) {
+/** POST JSON with the session's token against forged requests; or DELETE, without a body. */
+export async function post(path, body, csrf, { timeoutMs = 10_000, method = 'POST' } = {}) {
   const answer = await fetch(path, {
-    method: 'POST',
+    method,
     headers: { 'Content-Type': 'application/json', Accept: 'application/json', ...(csrf ? { 'X-CSRF-Token': csrf } : {}) },
     credentials: 'same-origin',
-    body: JSON.stringify(body ?? {}),
+    body: method === 'DELETE' ? undefined : JSON.stringify(body ?? {}),
     signal: either(undefined, timeoutMs),
   });
   if (!answer.ok) throw await refusal(answer);

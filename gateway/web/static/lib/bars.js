@@ -1,6 +1,6 @@
 // Geometry of a bar that compares a value with its threshold. Pure.
 
-import { known } from './format.js';
+import { known, number } from './format.js';
 
 /** The next round number that is not smaller: 1, 1.5, 2, 2.5, 3, 4, 5, 6, 8 times a power of ten. */
 export function nice(value) {
@@ -10,13 +10,22 @@ export function nice(value) {
   return (step ?? 10) * power;
 }
 
-/** Round places for labels, 4 to 6 of them with both ends. @param {number} most */
-export function ticks(most) {
-  const step = [1, 2, 2.5, 5, 10].map((n) => n * 10 ** Math.floor(Math.log10(most) - 0.7)).find((n) => most / n <= 6);
+/** Round places for labels, 4 to 6 of them with both ends. @param {number} most @param {boolean} [whole] of what is counted */
+export function ticks(most, whole = false) {
+  const step = [1, 2, 2.5, 5, 10].map((n) => n * 10 ** Math.floor(Math.log10(most) - 0.7)).find((n) => most / n <= 6 && (!whole || Number.isInteger(n)));
   const out = [];
   for (let at = 0; at <= most * (1 + 1e-9); at += step) out.push(Math.round(at * 1000) / 1000);
   return out;
 }
+
+/** How many decimals these marks need so that each reads as what it is, 3 at most. @param {number[]} marks */
+export function decimalsOf(marks) {
+  for (let decimals = 0; decimals < 3; decimals += 1) if (marks.every((mark) => Math.abs(mark - Number(mark.toFixed(decimals))) < 1e-6 * Math.max(1, Math.abs(mark)))) return decimals;
+  return 3;
+}
+
+/** The marks of an axis as they are written. @param {number[]} marks */
+export const written = (marks) => marks.map((mark) => number(mark, decimalsOf(marks)));
 
 /**
  * Where things stand on the bar, all as shares of its length, 0 to 1.

@@ -1,6 +1,5 @@
 // Days of the plant's calendar as the gateway names them, "2026-11-23". Pure: no clock, and not this computer's zone.
 
-const WEEKDAYS = ['Sun', 'Mon', 'Tue', 'Wed', 'Thu', 'Fri', 'Sat'];
 const DAY_MS = 86_400_000;
 
 const ms = (day) => Date.UTC(Number(day.slice(0, 4)), Number(day.slice(5, 7)) - 1, Number(day.slice(8, 10)));
@@ -11,7 +10,8 @@ export const plus = (day, count) => new Date(ms(day) + count * DAY_MS).toISOStri
 /** How many days from the first to the last, both included. */
 export const between = (first, last) => Math.round((ms(last) - ms(first)) / DAY_MS) + 1;
 
-export const weekday = (day) => WEEKDAYS[new Date(ms(day)).getUTCDay()];
+/** @param {string} day @param {string} [language] its code */
+export const weekday = (day, language = 'en') => new Intl.DateTimeFormat(language, { weekday: 'short', timeZone: 'UTC' }).format(ms(day));
 
 /** Is it one that a page may ask for? */
 export const isDay = (text) => /^20\d\d-\d\d-\d\d$/.test(text ?? '') && plus(text, 0) === text;

@@ -4,6 +4,7 @@
 export const NONE = '–';
 
 const MINUS = '\u2212';
+const MM_PER_INCH = 25.4;
 const NARROW = '\u202f'; // no break between groups of digits, nor between number and unit
 
 /** @param {unknown} value @returns {value is number} */
@@ -23,7 +24,6 @@ export function number(value, decimals = 0, unit = '') {
 }
 
 export const px = (value, decimals = 1) => number(value, decimals, 'px');
-export const mm = (value) => number(value, 0, 'mm');
 export const hz = (value) => number(value, 1, 'Hz');
 
 /** A number that may go either way: always with its sign. */
@@ -45,6 +45,11 @@ export function age(ms) {
   return `${Math.floor(min / 1440)}${NARROW}d`;
 }
 
+/** Fewer than these tell little of the others: their figures are grey, with their number. */
+const FEW = 10;
+/** @param {number|null|undefined} n how many there were */
+export const scarce = (n) => known(n) && n < FEW;
+
 /** To the nearest whole; 12 345 -> "12 345". */
 export const count = (value) => number(value, 0);
 
@@ -58,6 +63,9 @@ export function clock(unixMs, { date = false, ms = false } = {}) {
   return date ? `${at.getFullYear()}-${two(at.getMonth() + 1)}-${two(at.getDate())} ${fine}` : fine;
 }
 
+/** Time of day; with its date where that is not the day of `nowMs`. */
+export const moment = (unixMs, { ms = false, nowMs = Date.now() } = {}) => clock(unixMs, { ms, date: day(unixMs) !== day(nowMs) });
+
 /** Unix ms as the reader's own day. */
 export const day = (unixMs) => (known(unixMs) ? clock(unixMs, { date: true }).slice(0, 10) : NONE);
 
@@ -67,10 +75,23 @@ export const percent = (share, decimals = 0) => number(known(share) ? 100 * shar
 /** A name of the wire (NO_TARGET, stop_raised) as words. @param {string} name */
 export const words = (name) => String(name ?? '').toLowerCase().replaceAll('_', ' ');
 
-/** The distance a driver reads: metres from 1 m on, steps that do not flicker. @returns {[string, string]} number, unit */
-export function driverDistance(value) {
+/**
+ * The distance a driver reads: metres from 1 m on, feet from 3 ft on; steps that do not flicker.
+ * @param {number|null} value in mm @param {string} units metric or imperial @returns {[string, string]} number, unit
+ */
+export function driverDistance(value, units = 'metric') {
   if (!known(value)) return [NONE, ''];
   const t = Math.abs(value);
+  if (units === 'imperial') {
+    const inches = t / MM_PER_INCH;
+    return inches >= 35.5 ? [number(Math.round(inches / 12 / 0.2) * 0.2, 1), 'ft'] : [number(inches, 0), 'in'];
+  }
   if (t >= 995) return [number(Math.round(t / 50) / 20, 2), 'm'];
   return [number(Math.round(t / 10), 0), 'cm'];
+}
+
+/** @param {number|null} value in mm/s @returns {[string, string]} number, unit */
+export function driverSpeed(value, units = 'metric') {
+  if (!known(value)) return [NONE, ''];
+  return units === 'imperial' ? [number(Math.abs(value) / MM_PER_INCH, 0), 'in/s'] : [number(Math.abs(value) / 10, 0), 'cm/s'];
 }

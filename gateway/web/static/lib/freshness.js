@@ -5,7 +5,7 @@
 // must have gone forward by the same amount, or nothing is known until the next message.
 
 /** How far the two clocks may drift apart between two messages, ms. */
-export const DRIFT_MS = 250;
+const DRIFT_MS = 250;
 
 export class Freshness {
   /** @param {number} limitMs older than this is stale @param {number} driftMs */

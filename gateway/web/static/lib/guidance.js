@@ -2,7 +2,7 @@
 
 import { known } from './format.js';
 
-/** @typedef {'WAIT'|'FORWARD'|'BACK'|'LEFT'|'RIGHT'|'SLOW'|'STOP'|'OK'|'TOO_FAR'|'FAULT'|'LEAVE'|'DRIVE_UP'} Code */
+/** @typedef {'WAIT'|'FORWARD'|'BACK'|'LEFT'|'RIGHT'|'SLOW'|'STOP'|'OK'|'TOO_FAR'|'FAULT'|'LEAVE'|'DRIVE_UP'|'BRAKE'} Code */
 
 /**
  * `kind` colours the display: go, care, halt, wait, done. `drives`: the truck is told to come nearer or to leave, which
@@ -22,13 +22,14 @@ export const CODES = {
   FAULT: { kind: 'halt', symbol: 'stop', drives: false },
   LEAVE: { kind: 'go', symbol: 'leave', drives: true },
   DRIVE_UP: { kind: 'go', symbol: 'ahead', drives: true },
+  BRAKE: { kind: 'halt', symbol: 'brake', drives: false },
 };
 
 /**
  * @typedef {object} DriverView
  * @property {string} bay @property {Code} code @property {string} text @property {boolean} stop
  * @property {number|null} amount_mm @property {number|null} closing_mm_s @property {number|null} to_go_mm
- * @property {number} age_ms @property {number} [held_ms]
+ * @property {number} age_ms @property {number} [held_ms] @property {string|null} [language] the PLC's recipe wants it
  */
 
 /**
@@ -53,10 +54,14 @@ export function driverView(text, bay) {
     typeof message.stop === 'boolean' &&
     known(message.age_ms) &&
     message.age_ms >= 0 &&
+    (message.language == null || typeof message.language === 'string') &&
     [message.amount_mm, message.closing_mm_s, message.to_go_mm].every(number);
   if (!whole || (message.stop && CODES[message.code].drives)) return null;
   return message;
 }
+
+/** The word of a code, as a key of the language's texts. A fault is shown as STOP. @param {Code} code */
+export const wordOf = (code) => `driver|${code === 'FAULT' ? 'STOP' : code.replaceAll('_', ' ')}`;
 
 /** Codes whose amount the driver needs to see; beside the others it would only be noise. */
 export const WITH_AMOUNT = ['FORWARD', 'SLOW', 'BACK', 'TOO_FAR', 'LEFT', 'RIGHT'];

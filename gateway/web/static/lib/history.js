@@ -1,19 +1,28 @@
 // What was recorded, made ready to be drawn and read: windows of time, columns with gaps, words. Pure.
 
+import { decoded } from './address.js';
 import { NONE, clock, known, number, words } from './format.js';
+import { listed, t, text } from './lang.js';
+import { inUnit, lengthUnit, places } from './units.js';
 
 const HOUR = 3_600_000;
 /** Lengths of the timeline. @type {Record<string, {ms: number, word: string}>} */
 export const SCALES = {
+  quarter: { ms: HOUR / 4, word: '15 min' },
   hour: { ms: HOUR, word: 'hour' },
+  shift: { ms: 8 * HOUR, word: '8 h' },
   day: { ms: 24 * HOUR, word: 'day' },
   month: { ms: 30 * 24 * HOUR, word: '30 days' },
 };
+
+/** The shortest that shows all that is recorded, a day at most: with it a page begins. @param {number} spanMs recorded @returns {string} */
+export const firstScale = (spanMs) => Object.keys(SCALES).find((name) => name === 'day' || SCALES[name].ms >= spanMs) ?? 'day';
+
 /** Reasons for stop that are no fault: the truck is where it should be, or nobody is there, or the gateway was told. */
 const NORMAL = new Set(['none', 'target_reached', 'stop_latched', 'starting', 'no_target', 'target_coasted', 'range_too_far', 'no_echo', 'shutdown']);
 /** Kinds of events that are marked on the timeline. */
-export const MARKED = ['sensor_fault', 'plc_lost', 'moved', 'operator_mark', 'function_check_begun', 'settings_changed', 'start', 'shutdown'];
-const BAD = new Set(['sensor_fault', 'plc_lost', 'moved']);
+export const MARKED = ['sensor_fault', 'plc_lost', 'rolling', 'moved', 'operator_mark', 'function_check_begun', 'settings_changed', 'start', 'shutdown'];
+const BAD = new Set(['sensor_fault', 'plc_lost', 'rolling', 'moved']);
 
 /** Is a stop for this reason, or an event of this kind, something abnormal? */
 export const abnormal = (name) => BAD.has(name) || !(NORMAL.has(name) || MARKED.includes(name));
@@ -45,14 +54,6 @@ export function placeOf(hash, bays) {
   };
 }
 
-function decoded(text) {
-  try {
-    return decodeURIComponent(text);
-  } catch {
-    return '';
-  }
-}
-
 export const hashOf = ({ bay, atMs, scale }) => `#${[encodeURIComponent(bay), atMs, scale].join('/')}`;
 
 /** The window of this length round `atMs`, none of it later than `lastMs` unless the moment itself is. */
@@ -62,6 +63,13 @@ export function windowAt(atMs, scale, lastMs) {
   const untilMs = known(lastMs) && atMs <= lastMs ? Math.min(atMs + half, Math.max(lastMs, atMs)) : atMs + half;
   const ends = Math.ceil(untilMs / 60_000) * 60_000;
   return { sinceMs: Math.max(0, ends - ms), untilMs: ends };
+}
+
+/** The time that an answer is of, by its address; null: there is none. @param {string|null} path */
+export function spanOf(path) {
+  if (path === null) return null;
+  const query = new URLSearchParams(path.slice(path.indexOf('?')));
+  return { sinceMs: Number(query.get('since_ms')), untilMs: Number(query.get('until_ms')) };
 }
 
 /**
@@ -109,19 +117,19 @@ export function stopOf(bucket) {
 }
 
 const length = (seconds) => (seconds < 120 ? number(seconds, seconds < 10 ? 1 : 0, 's') : number(seconds / 60, 0, 'min'));
-const spread = (least, mean, most, unit) => (known(mean) ? `${number(least, 0)} to ${number(most, 0, unit)}, mean ${number(mean, 0)}` : NONE);
+const spread = (least, mean, most, unit, decimals = 0) => (known(mean) ? text('{0} to {1}, mean {2}', number(least, decimals), number(most, decimals, unit), number(mean, decimals)) : NONE);
 
 /** A bucket in words; null: nothing was recorded. */
 export function bucketText(bucket, lengthMs) {
   if (!bucket) return 'nothing recorded';
-  const parts = [`R ${spread(bucket.r_min, bucket.r_mean, bucket.r_max, 'px')}`, `Z ${spread(bucket.z_min, bucket.z_mean, bucket.z_max, 'mm')}`];
-  if (bucket.may_move_s > 0) parts.push(`may move ${length(bucket.may_move_s)}`);
-  if (bucket.in_place_s > 0) parts.push(`in place ${length(bucket.in_place_s)}`);
+  const parts = [`R ${spread(bucket.r_min, bucket.r_mean, bucket.r_max, 'px')}`, `Z ${spread(inUnit(bucket.z_min), inUnit(bucket.z_mean), inUnit(bucket.z_max), lengthUnit(), places(0))}`];
+  if (bucket.may_move_s > 0) parts.push(text('may move {0}', length(bucket.may_move_s)));
+  if (bucket.in_place_s > 0) parts.push(text('in place {0}', length(bucket.in_place_s)));
   const reasons = Object.entries(bucket.stop_s).sort(([, a], [, b]) => b - a).slice(0, 2);
-  if (reasons.length) parts.push(`stop ${reasons.map(([reason, seconds]) => `${length(seconds)} (${words(reason)})`).join(', ')}`);
+  if (reasons.length) parts.push(text('stop {0}', reasons.map(([reason, seconds]) => `${length(seconds)} (${t(words(reason))})`).join(', ')));
   const missing = lengthMs / 1000 - bucket.recorded_s;
-  if (missing > 0.02 * (lengthMs / 1000)) parts.push(`not recorded ${length(missing)}`);
-  return parts.join(' · ');
+  if (missing > 0.02 * (lengthMs / 1000)) parts.push(text('not recorded {0}', length(missing)));
+  return listed(parts);
 }
 
 /** Kinds of visits for the filter. @type {Record<string, [string, (visit: any) => boolean]>} */
@@ -135,7 +143,7 @@ export const VISIT_KINDS = {
 };
 
 export const faultsText = (visit) =>
-  visit.faults.map((fault) => `${words(fault.reason)} ${fault.times > 1 ? `${fault.times} × ` : ''}${length(fault.seconds)}`).join(', ');
+  listed(visit.faults.map((fault) => `${t(words(fault.reason))} ${fault.times > 1 ? `${fault.times} × ` : ''}${length(fault.seconds)}`), ', ');
 
 /** Of a picture in a film: how long it is shown, ms. Silences between pictures are not waited for. */
 export function frameMs(pictures, n, speed) {

@@ -29,12 +29,6 @@ export function arrow(from, to, gap, head) {
   return { start, back, tip, left: [back[0] + side[0], back[1] + side[1]], right: [back[0] - side[0], back[1] - side[1]] };
 }
 
-/** Of a label of `size` beside `at`, kept inside the canvas. */
-export function inside(at, size, width, height, gap = 6) {
-  const x = at[0] + gap + size[0] <= width ? at[0] + gap : at[0] - gap - size[0];
-  return [Math.min(Math.max(0, x), Math.max(0, width - size[0])), Math.min(Math.max(0, at[1]), Math.max(0, height - size[1]))];
-}
-
 const INK = 'rgba(0,0,0,0.75)';
 const RIM = '#ffffff';
 const AIM = '#8fd3ff';

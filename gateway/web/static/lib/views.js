@@ -1,6 +1,8 @@
 // The JSON of the server as the pages use it: one place that knows its field names. Pure.
 
 import { NONE, age, count, day, known, number, percent, signed, words } from './format.js';
+import { listed, t, text } from './lang.js';
+import { inUnit, lengthUnit } from './units.js';
 
 /**
  * What was seen in one frame, px of that frame.
@@ -52,7 +54,7 @@ export function aimOf(bay) {
 
 const VISION_FINE = ['GOOD', 'NO_TARGET', 'COASTED', 'WAITING'];
 const RANGE_FINE = ['GOOD', 'WAITING'];
-const RANGE_EMPTY = ['NO_ECHO', 'TOO_FAR']; // right, where no marker is in sight: the bay is empty
+const RANGE_EMPTY = ['NO_ECHO', 'TOO_FAR']; // right, where no marker is in sight, or a truck arrives from far off
 
 /** Is the camera side in order? @returns {'ok'|'off'|'bad'} */
 export function visionHealth(state) {
@@ -64,15 +66,15 @@ export function visionHealth(state) {
 export function cameraFault(state) {
   if (state === null || visionHealth(state) !== 'bad') return '';
   const { quality, detail } = state.vision;
-  return detail ? `${words(quality.name)}: ${detail}` : words(quality.name);
+  return detail ? listed([t(words(quality.name)), detail], ': ') : words(quality.name);
 }
 
 /** Of the picture itself, whatever is in it. @returns {{state: 'ok'|'off'|'warn', text: string}} */
 export function pictureHealth(state) {
   const { picture } = state;
   if (!picture) return { state: 'off', text: 'not known' };
-  const faults = picture.faults.map(words);
-  return faults.length ? { state: 'warn', text: faults.join(', ') } : { state: 'ok', text: 'in order' };
+  const faults = picture.faults.map((name) => t(words(name)));
+  return faults.length ? { state: 'warn', text: listed(faults, ', ') } : { state: 'ok', text: 'in order' };
 }
 
 /** @returns {'ok'|'off'|'warn'|'bad'} */
@@ -80,7 +82,7 @@ export function rangeHealth(state) {
   const { name } = state.range.quality;
   if (name === 'WAITING') return 'off';
   if (RANGE_FINE.includes(name)) return 'ok';
-  if (RANGE_EMPTY.includes(name)) return state.vision.quality.name === 'NO_TARGET' ? 'ok' : 'warn';
+  if (RANGE_EMPTY.includes(name)) return state.vision.quality.name === 'NO_TARGET' || state.may_move ? 'ok' : 'warn';
   return name === 'UNSTABLE' || name === 'TOO_NEAR' ? 'warn' : 'bad';
 }
 
@@ -107,7 +109,7 @@ export function inOrder(bays) {
 /** What the decision is called. @param {any} state null: not known */
 export function decisionWords(state) {
   if (state === null) return 'NOT KNOWN';
-  if (state.stop) return 'STOP';
+  if (state.stop) return state.in_place ? 'IN PLACE' : 'STOP';
   return state.may_move ? 'MAY MOVE' : 'NO STOP, MAY NOT MOVE';
 }
 
@@ -115,19 +117,19 @@ export function decisionWords(state) {
 export function placeWords(state) {
   if (state === null) return NONE;
   if (!state.in_place) return 'no';
-  return state.held ? `yes, held ${age(state.held_ms)}` : `yes, seen ${age(state.in_place_ms)}`;
+  return state.held ? text('yes, held {0}', age(state.held_ms)) : text('yes, seen {0}', age(state.in_place_ms));
 }
 
 const MOVED = { NO: 'no', DISTANCE: 'yes, by distance', MARKER: 'yes, marker elsewhere' };
 
 /** Has the truck moved since it was in place? @param {any} state null: not known */
-export const movedWords = (state) => (state === null ? NONE : MOVED[state.moved] ?? 'yes');
+export const movedWords = (state) => (state === null ? NONE : state.rolling ? 'rolls now' : MOVED[state.moved] ?? 'yes');
 
 /** What was learned of R times Z; null: nothing yet. @returns {{value: string, rest: string, jump: string}|null} */
 export function scaleWords(scale) {
   if (!scale || !known(scale.px_mm)) return null;
   return {
-    value: number(scale.px_mm, 0, 'px mm'),
+    value: number(inUnit(scale.px_mm), 0, `px ${lengthUnit()}`),
     rest: `spread ${percent(scale.spread, 1)}, ${count(scale.visits)} visits, newest ${day(scale.newest_ms)}`,
     jump: known(scale.jump) ? `newest differs by ${signed(100 * scale.jump, 0, '%')}` : '',
   };
@@ -136,9 +138,18 @@ export function scaleWords(scale) {
 /** States of ISA-18.2 in which an alarm waits for somebody to take notice. */
 export const TO_ACKNOWLEDGE = ['unacknowledged', 'returned', 'latched_unacknowledged'];
 
+/** An alarm's priority as a number, as its sign shows it. */
+export const LEVELS = { high: 3, medium: 2, low: 1 };
+
 /** Alarms of a bay that an operator looks at: none that is normal, or put away on purpose. */
 export const standing = (alarm) => !['normal', 'shelved', 'suppressed', 'out_of_service'].includes(alarm.state);
 
 /** May this visitor acknowledge? It needs a login, unless everybody is a technician. */
 export const mayAcknowledge = (session) =>
   session.role === 'technician' || (session.role === 'viewer' && session.name !== null);
+
+/** How many alarms there are, each form a text of its own. @param {number} all @param {number} open not acknowledged */
+export function alarmCount(all, open) {
+  if (all === 1) return open ? '1 alarm, not acknowledged' : '1 alarm';
+  return open ? `${all} alarms, ${open} not acknowledged` : `${all} alarms`;
+}

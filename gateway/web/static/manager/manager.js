@@ -1,9 +1,12 @@
 // The manager's page: what a bay did on some days. `/manager?bay=bay1&from=2026-11-17&to=2026-11-23`; it prints on A4.
 
-import { html, render, useEffect, useErrorBoundary, useState } from '../vendor/preact-htm.js';
+import { html, useEffect, useState } from '../lib/page.js';
 import { get, toLogin } from '../lib/api.js';
 import { between, isDay, moment, spans } from '../lib/days.js';
-import { Brand, Pages, Who } from '../lib/top.js';
+import { text } from '../lib/lang.js';
+import { titled } from '../lib/title.js';
+import { guarded, start } from '../lib/start.js';
+import { Brand, Pages, SessionMenu } from '../lib/top.js';
 import { Patterns } from './charts.js';
 import { Accuracy, AlarmDays, Alarms, Causes, DayTable, DayTimes, Distance, KeyFigures, ToPosition, Trucks } from './panels.js';
 
@@ -56,7 +59,7 @@ function Choice({ session, wanted, view, go }) {
   };
   return html`<form class="panel across choice row compact" aria-label="which days" onSubmit=${(event) => event.preventDefault()}>
     ${session.bays.length > 1 && html`<label>bay <select value=${wanted.bay} onChange=${(event) => go({ ...wanted, bay: event.target.value })}>
-      ${session.bays.map((name) => html`<option value=${name} selected=${name === wanted.bay}>${name}</option>`)}</select></label>`}
+      ${session.bays.map((name) => html`<option translate="no" value=${name} selected=${name === wanted.bay}>${name}</option>`)}</select></label>`}
     ${view && html`<div class="group" role="group" aria-label="usual spans">
       ${spans(view.made.slice(0, 10)).map(([name, from, to]) => html`<button type="button" aria-pressed=${String(first === from && last === to)} onClick=${() => go({ ...wanted, first: from, last: to })}>${name}</button>`)}</div>`}
     <label>from <input type="date" value=${first} onChange=${pick('first')} /></label>
@@ -70,19 +73,19 @@ function Choice({ session, wanted, view, go }) {
 
 function Head({ view }) {
   const days = between(view.first, view.last);
-  return html`<div class="across head"><h1>${view.bay}: what the bay did</h1>
-    <p>${view.site}, ${view.instance} · <b>${view.first}${view.last !== view.first ? ` to ${view.last}` : ''}</b>, ${days === 1 ? 'one day' : `${days} days`} of ${view.time_zone} · made ${moment(view.made)}</p></div>`;
+  return html`<div class="across head"><h1>${text('{0}: what the bay did', view.bay)}</h1>
+    <p><span translate="no">${view.site}, ${view.instance}</span> · <b>${view.last !== view.first ? text('{0} to {1}', view.first, view.last) : view.first}</b> · ${days === 1 ? text('one day of {0}', view.time_zone) : text('{0} days of {1}', days, view.time_zone)} · ${`made ${moment(view.made)}`}</p></div>`;
 }
 
 function Nothing({ view }) {
   return html`<p class="notice across" role="status"><b>Nothing is recorded of these days.</b> ${view.recorded_from
-    ? html`There are records from ${moment(view.recorded_from)} to ${moment(view.recorded_to)}: choose days between them.`
-    : html`There are no records of ${view.bay} yet: the first minute appears here about two minutes after the gateway has begun to record.`}</p>`;
+    ? `There are records from ${moment(view.recorded_from)} to ${moment(view.recorded_to)}: choose days between them.`
+    : text('There are no records of {0} yet: the first minute appears here about two minutes after the gateway has begun to record.', view.bay)}</p>`;
 }
 
 const Unavailable = ({ wrong }) => html`<div class="notice warn across" role="alert"><p><b>There are no figures to show</b>: ${wrong}.</p>
   ${/nothing is recorded/.test(wrong) && html`<p class="small">They are made of the gateway's records, which need a folder. In the configuration's file:</p>
-  <pre class="mono small">state_dir = "/var/lib/loading-gateway"${'\n\n'}[records]${'\n'}enabled = true</pre>`}</div>`;
+  <pre class="mono small" translate="no">state_dir = "/var/lib/loading-gateway"${'\n\n'}[records]${'\n'}enabled = true</pre>`}</div>`;
 
 function App({ session }) {
   const [wanted, setWanted] = useState(() => asked(session));
@@ -97,18 +100,19 @@ function App({ session }) {
     history.pushState(null, '', `?bay=${encodeURIComponent(next.bay)}${days && `&${days}`}`);
     setWanted(next);
   };
-  document.title = `${wanted.bay}: what the bay did`;
+  titled('{0}: what the bay did', wanted.bay);
   const tooMany = wanted.first && wanted.last && between(wanted.first, wanted.last) > MOST_DAYS;
   return html`
     <a class="skip" href="#main" onClick=${(event) => { event.preventDefault(); document.getElementById('main').focus(); }}>To the content</a>
     <header class="top">
       <${Brand} title=${view?.site ?? 'Loading bays'} more=${view?.instance ?? ''} />
       <${Pages} session=${session} bay=${wanted.bay} current="Manager" />
-      <div class="facts push"><${Who} session=${session} /></div>
+      <div class="facts push"><${SessionMenu} session=${session} /></div>
     </header>
     <${Patterns} />
     <main id="main" tabindex="-1" class="page manager" aria-busy=${String(waiting)}>
       <${Choice} session=${session} wanted=${wanted} view=${view} go=${go} />
+      ${!view && html`<h1 class="sr">${text('{0}: what the bay did', wanted.bay)}</h1>`}
       ${waiting && html`<p class="across muted" role="status">Reading the records …</p>`}
       ${!waiting && wrong && (tooMany ? html`<p class="notice warn across" role="alert">${wrong}</p>` : html`<${Unavailable} wrong=${wrong} />`)}
       ${view && html`<${Head} view=${view} />
@@ -118,27 +122,10 @@ function App({ session }) {
           : html`<${KeyFigures} view=${view} />
             <${Trucks} view=${view} /><${DayTimes} view=${view} />
             <${ToPosition} view=${view} /><${Distance} view=${view} />
-            <${Causes} view=${view} /><${Accuracy} view=${view} />
-            <${Alarms} view=${view} /><${AlarmDays} view=${view} />
+            <div class="pile"><${Accuracy} view=${view} /><${Causes} view=${view} /></div>
+            <div class="pile"><${AlarmDays} view=${view} /><${Alarms} view=${view} /></div>
             <${DayTable} view=${view} />`}`}
     </main>`;
 }
 
-function Guarded({ session }) {
-  const [error] = useErrorBoundary((thrown) => console.error(thrown));
-  if (error) return html`<main class="page"><p class="notice bad" role="alert"><b>This page has failed.</b> Load it again.</p></main>`;
-  return html`<${App} session=${session} />`;
-}
-
-async function begin() {
-  try {
-    const session = await get('/api/session');
-    render(html`<${Guarded} session=${session} />`, document.body);
-  } catch (error) {
-    if (error.status === 401) return toLogin();
-    render(html`<main class="page"><p class="notice bad" role="alert"><b>The gateway does not answer</b> (${error.name === 'TypeError' ? 'no connection' : error.message}). Trying again.</p></main>`, document.body);
-    setTimeout(begin, 2000);
-  }
-}
-
-begin();
+start(guarded(App));

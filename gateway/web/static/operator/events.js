@@ -1,8 +1,9 @@
 // What happened, newest first, with a filter.
 
-import { html, useEffect, useRef, useState } from '../vendor/preact-htm.js';
+import { html, useEffect, useRef, useState } from '../lib/page.js';
 import { get, post, toLogin } from '../lib/api.js';
-import { clock, words } from '../lib/format.js';
+import { moment, words } from '../lib/format.js';
+import { t, text } from '../lib/lang.js';
 import { mayAcknowledge } from '../lib/views.js';
 import { GROUP_WORDS, matches, eventText } from './eventwords.js';
 import { useKept } from './hooks.js';
@@ -46,6 +47,14 @@ function useEvents(newest) {
 /** Marks this moment, with a note: an event, and the pictures round it are kept. */
 function Mark({ bay, session, setFailed }) {
   const [note, setNote] = useState(null); // null: not asked for
+  const [button, field] = [useRef(null), useRef(null)];
+  const asking = note !== null;
+  const asked = useRef(false);
+  useEffect(() => { // what had the focus is gone
+    if (asking) field.current.focus();
+    else if (asked.current && document.activeElement === document.body) button.current.focus();
+    asked.current = asking;
+  }, [asking]);
   const mark = async (event) => {
     event.preventDefault();
     try {
@@ -53,12 +62,12 @@ function Mark({ bay, session, setFailed }) {
       setNote(null);
       setFailed('');
     } catch (error) {
-      setFailed(`Not marked: ${error.message}.`);
+      setFailed(text('Not marked: {0}.', error.message));
     }
   };
-  if (note === null) return html`<button type="button" title="keep the pictures of this moment, and find it again" onClick=${() => setNote('')}>Mark this moment</button>`;
+  if (!asking) return html`<button ref=${button} type="button" title="keep the pictures of this moment, and find it again" onClick=${() => setNote('')}>Mark this moment</button>`;
   return html`<form class="row compact" onSubmit=${mark}>
-    <input type="text" maxlength="120" placeholder="note" aria-label="note for the mark" value=${note} onInput=${(event) => setNote(event.target.value)} autofocus />
+    <input ref=${field} type="text" maxlength="120" placeholder="note" aria-label="note for the mark" value=${note} onInput=${(event) => setNote(event.target.value)} />
     <button type="submit">Mark</button>
     <button type="button" onClick=${() => setNote(null)}>Cancel</button>
   </form>`;
@@ -68,8 +77,8 @@ export function Events({ bay, newest, session }) {
   const [failed, setFailed] = useState('');
   const [rows, wrong] = useEvents(newest);
   const [group, setGroup] = useKept('operator.events', 'all');
-  const [text, setText] = useState('');
-  const shown = rows.filter((event) => (bay === null || event.bay === bay) && matches(event, group, text)).reverse();
+  const [wanted, setWanted] = useState('');
+  const shown = rows.filter((event) => (bay === null || event.bay === bay) && matches(event, group, wanted)).reverse();
   return html`<section class="panel events" aria-labelledby="events-title">
     <header>
       <h2 id="events-title">Events</h2>
@@ -78,20 +87,20 @@ export function Events({ bay, newest, session }) {
         <select aria-label="kind of events" value=${group} onChange=${(event) => setGroup(event.target.value)}>
           ${Object.entries(GROUP_WORDS).map(([key, name]) => html`<option value=${key} selected=${key === group}>${name}</option>`)}
         </select>
-        <input type="search" placeholder="filter" aria-label="filter events by words" value=${text} onInput=${(event) => setText(event.target.value)} />
+        <input type="search" placeholder="filter" aria-label="filter events by words" value=${wanted} onInput=${(event) => setWanted(event.target.value)} />
       </div>
     </header>
     <${Notice} kind="warn" say=${failed} />
-    <${Notice} kind="warn" say=${wrong && `The list may be old: ${wrong}.`} />
+    <${Notice} kind="warn" say=${wrong && text('The list may be old: {0}.', t(wrong))} />
     <div class="scroll" tabindex="0" role="region" aria-label="events, newest first">
       <table class="stack"><thead><tr><th scope="col">Time</th>${bay === null && html`<th scope="col">Bay</th>`}<th scope="col">Event</th><th scope="col">What</th></tr></thead><tbody>
         ${shown.slice(0, 300).map((event) => html`<tr key=${event.id}>
-          <td class="nowrap mono">${clock(event.timestamp_ms, { ms: true })}</td>
-          ${bay === null && html`<td class="name">${event.bay}</td>`}
+          <td class="nowrap mono">${moment(event.timestamp_ms, { ms: true })}</td>
+          ${bay === null && html`<td class="name" translate="no">${event.bay}</td>`}
           <td class="nowrap">${words(event.kind)}</td><td>${eventText(event)}</td></tr>`)}
       </tbody></table>
       ${shown.length === 0 && html`<p class="muted">${rows.length ? 'No event fits the filter.' : 'No event yet.'}</p>`}
-      ${shown.length > 300 && html`<p class="muted small">${shown.length - 300} older ones: filter to see them.</p>`}
+      ${shown.length > 300 && html`<p class="muted small">${`${shown.length - 300} older ones: filter to see them.`}</p>`}
     </div>
   </section>`;
 }

@@ -1,8 +1,10 @@
 // Camera, ranger, PLC, broker: do they do their work? Ages, rates, delays; counters on demand.
 
-import { html } from '../vendor/preact-htm.js';
-import { NONE, age, count, hz, percent, px, words } from '../lib/format.js';
+import { html } from '../lib/page.js';
+import { NONE, age, count, hz, number, percent, px, words } from '../lib/format.js';
+import { text } from '../lib/lang.js';
 import { pictureHealth, plcHealth, rangeHealth, visionHealth } from '../lib/views.js';
+import { quantity } from '../lib/quantity.js';
 import { useKept } from './hooks.js';
 import { Health as Sign } from './signs.js';
 
@@ -21,8 +23,8 @@ const COUNTERS = [
 
 const Part = ({ name, sign, detail, facts }) => html`<li>
   <div class="row spread"><b>${name}</b>${sign}</div>
-  <dl class="tiny">${facts.map(([label, value]) => html`<div><dt>${label}</dt><dd class="value">${value}</dd></div>`)}</dl>
-  ${detail && html`<p class="small detail">${detail}</p>`}
+  <dl class="tiny">${facts.map(([label, value]) => html`<div><dt>${label}</dt><dd class="value">${quantity(value)}</dd></div>`)}</dl>
+  ${detail && html`<p class="small detail" translate="no">${detail}</p>`}
 </li>`;
 
 function broker(links) {
@@ -32,7 +34,7 @@ function broker(links) {
   return {
     state: mqtt.connected ? 'ok' : 'bad',
     text: mqtt.connected ? 'connected' : 'not connected',
-    detail: mqtt.store && !mqtt.store.ok ? `events wait in memory only: ${mqtt.store.detail}` : mqtt.broker,
+    detail: mqtt.store && !mqtt.store.ok ? text('events wait in memory only: {0}', mqtt.store.detail) : mqtt.broker,
     facts: [['delivered', count(mqtt.published)], ['waiting', count(mqtt.queued)], ['failed', count(mqtt.failed)], ['dropped', count(mqtt.dropped)], ['reconnects', count(mqtt.reconnects)]],
   };
 }
@@ -45,7 +47,7 @@ function modbus(links) {
   const silent = quiet.length > 0 && Math.min(...quiet) > 5000;
   return {
     state: silent ? 'warn' : sum('open') > 0 ? 'ok' : 'off',
-    text: silent ? 'the PLC asks no more' : sum('open') > 0 ? `${sum('open')} connected` : 'nobody connected',
+    text: silent ? 'the PLC asks no more' : sum('open') > 0 ? text('{0} connected', sum('open')) : 'nobody connected',
     detail: peers.slice(0, 3).map((peer) => peer.address).join(', '),
     facts: [['requests', count(sum('requests'))], ['exceptions', count(sum('exceptions'))], ...(quiet.length ? [['last read', age(Math.min(...quiet))]] : [])],
   };
@@ -57,7 +59,7 @@ function tasks(links) {
   if (!links) return { state: 'off', text: 'not known', facts: [] };
   return {
     state: down.length ? 'bad' : 'ok',
-    text: down.length ? `${down.length} tasks do not run` : 'all tasks run',
+    text: down.length ? down.length === 1 ? '1 task does not run' : `${down.length} tasks do not run` : 'all tasks run',
     detail: down.map((task) => `${task.name}: ${task.last_error}`).join('; '),
     facts: [['restarted tasks', count(mended.length)], ['events dropped', count(links.events_dropped)]],
   };
@@ -66,9 +68,9 @@ function tasks(links) {
 /** What the camera is set to, where the gateway controls it. */
 function exposure(set) {
   if (!set) return [];
-  const words = { TOO_BRIGHT: ' (shortest)', TOO_DARK: ' (longest)', IGNORED: ' (not obeyed)', REFUSED: ' (refused)' }[set.state] ?? '';
-  const time = set.time_ms === null ? 'cannot be set' : `${set.time_ms.toFixed(1)} ms${words}`;
-  return [['exposure', time], ...(set.gain_db === null ? [] : [['gain', `${set.gain_db.toFixed(1)} dB`]])];
+  const state = { TOO_BRIGHT: '{0} (shortest)', TOO_DARK: '{0} (longest)', IGNORED: '{0} (not obeyed)', REFUSED: '{0} (refused)' }[set.state];
+  const time = number(set.time_ms, 1, 'ms');
+  return [['exposure', set.time_ms === null ? 'cannot be set' : state ? text(state, time) : time], ...(set.gain_db === null ? [] : [['gain', number(set.gain_db, 1, 'dB')]])];
 }
 
 export function Health({ state, links }) {

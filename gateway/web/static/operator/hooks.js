@@ -1,9 +1,11 @@
 // What the components share: the live link, the time, and things fetched again and again while they are looked at.
 
-import { useEffect, useRef, useState } from '../vendor/preact-htm.js';
+import { useEffect, useRef, useState } from '../lib/page.js';
 import { get, toLogin } from '../lib/api.js';
 import { Freshness } from '../lib/freshness.js';
 import { open } from '../lib/live.js';
+import { text } from '../lib/lang.js';
+import { remember, remembered } from '../lib/memory.js';
 
 /** Steady time now, ms, renewed every `everyMs`; not in the background. */
 export function useNow(everyMs) {
@@ -13,6 +15,18 @@ export function useNow(everyMs) {
     return () => clearInterval(timer);
   }, [everyMs]);
   return now;
+}
+
+/** Does the screen fit this media query now? @param {string} query */
+export function useMedia(query) {
+  const [fits, setFits] = useState(() => matchMedia(query).matches);
+  useEffect(() => {
+    const media = matchMedia(query);
+    const changed = () => setFits(media.matches);
+    media.addEventListener('change', changed);
+    return () => media.removeEventListener('change', changed);
+  }, [query]);
+  return fits;
 }
 
 /**
@@ -47,7 +61,7 @@ export function useLive(bays, paceMs, limitMs) {
         });
       },
       state: (on) => setGot((was) => ({ ...was, connected: on })),
-      refused: (why) => setGot((was) => ({ ...was, refusal: `The gateway refuses this page: ${why}.` })),
+      refused: (why) => setGot((was) => ({ ...was, refusal: text('The gateway refuses this page: {0}.', why) })),
     }, { restsHidden: true });
     return () => {
       clearTimeout(timer);
@@ -94,19 +108,15 @@ export function useFetched(path, key, everyMs, on = true) {
 export function useKept(name, initial) {
   const [value, setValue] = useState(() => {
     try {
-      const kept = localStorage.getItem(name);
+      const kept = remembered(name);
       return kept === null ? initial : JSON.parse(kept);
     } catch {
-      return initial;
+      return initial; // somebody else's
     }
   });
   const keep = (next) => {
     setValue(next);
-    try {
-      localStorage.setItem(name, JSON.stringify(next));
-    } catch {
-      // Private windows keep nothing; the page works without.
-    }
+    remember(name, JSON.stringify(next));
   };
   return [value, keep];
 }

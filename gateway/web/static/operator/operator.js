@@ -1,16 +1,20 @@
 // The operator's page: all bays, or one of them. `/#bay1` is one.
 
-import { html, render, useEffect, useErrorBoundary, useRef, useState } from '../vendor/preact-htm.js';
-import { get, toLogin } from '../lib/api.js';
+import { html, useEffect, useErrorBoundary, useRef, useState } from '../lib/page.js';
+import { decoded } from '../lib/address.js';
 import { age, clock } from '../lib/format.js';
-import { Brand, Pages, Who } from '../lib/top.js';
-import { aimOf, cameraFault, limitsOf } from '../lib/views.js';
+import { beginKiosk, keepAwake, kiosk, watchIdle } from '../lib/kiosk.js';
+import { text } from '../lib/lang.js';
+import { titled } from '../lib/title.js';
+import { start } from '../lib/start.js';
+import { Brand, Pages, SessionMenu } from '../lib/top.js';
+import { aimOf, cameraFault, limitsOf, standing } from '../lib/views.js';
 import { Alarms } from './alarms.js';
 import { Bars } from './bars.js';
 import { Decision } from './decision.js';
 import { Events } from './events.js';
 import { Health } from './health.js';
-import { useFetched, useLive, useNow } from './hooks.js';
+import { useFetched, useLive, useMedia, useNow } from './hooks.js';
 import { Notice } from './notice.js';
 import { Overview } from './overview.js';
 import { LivePicture } from './picture.js';
@@ -22,7 +26,7 @@ import { Trend } from './trend.js';
 const STALE_MS = 1500;
 
 function useHash() {
-  const read = () => decodeURIComponent(location.hash.slice(1));
+  const read = () => decoded(location.hash.slice(1));
   const [hash, setHash] = useState(read());
   useEffect(() => {
     const changed = () => setHash(read());
@@ -35,10 +39,10 @@ function useHash() {
 function Link({ connected, ageMs, began }) {
   if (connected && ageMs <= STALE_MS) return html`<${Sign} state="ok" text="connected" />`;
   if (!connected && performance.now() - began < 2000) return html`<${Sign} state="off" text="connecting" />`;
-  return html`<${Sign} state="bad" text=${connected ? (Number.isFinite(ageMs) ? `no data for ${age(ageMs)}` : 'no data') : 'NO CONNECTION'} />`;
+  return html`<${Sign} state="bad" text=${connected ? (Number.isFinite(ageMs) ? text('no data for {0}', age(ageMs)) : 'no data') : 'NO CONNECTION'} />`;
 }
 
-function Top({ session, bay, connected, ageMs, view }) {
+function Top({ session, bay, connected, ageMs, view, alarms }) {
   const began = useRef(performance.now());
   const site = view?.bays.find((one) => one.state !== null)?.state ?? {};
   const [wall, setWall] = useState(Date.now());
@@ -49,11 +53,11 @@ function Top({ session, bay, connected, ageMs, view }) {
   const apart = view ? Math.abs(view.server_time_ms - wall) : 0;
   return html`<header class="top">
     <${Brand} title=${site.site ?? 'Loading bays'} more=${site.instance ?? ''} />
-    <${Pages} session=${session} bay=${bay} current="Operator" />
+    <${Pages} session=${session} bay=${bay} current="Operator" alarms=${alarms} />
     <div class="facts push">
       <${Link} connected=${connected} ageMs=${ageMs} began=${began.current} />
-      <span class="nowrap">${clock(wall)}${apart > 5000 ? html` <span class="tag warn" title="the gateway's clock and this computer's differ">clocks ${age(apart)} apart</span>` : ''}</span>
-      <${Who} session=${session} next="/" />
+      <span class="nowrap">${clock(wall)}${apart > 5000 ? html` <span class="tag warn" title="the gateway's clock and this computer's differ">${text('clocks {0} apart', age(apart))}</span>` : ''}</span>
+      <${SessionMenu} session=${session} next="/" />
     </div>
   </header>`;
 }
@@ -64,13 +68,13 @@ function BayBar({ names, bay, alarmsOf }) {
   if (names.length <= 6)
     return html`<nav class="bays" aria-label="bays">
       <a href="#" class="button">All bays</a>
-      ${names.map((name) => html`<a class="button" href=${`#${encodeURIComponent(name)}`} aria-current=${name === bay ? 'true' : undefined}>${name}${alarmsOf(name) > 0 ? html` <span class="tag bad">${alarmsOf(name)}</span>` : ''}</a>`)}
+      ${names.map((name) => html`<a class="button" href=${`#${encodeURIComponent(name)}`} aria-current=${name === bay ? 'true' : undefined}><span translate="no">${name}</span>${alarmsOf(name) > 0 ? html` <span class="tag bad">${alarmsOf(name)}</span>` : ''}</a>`)}
     </nav>`;
   return html`<nav class="bays" aria-label="bays">
     <a href="#" class="button">All bays</a>
     <button type="button" disabled=${at <= 0} onClick=${() => go(names[at - 1])}>Previous</button>
     <select aria-label="bay" value=${bay} onChange=${(event) => go(event.target.value)}>
-      ${names.map((name) => html`<option value=${name} selected=${name === bay}>${name}</option>`)}
+      ${names.map((name) => html`<option translate="no" value=${name} selected=${name === bay}>${name}</option>`)}
     </select>
     <button type="button" disabled=${at < 0 || at >= names.length - 1} onClick=${() => go(names[at + 1])}>Next</button>
   </nav>`;
@@ -86,6 +90,7 @@ function App({ session }) {
   const ageMs = freshness.ageMs(performance.now(), Date.now());
   const byName = new Map((view?.bays ?? []).map((one) => [one.bay, one]));
   const stateOf = (one) => (one && one.state && Number.isFinite(one.age_ms) && one.age_ms + ageMs <= freshness.limitMs ? one.state : null);
+  const [shape, setShape] = useState(4 / 3); // of the picture
   const [asked, setAsked] = useState(0);
   const [alarms, wrong] = useFetched('/api/alarms', `${view?.alarms.newest_change ?? ''} ${asked}`, 5000);
   const list = { answer: alarms, wrong, again: () => setAsked((n) => n + 1), session };
@@ -95,24 +100,28 @@ function App({ session }) {
   const state = stateOf(one);
   const known = connected && ageMs <= freshness.limitMs;
   const newest = view?.events_newest ?? null;
-  document.title = bay ?? 'Loading bays';
+  const wide = shape > 1.5;
+  const large = useMedia('(min-width: 1700px)'); // there is room for events under a wide picture, and for health beside it
+  const events = html`<${Events} bay=${bay} newest=${newest} session=${session} />`;
+  const health = html`<${Health} state=${state} links=${known ? view?.links ?? null : null} />`;
+  titled(bay === null ? 'Loading bays' : '{0}', bay ?? '');
 
   return html`
     <a class="skip" href="#main" onClick=${(event) => { event.preventDefault(); document.getElementById('main').focus(); }}>To the content</a>
-    <${Top} session=${session} bay=${bay} connected=${connected} ageMs=${ageMs} view=${view} />
-    <main id="main" tabindex="-1" class=${`page ${bay === null ? 'all' : 'one'} ${known ? '' : 'unknown'}`}>
+    <${Top} session=${session} bay=${bay} connected=${connected} ageMs=${ageMs} view=${view} alarms=${known ? view?.alarms ?? null : null} />
+    <main id="main" tabindex="-1" class=${`page ${bay === null ? 'all' : 'one'} ${wide ? 'wide-picture' : shape < 0.9 ? 'tall-picture' : ''} ${single ? '' : 'with-bays'} ${known ? '' : 'unknown'}`}>
       <${Notice} kind="bad" loud wide say=${!known && view !== null && html`<b>NO CONNECTION TO THE GATEWAY.</b> Nothing here is live; treat the bay as STOP. Trying again.`} />
       <${Notice} kind="bad" loud wide say=${refusal} />
       ${bay === null
-        ? html`<${Overview} names=${names} views=${new Map(names.map((name) => [name, stateOf(byName.get(name))]))} alarmsOf=${alarmsOf} />
+        ? html`<${Overview} names=${names} views=${new Map(names.map((name) => [name, stateOf(byName.get(name))]))} limitsOf=${(name) => (byName.has(name) ? limitsOf(byName.get(name)) : null)} alarmsOf=${alarmsOf} />
             <div class="below"><${Alarms} bay=${null} ...${list} known=${known} /><${Events} bay=${null} newest=${newest} /></div>`
         : html`
             ${!single && html`<${BayBar} names=${names} bay=${bay} alarmsOf=${alarmsOf} />`}
-            <h1 class="sr">${bay}</h1>
-            <div class="column a"><${LivePicture} bay=${bay} aim=${one ? aimOf(one) : null} connected=${connected} fault=${cameraFault(state)} />${one && html`<${Bars} state=${state} limits=${limitsOf(one)} />`}</div>
-            <div class="column b"><${Decision} state=${state} bay=${bay} />${one && html`<${Trend} bay=${bay} state=${state} limits=${limitsOf(one)} fresh=${known} />`}</div>
-            <div class="column c"><${Alarms} bay=${bay} ...${list} known=${known} /><${Health} state=${state} links=${known ? view?.links ?? null : null} /><${Events} bay=${bay} newest=${newest} session=${session} /></div>
-            <div class="below"><${Registers} key=${bay} bay=${bay} known=${known} /></div>`}
+            <h1 class="sr" translate="no">${bay}</h1>
+            <div class="column a"><${LivePicture} key=${bay} bay=${bay} aim=${one ? aimOf(one) : null} connected=${known} fault=${cameraFault(state)} onShape=${setShape} />${one ? html`<${Bars} state=${state} limits=${limitsOf(one)} />` : html`<div class="panel room bars-room"></div>`}${wide && large && events}</div>
+            <div class="column b"><${Decision} state=${state} bay=${bay} alarm=${(alarms?.alarms ?? []).some((each) => each.active && standing(each) && (each.bay === bay || each.bay === null))} />${one ? html`<${Trend} bay=${bay} state=${state} limits=${limitsOf(one)} fresh=${known} />` : html`<div class="panel room trend-room"></div>`}</div>
+            <div class="column c"><${Alarms} bay=${bay} ...${list} known=${known} />${!(wide && large) && events}${large && health}</div>
+            <div class="below">${!large && health}<${Registers} key=${bay} bay=${bay} known=${known} /></div>`}
     </main>`;
 }
 
@@ -123,18 +132,12 @@ function Guarded({ session }) {
     setTimeout(() => location.reload(), 5000);
   });
   if (!fault) return html`<${App} session=${session} />`;
-  return html`<main class="page"><p class="notice bad" role="alert"><b>THIS PAGE HAS FAILED.</b> Treat every bay as STOP. It is loaded anew in 5 s. (${String(fault.message ?? fault)})</p></main>`;
+  return html`<main class="page"><p class="notice bad" role="alert"><b>THIS PAGE HAS FAILED.</b> Treat every bay as STOP. It is loaded anew in 5 s.</p><p class="mono small" translate="no">${String(fault.message ?? fault)}</p></main>`;
 }
 
-async function begin() {
-  try {
-    const session = await get('/api/session');
-    render(html`<${Guarded} session=${session} />`, document.body);
-  } catch (error) {
-    if (error.status === 401) return toLogin();
-    render(html`<main class="page"><p class="notice bad" role="alert"><b>The gateway does not answer</b> (${error.name === 'TypeError' ? 'no connection' : error.message}). Trying again.</p></main>`, document.body);
-    setTimeout(begin, 2000);
-  }
+if (kiosk) {
+  beginKiosk();
+  keepAwake();
+  watchIdle();
 }
-
-begin();
+start(Guarded);

@@ -1,40 +1,88 @@
 // All bays at a glance: one tile a bay, those in trouble first.
 
-import { html, useState } from '../vendor/preact-htm.js';
+import { html, useEffect, useRef, useState } from '../lib/page.js';
+import { either } from '../lib/api.js';
 import { CODES } from '../lib/guidance.js';
-import { NONE, mm, px, words } from '../lib/format.js';
-import { decisionWords, inOrder, urgency } from '../lib/views.js';
+import { words } from '../lib/format.js';
+import { text } from '../lib/lang.js';
+import { shortWhy } from '../lib/reasons.js';
+import { alarmCount, decisionWords, inOrder, urgency, visionHealth } from '../lib/views.js';
+import { SmallBars } from './bars.js';
+import { useKept } from './hooks.js';
 import { Arrow, Decision, Ne107 } from './signs.js';
 
-function why(state) {
-  if (state === null) return 'nothing known';
-  if (state.in_place) return state.held ? 'in place, held' : 'in place';
-  return words(state.stop ? state.reason.name : state.guidance.name);
+/** A small picture, newer every few seconds; only while the tile is in sight. `everyMs`: between two. */
+function Thumbnail({ name, everyMs, state }) {
+  const canvas = useRef(null);
+  const [shownMs, setShownMs] = useState(null);
+  const [size, setSize] = useState(null);
+  useEffect(() => {
+    const end = new AbortController();
+    let [timer, seen, after] = [0, false, '']; // of the picture that is shown: none comes twice
+    const once = async () => {
+      try {
+        if (seen && !document.hidden) {
+          const answer = await fetch(`/api/bays/${encodeURIComponent(name)}/picture?${after}width=320`, { credentials: 'same-origin', cache: 'no-store', signal: either(end.signal, 10_000) });
+          if (answer.status === 200) {
+            const takenMs = performance.now() - Number(answer.headers.get('X-Frame-Age-Ms')); // an old frame is no live picture
+            after = `after=${Number(answer.headers.get('X-Frame-Id'))}&`;
+            const bitmap = await createImageBitmap(await answer.blob());
+            if (canvas.current) {
+              Object.assign(canvas.current, { width: bitmap.width, height: bitmap.height });
+              canvas.current.getContext('2d').drawImage(bitmap, 0, 0);
+              setSize(bitmap.width / bitmap.height);
+              setShownMs(takenMs);
+            }
+            bitmap.close();
+          }
+        }
+      } catch {
+        // The picture that stands there is greyed by its age.
+      }
+      if (!end.signal.aborted) timer = setTimeout(once, everyMs);
+    };
+    const sight = new IntersectionObserver((entries) => {
+      seen = entries.at(-1).isIntersecting;
+    });
+    sight.observe(canvas.current);
+    timer = setTimeout(once, Math.random() * everyMs);
+    return () => {
+      clearTimeout(timer);
+      sight.disconnect();
+      end.abort();
+    };
+  }, [name, everyMs]);
+  const dead = state !== null && visionHealth(state) === 'bad'; // known before the picture has grown old
+  const old = dead || shownMs === null || performance.now() - shownMs > 2 * everyMs + 3000;
+  const why = !old ? '' : state === null ? 'nothing known' : dead ? words(state.vision.quality.name) : shownMs === null ? 'no picture yet' : 'no new picture';
+  return html`<span class="thumbnail">
+    <canvas ref=${canvas} class=${old ? 'old' : ''} role="img" aria-label=${old ? text('no live picture of {0}', name) : text('live picture of {0}', name)} width="320" height=${size ? Math.round(320 / size) : 240}></canvas>
+    ${why && html`<span class="no-picture">${why}</span>`}</span>`;
 }
 
-function Tile({ name, state, alarms }) {
+function Tile({ name, state, limits, alarms, everyMs }) {
   const trouble = state === null || state.ne107.name === 'FAILURE';
   return html`<li><a class=${`tile ${trouble ? 'trouble' : ''}`} href=${`#${encodeURIComponent(name)}`}>
-    <span class="row spread"><b>${name}</b><${Ne107} name=${state?.ne107.name ?? null} label=${false} /></span>
-    <span class="state"><${Decision} stop=${state?.stop ?? null} mayMove=${state?.may_move ?? null} fault=${trouble} /><b>${decisionWords(state)}</b></span>
-    <span class="why">${state && html`<${Arrow} name=${CODES[state.guidance.name]?.symbol ?? 'stop'} />`}${why(state)}</span>
-    <span class="small row spread">
-      <span>R <span class="value">${state ? px(state.radius_px, 0) : NONE}</span></span>
-      <span>Z <span class="value">${state ? mm(state.distance_mm) : NONE}</span></span>
-    </span>
-    ${alarms > 0 && html`<span class="tag bad">${alarms} ${alarms === 1 ? 'alarm' : 'alarms'}</span>`}
+    <span class="row spread"><b translate="no">${name}</b><${Ne107} name=${state?.ne107.name ?? null} label=${false} alarm=${alarms > 0} /></span>
+    ${everyMs > 0 && html`<${Thumbnail} name=${name} everyMs=${everyMs} state=${state} />`}
+    <span class="state"><${Decision} stop=${state?.stop ?? null} mayMove=${state?.may_move ?? null} inPlace=${state?.in_place ?? false} fault=${trouble} /><b>${decisionWords(state)}</b></span>
+    <span class="why">${state && html`<${Arrow} name=${CODES[state.guidance.name]?.symbol ?? 'stop'} />`}${shortWhy(state)}</span>
+    ${limits && html`<${SmallBars} state=${state} limits=${limits} />`}
+    ${alarms > 0 && html`<span class="tag bad">${alarmCount(alarms, 0)}</span>`}
   </a></li>`;
 }
 
 const GROUPS = [['all', 'all'], ['trouble', 'in trouble'], ['stop', 'stop'], ['in_place', 'in place'], ['may_move', 'may move']];
 
-export function Overview({ names, views, alarmsOf }) {
-  const [text, setText] = useState('');
+/** `views`: the states by bay; `limitsOf`: the thresholds of a bay, null: not known. */
+export function Overview({ names, views, limitsOf, alarmsOf }) {
+  const [wanted, setWanted] = useState('');
   const [group, setGroup] = useState('all');
+  const [pictures, setPictures] = useKept('overview.pictures', true);
   const all = inOrder(names.map((name) => {
     const state = views.get(name) ?? null;
     const alarms = alarmsOf(name);
-    return { name, state, alarms, rank: urgency(state, alarms) };
+    return { name, state, limits: limitsOf(name), alarms, rank: urgency(state, alarms) };
   }));
   const fits = {
     all: () => true,
@@ -43,7 +91,7 @@ export function Overview({ names, views, alarmsOf }) {
     in_place: ({ state }) => state !== null && state.in_place,
     may_move: ({ state }) => state !== null && state.may_move,
   };
-  const shown = all.filter((bay) => fits[group](bay) && bay.name.toLowerCase().includes(text.toLowerCase()));
+  const shown = all.filter((bay) => fits[group](bay) && bay.name.toLowerCase().includes(wanted.toLowerCase()));
   return html`<section class="panel overview" aria-labelledby="overview-title">
     <header>
       <h1 id="overview-title">All bays</h1>
@@ -51,10 +99,11 @@ export function Overview({ names, views, alarmsOf }) {
         <div class="group" role="group" aria-label="which bays">
           ${GROUPS.map(([key, name]) => html`<button type="button" aria-pressed=${String(group === key)} onClick=${() => setGroup(key)}>${name} <span class="small">${all.filter(fits[key]).length}</span></button>`)}
         </div>
-        <input type="search" placeholder="find a bay" aria-label="find a bay by name" value=${text} onInput=${(event) => setText(event.target.value)} />
+        <label class="row small"><input type="checkbox" checked=${pictures} onChange=${(event) => setPictures(event.target.checked)} /> pictures</label>
+        <input type="search" placeholder="find a bay" aria-label="find a bay by name" value=${wanted} onInput=${(event) => setWanted(event.target.value)} />
       </div>
     </header>
-    <ul class="tiles">${shown.map((bay) => html`<${Tile} key=${bay.name} ...${bay} />`)}</ul>
+    <ul class="tiles">${shown.map((bay) => html`<${Tile} key=${bay.name} ...${bay} everyMs=${pictures ? Math.max(2000, 150 * names.length) : 0} />`)}</ul>
     ${shown.length === 0 && html`<p class="muted">No bay fits.</p>`}
   </section>`;
 }

@@ -1,7 +1,8 @@
 // The live picture with what was seen in it. Whatever is old is greyed and says so.
 
-import { html, useEffect, useRef, useState } from '../vendor/preact-htm.js';
+import { html, useEffect, useRef, useState } from '../lib/page.js';
 import { age, px, words } from '../lib/format.js';
+import { text } from '../lib/lang.js';
 import { draw } from '../lib/overlay.js';
 import { follow, widthFor } from '../lib/pictures.js';
 import { useKept } from './hooks.js';
@@ -9,8 +10,10 @@ import { useKept } from './hooks.js';
 /** An older picture is not live any more, ms. */
 const LIVE_MS = 1500;
 
-/** `fault`: what is wrong with the camera, in words; empty: nothing that is known. */
-export function LivePicture({ bay, aim, connected, fault }) {
+/** Of one bay: for another one it is made anew (by its key), so that the picture of the one before is never shown as its own.
+ * `fault`: what is wrong with the camera, in words; empty: nothing that is known. `onShape`: gets width by height.
+ */
+export function LivePicture({ bay, aim, connected, fault, onShape }) {
   const box = useRef(null);
   const photo = useRef(null);
   const lines = useRef(null);
@@ -34,14 +37,13 @@ export function LivePicture({ bay, aim, connected, fault }) {
   };
 
   useEffect(() => {
-    last.current = null;
     let trouble = '';
     const look = () => {
       const now = last.current;
       const ageMs = now ? (now.ageMs ?? 0) + performance.now() - now.receivedMs : null;
       const live = ageMs !== null && ageMs <= LIVE_MS;
-      const text = live ? '' : now === null ? trouble || 'waiting for a picture' : trouble || 'the camera sends nothing new';
-      setTold({ text, live, view: now?.view ?? null, id: now?.id ?? null, ageMs });
+      const why = live ? '' : now === null ? trouble || 'waiting for a picture' : trouble || 'the camera sends nothing new';
+      setTold({ text: why, live, view: now?.view ?? null, id: now?.id ?? null, ageMs });
     };
     const stop = follow(bay, {
       width: () => widthFor(box.current?.clientWidth ?? 640, devicePixelRatio || 1),
@@ -53,7 +55,9 @@ export function LivePicture({ bay, aim, connected, fault }) {
         if (!canvas) return;
         const { width, height } = now.bitmap;
         if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
-        box.current.style.aspectRatio = `${now.frame.width} / ${now.frame.height}`;
+        const shape = now.frame.width / now.frame.height;
+        box.current.style.setProperty('--shape', shape.toFixed(4));
+        onShape(shape);
         canvas.getContext('2d').drawImage(now.bitmap, 0, 0);
         repaint();
         look();
@@ -70,6 +74,7 @@ export function LivePicture({ bay, aim, connected, fault }) {
       stop();
       clearInterval(timer);
       resized.disconnect();
+      last.current?.bitmap.close();
     };
   }, [bay]);
   useEffect(repaint, [overlay, aim?.u_px, aim?.v_px, aim?.tolerance_px]);
@@ -95,12 +100,13 @@ export function LivePicture({ bay, aim, connected, fault }) {
     </header>
     <figure>
       <div class=${`view ${live ? '' : 'dead'}`} ref=${box}>
-        <canvas ref=${photo} role="img" aria-label=${live ? `Live picture of ${bay}` : `No live picture of ${bay}`} width="640" height="480"></canvas>
+        <canvas ref=${photo} role="img" aria-label=${live ? text('Live picture of {0}', bay) : text('No live picture of {0}', bay)} width="640" height="480"></canvas>
         <canvas ref=${lines} aria-hidden="true"></canvas>
         ${!live &&
         html`<div class="no-picture">
           <p class="big">NO LIVE PICTURE</p>
-          <p>${connected ? fault || told.text : 'no connection to the gateway'}${ageMs !== null ? html`; what is behind is <b>${age(ageMs)}</b> old` : ''}</p>
+          <p>${connected ? fault || told.text : 'no connection to the gateway'}</p>
+          ${ageMs !== null && html`<p>${text('what is behind is {0} old', age(ageMs))}</p>`}
         </div>`}
       </div>
       <figcaption class="small">

@@ -1,7 +1,9 @@
-// The registers as a PLC reads them now: address, name, value, raw words.
+// The registers as a PLC reads them now: address, name, value, raw words. Names and meanings are those of docs/registers.md
+// and of the exported PLC programs, in English.
 
-import { html, useRef, useState } from '../vendor/preact-htm.js';
+import { html, useRef, useState } from '../lib/page.js';
 import { number } from '../lib/format.js';
+import { t, text } from '../lib/lang.js';
 import { useFetched, useKept } from './hooks.js';
 import { Notice } from './notice.js';
 
@@ -15,13 +17,13 @@ function valueOf(row) {
   if (row.value === null) return 'no value';
   const shown = number(row.value, decimalsOf(row));
   const bits = row.bits.filter((bit) => bit.on).map((bit) => bit.name);
-  if (row.bits.length) return html`${shown}<span class="names"> ${bits.join(', ') || 'none set'}</span>`;
-  return row.text === null ? shown : html`${shown}<span class="names"> ${row.text}</span>`;
+  if (row.bits.length) return html`${shown}<span class="names" translate=${bits.length ? 'no' : undefined}> ${bits.join(', ') || 'none set'}</span>`;
+  return row.text === null ? shown : html`${shown}<span class="names" translate="no"> ${row.text}</span>`;
 }
 
 /** Rows with all the words in address, name or meaning. Pure. */
-export function found(rows, text) {
-  const wanted = text.toLowerCase().split(/\s+/).filter(Boolean);
+export function found(rows, words) {
+  const wanted = words.toLowerCase().split(/\s+/).filter(Boolean);
   return rows.filter((row) => {
     const searched = `${row.address} ${row.name} ${row.unit} ${row.meaning} ${row.text ?? ''}`.toLowerCase();
     return wanted.every((word) => searched.includes(word));
@@ -30,7 +32,7 @@ export function found(rows, text) {
 
 export function Registers({ bay, known }) {
   const [open, setOpen] = useKept('operator.registers', false);
-  const [text, setText] = useState('');
+  const [filter, setFilter] = useState('');
   const [answer, wrong] = useFetched(`/api/bays/${encodeURIComponent(bay)}/registers`, bay, 500, open);
   const before = useRef(new Map());
   const changed = useRef(new Map());
@@ -41,23 +43,23 @@ export function Registers({ bay, known }) {
     if (before.current.has(row.address) && before.current.get(row.address) !== raw) changed.current.set(row.address, now);
     before.current.set(row.address, raw);
   }
-  const shown = found(rows, text);
+  const shown = found(rows, filter);
   return html`<section class="panel registers" aria-labelledby="registers-title">
     <details open=${open} onToggle=${(event) => setOpen(event.target.open)}>
-      <summary><h2 id="registers-title">Registers as the PLC reads them${answer === null ? '' : ` (unit ${answer.unit_id})`}</h2></summary>
+      <summary><h2 id="registers-title">${answer === null ? 'Registers as the PLC reads them' : `Registers as the PLC reads them (unit ${answer.unit_id})`}</h2></summary>
       ${open && html`<div class="row compact">
-        <input type="search" placeholder="address, name, meaning" aria-label="search registers" value=${text} onInput=${(event) => setText(event.target.value)} />
+        <input type="search" placeholder="address, name, meaning" aria-label="search registers" value=${filter} onInput=${(event) => setFilter(event.target.value)} />
         <span class="small muted">${rows.length ? `${shown.length} of ${rows.length} rows; ◆ changed just now` : ''}</span>
       </div>
-      <${Notice} kind="warn" say=${wrong || !known ? `These may be old: ${wrong || 'no connection to the gateway'}.` : ''} />
+      <${Notice} kind="warn" say=${wrong || !known ? text('These may be old: {0}.', t(wrong || 'no connection to the gateway')) : ''} />
       <div class="scroll tall" tabindex="0" role="region" aria-label="register table">
         <table class="stack"><thead><tr><th scope="col" class="right">Address</th><th scope="col">Name</th><th scope="col" class="right">Value</th><th scope="col">Unit</th><th scope="col">Raw</th><th scope="col" class="wide">Meaning</th></tr></thead><tbody>
           ${shown.map((row) => {
             const fresh = now - (changed.current.get(row.address) ?? -1e9) < 1200;
             return html`<tr key=${row.address} class=${fresh ? 'changed' : ''}>
-              <td class="right mono">${row.address}</td><td>${row.name}${row.writable ? html` <span class="tag">PLC writes</span>` : ''}</td>
-              <td class="right value">${fresh ? html`<span class="diamond" aria-hidden="true">◆ </span>` : ''}${valueOf(row)}</td><td>${row.unit}</td>
-              <td class="mono nowrap">${hex(row.words)}</td><td class="wide muted">${row.meaning}</td></tr>`;
+              <td class="right mono">${row.address}</td><td><span translate="no">${row.name}</span>${row.writable ? html` <span class="tag">PLC writes</span>` : ''}</td>
+              <td class="right value">${fresh ? html`<span class="diamond" aria-hidden="true">◆ </span>` : ''}${valueOf(row)}</td><td translate="no">${row.unit}</td>
+              <td class="mono nowrap" translate="no">${hex(row.words)}</td><td class="wide muted" translate="no">${row.meaning}</td></tr>`;
           })}
         </tbody></table>
       </div>`}

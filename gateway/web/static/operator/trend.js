@@ -1,24 +1,24 @@
 // R and Z over the last minutes with their thresholds; stop, in place and may move as strips below. No line across what is missing.
 
-import { html, useEffect, useRef, useState } from '../vendor/preact-htm.js';
+import { html, useEffect, useRef, useState } from '../lib/page.js';
 import uPlot from '../vendor/uplot.js';
-import { nice } from '../lib/bars.js';
+import { nice, written } from '../lib/bars.js';
+import { FONT, cleared, hatched, textScale } from '../lib/canvas.js';
 import { clock, number, words } from '../lib/format.js';
+import { t, text } from '../lib/lang.js';
 import { Series } from '../lib/series.js';
+import { distance as distanceText, inUnit, lengthUnit, places } from '../lib/units.js';
 import { useKept } from './hooks.js';
+import { colour, ink } from '../lib/theme.js';
 
 const WINDOWS = [[60, '1 min'], [180, '3 min'], [600, '10 min']];
-const FONT = "'Segoe UI', Roboto, 'Noto Sans', 'Liberation Sans', sans-serif";
 const AXIS = 26; // height of the time axis
-const INK = '#16324a';
-const GRID = '#c3c8cb';
 
-const textScale = () => parseFloat(getComputedStyle(document.documentElement).fontSize) / 16;
 
 /** One chart of one value: its line, its threshold as a dashed line, the hysteresis as a band. */
-function chart(at, { label, unit, colour, bare }) {
+function chart(at, { label, unit, bare }) {
   const scale = textScale();
-  const font = `${Math.round(12 * scale)}px ${FONT}`;
+  const font = `${13 * scale}px ${FONT}`;
   const limits = { threshold: 0, band: /** @type {[number, number]|null} */ (null), most: 1 };
   const plot = new uPlot(
     {
@@ -29,19 +29,19 @@ function chart(at, { label, unit, colour, bare }) {
       legend: { show: false },
       cursor: { sync: { key: 'trend' }, drag: { x: false, y: false }, points: { size: 7 } },
       scales: { x: { time: true }, y: { range: () => [0, limits.most] } },
-      series: [{}, { label, stroke: colour, width: 1.6 * scale, spanGaps: false, points: { show: false } }],
+      series: [{}, { label, stroke: ink('--value'), width: 1.6 * scale, spanGaps: false, points: { show: false } }],
       axes: [
-        { font, stroke: '#475057', grid: { stroke: GRID, width: 1 }, ticks: { stroke: GRID }, size: bare ? 0 : AXIS * scale, show: !bare, space: 90 * scale,
+        { font, stroke: ink('--muted'), grid: { show: false }, ticks: { stroke: ink('--grid') }, size: bare ? 0 : AXIS * scale, show: !bare, space: 90 * scale,
           values: (_, ticks) => ticks.map((t) => clock(t * 1000)) },
-        { font, stroke: '#475057', grid: { stroke: GRID, width: 1 }, ticks: { stroke: GRID }, size: 52 * scale, space: 26 * scale, label: `${label}, ${unit}`, labelSize: 20 * scale, labelFont: `600 ${font}`, labelGap: 0,
-          values: (_, ticks) => ticks.map((t) => number(t)) },
+        { font, stroke: ink('--muted'), grid: { stroke: ink('--grid'), width: 1 }, ticks: { stroke: ink('--grid') }, size: 52 * scale, space: 26 * scale, label: `${label}, ${unit}`, labelSize: 20 * scale, labelFont: `600 ${font}`, labelGap: 0,
+          values: (_, ticks) => written(ticks) },
       ],
       hooks: {
         drawClear: [
           (u) => {
             if (!limits.band) return;
             const [low, high] = limits.band.map((y) => u.valToPos(y, 'y', true));
-            u.ctx.fillStyle = 'rgba(22,50,74,0.12)';
+            u.ctx.fillStyle = colour('--band');
             u.ctx.fillRect(u.bbox.left, high, u.bbox.width, low - high);
           },
         ],
@@ -50,7 +50,7 @@ function chart(at, { label, unit, colour, bare }) {
             const y = u.valToPos(limits.threshold, 'y', true);
             const { ctx } = u;
             ctx.save();
-            ctx.strokeStyle = '#1f2529';
+            ctx.strokeStyle = colour('--text');
             ctx.lineWidth = 1.4 * devicePixelRatio;
             ctx.setLineDash([7 * devicePixelRatio, 4 * devicePixelRatio]);
             ctx.beginPath();
@@ -58,14 +58,14 @@ function chart(at, { label, unit, colour, bare }) {
             ctx.lineTo(u.bbox.left + u.bbox.width, y);
             ctx.stroke();
             ctx.setLineDash([]);
-            ctx.font = `600 ${11 * scale * devicePixelRatio}px ${FONT}`;
-            const text = `${label}_th ${number(limits.threshold, 0, unit)}`;
-            const tall = 15 * scale * devicePixelRatio;
+            ctx.font = `600 ${13 * scale * devicePixelRatio}px ${FONT}`;
+            const text = `${label}_th ${number(limits.threshold, unit === 'px' ? 0 : places(0), unit)}`;
+            const tall = 17 * scale * devicePixelRatio;
             const wide = ctx.measureText(text).width + 8 * devicePixelRatio;
             const top = y - u.bbox.top > tall + 4 ? y - tall - 2 : y + 2;
-            ctx.fillStyle = 'rgba(240,241,242,0.85)';
+            ctx.fillStyle = colour('--panel');
             ctx.fillRect(u.bbox.left + 4, top, wide, tall);
-            ctx.fillStyle = '#1f2529';
+            ctx.fillStyle = colour('--text');
             ctx.textAlign = 'left';
             ctx.textBaseline = 'middle';
             ctx.fillText(text, u.bbox.left + 4 + 4 * devicePixelRatio, top + tall / 2);
@@ -80,49 +80,28 @@ function chart(at, { label, unit, colour, bare }) {
   return { plot, limits };
 }
 
-function hatched(g, left, top, width, height, ratio) {
-  g.save();
-  g.beginPath();
-  g.rect(left, top, width, height);
-  g.clip();
-  g.strokeStyle = '#b9c0c4';
-  g.lineWidth = ratio;
-  g.beginPath();
-  for (let x = left - height; x < left + width; x += 8 * ratio) {
-    g.moveTo(x, top + height);
-    g.lineTo(x + height, top);
-  }
-  g.stroke();
-  g.restore();
-}
-
-const STRIPS = [['stop', '#1f2529'], ['in_place', '#3f5a73'], ['may_move', '#5b7285']];
+const STRIPS = [['stop', '--text'], ['in_place', '--bar-strong'], ['may_move', '--bar']];
 
 function strip(canvas, plot, series, from, to) {
-  const ratio = devicePixelRatio || 1;
-  const room = canvas.getBoundingClientRect();
-  const [width, height] = [Math.round(room.width * ratio), Math.round(room.height * ratio)];
-  if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
-  const g = canvas.getContext('2d');
-  g.clearRect(0, 0, width, height);
+  const { g, ratio, height } = cleared(canvas);
   const { left, width: across } = plot.bbox;
-  const x = (t) => left + ((t - from) / (to - from)) * across;
+  const x = (at) => left + ((at - from) / (to - from)) * across;
   const row = height / STRIPS.length;
   for (const [n, [name, fill]] of STRIPS.entries()) {
     const [y, tall] = [n * row + row * 0.14, row * 0.72];
-    hatched(g, left, y, across, tall, ratio); // not known, unless something is drawn over it
+    hatched(g, left, y, across, tall, ratio);
     for (const { from: a, to: b, value } of series.stretches(name, from, to)) {
-      g.fillStyle = value ? fill : '#ffffff';
+      g.fillStyle = colour(value ? fill : '--field');
       g.fillRect(x(a), y, Math.max(1, x(b) - x(a)), tall);
     }
-    g.strokeStyle = '#6f787e';
+    g.strokeStyle = colour('--line-strong');
     g.lineWidth = ratio;
     g.strokeRect(left, y, across, tall);
-    g.fillStyle = '#1f2529';
-    g.font = `${row * 0.58}px ${FONT}`;
+    g.fillStyle = colour('--text');
+    g.font = `${13 * textScale() * ratio}px ${FONT}`;
     g.textAlign = 'right';
     g.textBaseline = 'middle';
-    g.fillText(words(name), left - 6 * ratio, y + tall / 2);
+    g.fillText(t(words(name)), left - 6 * ratio, y + tall / 2, left - 8 * ratio);
   }
 }
 
@@ -138,8 +117,8 @@ export function Trend({ state, limits, fresh, bay }) {
   useEffect(() => {
     const series = new Series();
     const [first, second, below] = holder.current.children;
-    const radius = chart(first, { label: 'R', unit: 'px', colour: INK, bare: true });
-    const distance = chart(second, { label: 'Z', unit: 'mm', colour: INK, bare: false });
+    const radius = chart(first, { label: 'R', unit: 'px', bare: true });
+    const distance = chart(second, { label: 'Z', unit: lengthUnit(), bare: false });
     const start = { steady: performance.now(), wall: Date.now() };
     const time = () => (start.wall + performance.now() - start.steady) / 1000; // never steps, whoever sets the clock
     const follow = (u) => {
@@ -155,7 +134,7 @@ export function Trend({ state, limits, fresh, bay }) {
       const { limits: now } = live.current;
       const rows = [
         [radius, 'radius', now.radius_threshold_px, [now.radius_threshold_px - now.radius_hysteresis_px, now.radius_threshold_px], 1.5],
-        [distance, 'distance', now.distance_threshold_mm, [now.distance_threshold_mm, now.distance_threshold_mm + now.distance_hysteresis_mm], 3],
+        [distance, 'distance', inUnit(now.distance_threshold_mm), [inUnit(now.distance_threshold_mm), inUnit(now.distance_threshold_mm + now.distance_hysteresis_mm)], 3],
       ];
       for (const [one, name, threshold, band, room] of rows) {
         one.limits.threshold = threshold;
@@ -199,15 +178,15 @@ export function Trend({ state, limits, fresh, bay }) {
     if (!tools.current) return;
     const { series, time } = tools.current;
     series.add(time(), fresh && state
-      ? { radius_px: state.radius_px, distance_mm: state.distance_mm, stop: state.stop, in_place: state.in_place, may_move: state.may_move }
+      ? { radius_px: state.radius_px, distance_mm: inUnit(state.distance_mm), stop: state.stop, in_place: state.in_place, may_move: state.may_move }
       : { radius_px: null, distance_mm: null, stop: null, in_place: null, may_move: null });
   }, [state, fresh]);
   useEffect(() => tools.current?.paint(), [seconds, paused]);
 
   const newest = state && fresh ? state : null;
   const read = cursor
-    ? `${clock(cursor.t * 1000)}: R ${number(cursor.r, 1, 'px')}, Z ${number(cursor.z, 0, 'mm')}, stop ${cursor.stop === null ? 'unknown' : cursor.stop ? 'on' : 'off'}`
-    : `now: R ${number(newest?.radius_px, 1, 'px')}, Z ${number(newest?.distance_mm, 0, 'mm')}`;
+    ? text('{0}: R {1}, Z {2}, stop {3}', clock(cursor.t * 1000), number(cursor.r, 1, 'px'), number(cursor.z, places(0), lengthUnit()), t(cursor.stop === null ? 'unknown' : cursor.stop ? 'on' : 'off'))
+    : text('now: R {0}, Z {1}', number(newest?.radius_px, 1, 'px'), distanceText(newest?.distance_mm));
   return html`<section class="panel trend" aria-labelledby="trend-title">
     <header>
       <h2 id="trend-title">Trend</h2>
@@ -219,7 +198,7 @@ export function Trend({ state, limits, fresh, bay }) {
         <button type="button" aria-pressed=${String(paused)} onClick=${() => setPaused(!paused)}>Pause</button>
       </div>
     </header>
-    <div class="charts" ref=${holder} role="img" aria-label=${`Trend of R in px and Z in mm over ${seconds} s; ${read}`}>
+    <div class="charts" ref=${holder} role="img" aria-label=${text('Trend of R in px and Z in {0} over {1} s; {2}', lengthUnit(), seconds, read)}>
       <div></div><div></div><canvas class="strip"></canvas>
     </div>
   </section>`;

@@ -1,15 +1,18 @@
 // The function check: settings go live only while one is on, and what it does to `may_move` is chosen here.
 
-import { html, useState } from '../vendor/preact-htm.js';
+import { html, translated, useState } from '../lib/page.js';
 import { words } from '../lib/format.js';
+import { t, text } from '../lib/lang.js';
+import { why } from '../lib/reasons.js';
+import { decisionWords } from '../lib/views.js';
 import { Decision, Ne107 } from '../operator/signs.js';
 
 /** `mode`: OFF, MAY_MOVE_OFF, MAY_MOVE_KEPT; null: not known. */
 export function CheckBanner({ mode, state, change, busy }) {
   const [kept, setKept] = useState(false);
   const on = mode === 'MAY_MOVE_OFF' || mode === 'MAY_MOVE_KEPT';
-  const decision = state === null ? 'not known' : state.stop ? `STOP: ${state.reason.text}` : state.may_move ? 'the truck may move' : 'stop is off, but the truck may not move';
-  const live = html`<span class="bay-now"><${Decision} stop=${state?.stop ?? null} mayMove=${state?.may_move ?? null} fault=${state?.ne107.name === 'FAILURE'} /><span>${decision}</span></span>`;
+  const decision = state === null ? 'not known' : `${translated(decisionWords(state))}: ${translated(why(state))}`;
+  const live = html`<span class="bay-now"><${Decision} stop=${state?.stop ?? null} mayMove=${state?.may_move ?? null} inPlace=${state?.in_place ?? false} fault=${state?.ne107.name === 'FAILURE'} /><span translate=${state === null ? undefined : 'no'}>${decision}</span></span>`;
   if (!on)
     return html`<section class="check notice" aria-labelledby="check-title">
       <div class="row spread"><h2 id="check-title">${mode === null ? 'Function check: not known' : 'The bay is at work'}</h2>${live}</div>
@@ -23,11 +26,11 @@ export function CheckBanner({ mode, state, change, busy }) {
       </div>
     </section>`;
   return html`<section class="check notice warn" aria-labelledby="check-title">
-    <div class="row spread"><h2 id="check-title"><${Ne107} name="FUNCTION_CHECK" label=${false} /> FUNCTION CHECK – may_move ${mode === 'MAY_MOVE_OFF' ? 'is OFF' : 'is KEPT'}</h2>${live}</div>
+    <div class="row spread"><h2 id="check-title"><${Ne107} name="FUNCTION_CHECK" label=${false} /> <span>${mode === 'MAY_MOVE_OFF' ? 'FUNCTION CHECK – may_move is OFF' : 'FUNCTION CHECK – may_move is KEPT'}</span></h2>${live}</div>
     <p>${mode === 'MAY_MOVE_OFF'
       ? 'may_move and in_place stay off until the function check ends. Stop works as always.'
       : 'may_move follows settings that are being tried; in_place stays off. Stop works as always.'}
-      ${state && state.ne107.name !== 'FUNCTION_CHECK' ? html` NE 107 says ${words(state.ne107.name)}: that goes first.` : ''}</p>
+      ${state && state.ne107.name !== 'FUNCTION_CHECK' ? ` ${text('NE 107 says {0}: that goes first.', t(words(state.ne107.name)))}` : ''}</p>
     <div class="row">
       <button type="button" class="primary" disabled=${busy} onClick=${() => change('off')}>End function check</button>
       <button type="button" disabled=${busy} onClick=${() => change(mode === 'MAY_MOVE_OFF' ? 'may_move_kept' : 'may_move_off')}>

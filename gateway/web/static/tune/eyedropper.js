@@ -1,6 +1,8 @@
 // The picture itself, to click on: which colours are there, and which ranges would admit them. Works by keyboard, too.
 
-import { html, useEffect, useRef, useState } from '../vendor/preact-htm.js';
+import { html, useEffect, useRef, useState } from '../lib/page.js';
+import { number } from '../lib/format.js';
+import { text } from '../lib/lang.js';
 import { css } from './settings.js';
 
 const ZOOM = 10; // of the loupe
@@ -9,9 +11,9 @@ const SIZES = [1, 5, 9, 15, 31];
 
 /**
  * @param {{bitmap: ImageBitmap|null, frame: {width_px: number, height_px: number}|null, pick: Function, picked: any,
- *          waiting: boolean, live: boolean, failed: string}} props  `bitmap` may be smaller than the frame
+ *          frameId: number|null, elsewhere: boolean, live: boolean, failed: string}} props  `bitmap` may be smaller than the frame
  */
-export function Eyedropper({ bitmap, frame, pick, picked, failed, live }) {
+export function Eyedropper({ bitmap, frame, frameId, elsewhere, pick, picked, failed, live }) {
   const canvas = useRef(null);
   const loupe = useRef(null);
   const [at, setAt] = useState(null);
@@ -75,19 +77,20 @@ export function Eyedropper({ bitmap, frame, pick, picked, failed, live }) {
     if (du || dv) {
       event.preventDefault();
       setAt({ u: Math.min(frame.width_px - 1, Math.max(0, now.u + du)), v: Math.min(frame.height_px - 1, Math.max(0, now.v + dv)) });
-    } else if (event.key === 'Enter' || event.key === ' ') {
+    } else if (!elsewhere && (event.key === 'Enter' || event.key === ' ')) {
       event.preventDefault();
       setAt(now);
       pick(now, size, mode);
     }
   };
   const patch = picked?.patch;
-  return html`<figure class="tile picture">
-      <figcaption><h3>Picture</h3><span class="small">click the marker to take its colours</span></figcaption>
+  return html`<figure class="tile picture" data-frame=${frameId}>
+      <figcaption><h3>Picture${frameId === null ? '' : frameId < 0 ? html` <span class="small">uploaded</span>` : html` <span class="small">${text('frame {0}', frameId)}</span>`}</h3><span class="small">${elsewhere ? 'not yet the chosen picture' : 'click the marker to take its colours'}</span></figcaption>
       ${bitmap
         ? html`<canvas ref=${canvas} class="shot" tabindex="0" role="application" aria-label="picture; arrow keys move the eyedropper, Shift by ten, Enter takes the colours there"
-            aria-describedby="picked" onPointerMove=${(event) => event.pointerType === 'mouse' && setAt(place(event))}
+            aria-disabled=${elsewhere} aria-describedby="picked" onPointerMove=${(event) => event.pointerType === 'mouse' && setAt(place(event))}
             onClick=${(event) => {
+              if (elsewhere) return;
               const here = place(event);
               setAt(here);
               pick(here, size, mode);
@@ -109,13 +112,13 @@ export function Eyedropper({ bitmap, frame, pick, picked, failed, live }) {
         ${failed ? html`<p class="said warning"><span aria-hidden="true">▲</span> ${failed}</p>` : ''}
         ${patch
           ? html`<p><span class="swatch" ref=${(element) => element && (element.style.backgroundColor = css([patch.hue, patch.s, patch.v]))}></span>
-              H <b>${patch.hue}</b> (${signedRange(patch, 0)}), S <b>${patch.s}</b> (${patch.low[1]} to ${patch.high[1]}), V <b>${patch.v}</b> (${patch.low[2]} to ${patch.high[2]})</p>
-            <p>these ranges admit <b>${(100 * picked.admitted_share).toFixed(1)} %</b> of the picture; ${picked.hanging_px} of ${picked.admitted_px} px hang together here</p>
-            ${picked.warnings.map((text) => html`<p class="said warning"><span aria-hidden="true">▲</span> ${text}</p>`)}`
+              H <b>${patch.hue}</b> (${signedRange(patch, 0)}), S <b>${patch.s}</b> (${text('{0} to {1}', patch.low[1], patch.high[1])}), V <b>${patch.v}</b> (${text('{0} to {1}', patch.low[2], patch.high[2])})</p>
+            <p>${text('these ranges admit {0} of the picture; {1} of {2} px are connected here', number(100 * picked.admitted_share, 1, '%'), picked.hanging_px, picked.admitted_px)}</p>
+            ${picked.warnings.map((one) => html`<p class="said warning"><span aria-hidden="true">▲</span> ${one}</p>`)}`
           : html`<p class="muted">${live ? 'A click freezes the picture first.' : 'Ranges for the clicked patch, with room for the light to change.'}</p>`}
       </div>
     </section>`;
 }
 
 /** The hues of a patch on the file's scale; they may run over red's zero. */
-const signedRange = (patch, axis) => `${(patch.low[axis] + 180) % 180} to ${(patch.high[axis] + 180) % 180}`;
+const signedRange = (patch, axis) => text('{0} to {1}', (patch.low[axis] + 180) % 180, (patch.high[axis] + 180) % 180);

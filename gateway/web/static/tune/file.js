@@ -1,18 +1,11 @@
 // The way out and in: going live, the file with its difference, profiles.
 
-import { html, useEffect, useRef, useState } from '../vendor/preact-htm.js';
-
-const kind = (line) => (/^(\+\+\+|---|@@)/.test(line) ? 'place' : line.startsWith('+') ? 'added' : line.startsWith('-') ? 'removed' : '');
+import { html, useRef, useState } from '../lib/page.js';
+import { Dialog, Diff } from '../lib/dialog.js';
 
 /** Shows what saving would change, and saves. */
 export function SaveDialog({ plan, live, save, close }) {
-  const dialog = useRef(null);
   const [state, setState] = useState({ busy: false, said: '', done: null });
-  useEffect(() => {
-    const element = dialog.current;
-    element.showModal();
-    return () => element.close();
-  }, []);
   const go = async () => {
     setState({ busy: true, said: '', done: null });
     try {
@@ -22,24 +15,27 @@ export function SaveDialog({ plan, live, save, close }) {
     }
   };
   const nothing = plan.changes.length === 0;
-  return html`<dialog ref=${dialog} class="save" aria-labelledby="save-title" onCancel=${(event) => { event.preventDefault(); close(); }}>
-    <h2 id="save-title">Save to the configuration's file</h2>
-    <p class="mono">${plan.path}</p>
+  return html`<${Dialog} id="save-title" title="Save to the configuration's file" close=${close}>
+    <p class="mono" translate="no">${plan.path}</p>
     ${nothing
       ? html`<p>The file says just this already: there is nothing to save.</p>`
-      : html`<pre class="diff" tabindex="0" aria-label="what would change in the file">${plan.diff.trimEnd().split('\n').map((line) => html`<span class=${kind(line)}>${line}${'\n'}</span>`)}</pre>`}
+      : html`<${Diff} text=${plan.diff} />`}
+    ${plan.faults?.map((fault) => html`<p class="notice bad" translate="no">${[fault.path.join('.'), fault.message].filter(Boolean).join(': ')}</p>`)}
+    ${plan.warnings?.map((warning) => html`<p class="notice warn" translate="no">${warning}</p>`)}
+    ${plan.restart?.length > 0 && html`<p>A restart of the gateway is needed for:</p><ul class="keys">${plan.restart.map((key) => html`<li translate="no">${key}</li>`)}</ul>`}
     ${!live && !nothing && html`<p class="notice warn">These settings are not live: the file would say something else than what runs now.</p>`}
     ${plan.why_not && html`<p class="notice bad">It can't be saved: ${plan.why_not}</p>`}
     <div aria-live="assertive">
       ${state.said && html`<p class="notice bad">${state.said}</p>`}
-      ${state.done && html`<p class="notice" data-saved>Saved. The text before is kept in <span class="mono">${state.done.backup}</span>.</p>`}
+      ${state.done && html`<p class="notice" data-saved>Saved. The text before is kept in <span class="mono" translate="no">${state.done.previous}</span>.
+        ${state.done.restart?.length > 0 && html` The values take effect at the next start: <a href="/setup">restart the gateway</a>.`}</p>`}
     </div>
-    <p class="hint">The file is read when the gateway starts. Comments and everything else in it stay as they are.</p>
+    <p class="hint">The file is read when the gateway starts or reloads. Comments and everything else in it stay as they are.</p>
     <div class="row">
-      ${!state.done && html`<button type="button" class="primary" disabled=${nothing || Boolean(plan.why_not) || state.busy} onClick=${go}>Save</button>`}
+      ${!state.done && html`<button type="button" class="primary" disabled=${nothing || Boolean(plan.why_not) || plan.faults?.length > 0 || state.busy} onClick=${go}>Save</button>`}
       <button type="button" onClick=${close}>${state.done ? 'Close' : 'Cancel'}</button>
     </div>
-  </dialog>`;
+  </${Dialog}>`;
 }
 
 /** Hands a text to the browser as a file to keep. */

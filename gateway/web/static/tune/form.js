@@ -1,6 +1,7 @@
 // The settings' controls, drawn from the gateway's own description of its keys.
 
-import { html, useEffect, useState } from '../vendor/preact-htm.js';
+import { html, translated, useEffect, useState } from '../lib/page.js';
+import { listed, t, text } from '../lib/lang.js';
 import { css, groups, partLimits, placeOf, plain, range, same, stepOf, title, typed, valueAt, widely } from './settings.js';
 
 const AXES = ['H', 'S', 'V'];
@@ -28,7 +29,7 @@ function Said({ remarks, name }) {
 
 function Reset({ show, what, reset }) {
   return html`<button type="button" class="plain reset" hidden=${!show} onClick=${reset}
-    title="back to what is in force">changed, take back<span class="sr"> ${what}</span></button>`;
+    title="back to what is in force">changed, take back<span class="sr" translate="no"> ${what}</span></button>`;
 }
 
 function Numeric({ key_, settings, inForce, set, remarks, hint }) {
@@ -41,14 +42,14 @@ function Numeric({ key_, settings, inForce, set, remarks, hint }) {
     set(key_.name, wide ? valueAt(key_, at) : at);
   };
   return html`<div class=${`control ${changed ? 'changed' : ''}`}>
-    <div class="head"><label for=${`${id}-n`}>${title(key_)}</label>
+    <div class="head"><label for=${`${id}-n`} translate="no">${title(key_)}</label>
       <${Reset} show=${changed} what=${title(key_)} reset=${() => set(key_.name, inForce[key_.name])} /></div>
     <div class="pair">
-      <input type="range" name=${key_.name} id=${id} aria-label=${`${title(key_)}, slider`}
-        aria-valuetext=${`${plain(value)} ${key_.unit}`}
+      <input type="range" name=${key_.name} id=${id} aria-label=${text('{0}, slider', title(key_))}
+        aria-valuetext=${listed([plain(value), translated(key_.unit)], ' ')}
         min=${wide ? 0 : key_.low} max=${wide ? 1000 : key_.high} step=${wide ? 1 : stepOf(key_)}
         value=${wide ? placeOf(key_, value) : value} onInput=${move} />
-      <${Field} id=${`${id}-n`} value=${value} describedby=${`${id}-d`} accept=${(text) => typed(key_, text)} take=${(good) => set(key_.name, good)} />
+      <${Field} id=${`${id}-n`} value=${value} describedby=${`${id}-d`} accept=${(given) => typed(key_, given)} take=${(good) => set(key_.name, good)} />
       <span class="unit">${key_.unit}</span>
     </div>
     <p class="hint" id=${`${id}-d`}>${key_.meaning} <span class="nowrap">(${range(key_)})</span>${hint ? html` <b class="nowrap">${hint}</b>` : ''}</p>
@@ -59,10 +60,10 @@ function Numeric({ key_, settings, inForce, set, remarks, hint }) {
 function Choice({ key_, settings, inForce, set }) {
   const changed = settings[key_.name] !== inForce[key_.name];
   return html`<fieldset class=${`control ${changed ? 'changed' : ''}`} aria-describedby=${`k-${key_.name}-d`}>
-    <div class="head"><legend>${title(key_)}</legend>
+    <div class="head"><legend translate="no">${title(key_)}</legend>
       <${Reset} show=${changed} what=${title(key_)} reset=${() => set(key_.name, inForce[key_.name])} /></div>
     <div class="row">${key_.choices.map((choice) => html`<label class="choice"><input type="radio" name=${key_.name} value=${choice}
-      checked=${settings[key_.name] === choice} onChange=${() => set(key_.name, choice)} /> ${choice}</label>`)}</div>
+      checked=${settings[key_.name] === choice} onChange=${() => set(key_.name, choice)} /> <span translate="no">${choice}</span></label>`)}</div>
     <p class="hint" id=${`k-${key_.name}-d`}>${key_.meaning}</p>
   </fieldset>`;
 }
@@ -71,7 +72,7 @@ function Flag({ key_, settings, inForce, set }) {
   const changed = settings[key_.name] !== inForce[key_.name];
   return html`<div class=${`control ${changed ? 'changed' : ''}`}>
     <div class="head"><label class="choice"><input type="checkbox" name=${key_.name} checked=${settings[key_.name]}
-        aria-describedby=${`k-${key_.name}-d`} onChange=${(event) => set(key_.name, event.target.checked)} /> ${title(key_)}</label>
+        aria-describedby=${`k-${key_.name}-d`} onChange=${(event) => set(key_.name, event.target.checked)} /> <span translate="no">${title(key_)}</span></label>
       <${Reset} show=${changed} what=${title(key_)} reset=${() => set(key_.name, inForce[key_.name])} /></div>
     <p class="hint" id=${`k-${key_.name}-d`}>${key_.meaning}</p>
   </div>`;
@@ -79,7 +80,7 @@ function Flag({ key_, settings, inForce, set }) {
 
 /** A patch of a colour; the word for it stands beside it. */
 function Swatch({ colour, name }) {
-  return html`<span class="swatch" role="img" aria-label=${`${name}: H ${colour[0]}, S ${colour[1]}, V ${colour[2]}`}
+  return html`<span class="swatch" role="img" aria-label=${listed([t(name), `H ${colour[0]}, S ${colour[1]}, V ${colour[2]}`], ': ')}
     ref=${(element) => element && (element.style.backgroundColor = css(colour))}></span>`;
 }
 
@@ -105,17 +106,17 @@ function Range({ number, settings, inForce, set, remarks }) {
   const changed = names.some((name) => !same(settings[name], inForce[name]));
   const put = (name, axis, value) => set(name, settings[name].map((old, n) => (n === axis ? value : old)));
   return html`<fieldset class=${`control range ${changed ? 'changed' : ''}`}>
-    <div class="head"><legend>red range ${number}</legend>
-      <${Reset} show=${changed} what=${`red range ${number}`} reset=${() => set(Object.fromEntries(names.map((name) => [name, inForce[name]])))} /></div>
+    <div class="head"><legend>${text('red range {0}', number)}</legend>
+      <${Reset} show=${changed} what=${text('red range {0}', number)} reset=${() => set(Object.fromEntries(names.map((name) => [name, inForce[name]])))} /></div>
     <div class="band"><${Swatch} colour=${low} name="lower corner" /><${HueBand} low=${low} high=${high} /><${Swatch} colour=${high} name="upper corner" /></div>
     ${AXES.map((letter, axis) => html`<div class="axis">
       <span class="letter" title=${AXIS_WORDS[axis]}>${letter}</span>
       ${names.map((name, side) => {
         const [least, most] = partLimits(name, axis, settings);
-        const label = `range ${number}, ${AXIS_WORDS[axis]}, ${side ? 'upper' : 'lower'}`;
-        const accept = (text) => {
-          const value = Number(text);
-          return text.trim() !== '' && Number.isInteger(value) && value >= least && value <= most ? value : null;
+        const label = text('range {0}, {1}, {2}', number, t(AXIS_WORDS[axis]), t(side ? 'upper' : 'lower'));
+        const accept = (given) => {
+          const value = Number(given);
+          return given.trim() !== '' && Number.isInteger(value) && value >= least && value <= most ? value : null;
         };
         return html`<span class="half">
           <input type="range" name=${`${name}.${letter}`} min="0" max=${axis ? 255 : 180} step="1" value=${settings[name][axis]} aria-label=${label}
@@ -124,7 +125,7 @@ function Range({ number, settings, inForce, set, remarks }) {
               event.target.value = value;
               put(name, axis, value);
             }} />
-          <${Field} value=${settings[name][axis]} label=${`${label}, number`} accept=${accept} take=${(good) => put(name, axis, good)} />
+          <${Field} value=${settings[name][axis]} label=${text('{0}, number', label)} accept=${accept} take=${(good) => put(name, axis, good)} />
         </span>`;
       })}
     </div>`)}

@@ -1,6 +1,7 @@
 // The settings as the page edits them: which keys there are comes from the gateway, with range, unit and meaning. Pure.
 
 import { number } from '../lib/format.js';
+import { text } from '../lib/lang.js';
 
 /**
  * @typedef {object} Key one key of `[vision]`, as the gateway describes it
@@ -16,14 +17,13 @@ export function title(key) {
   return bare.replaceAll('_', ' ');
 }
 
-/** Names of the groups in which the keys stand on the page, by method. */
+/** The groups in which the keys stand on the page, by method. The ranges of red have controls of their own. */
 export function groups(schema) {
   const of = (belongs, test) => schema.filter((key) => key.belongs === belongs && test(key.name));
   const blur = (name) => /^(gaussian|morph)_/.test(name);
   const red = (name) => /^red_/.test(name);
   return {
     method: of('both', () => true),
-    red: of('paper', red),
     clean: of('paper', blur),
     gates: of('paper', (name) => !blur(name) && !red(name)),
     robust: of('robust', () => true),
@@ -66,17 +66,14 @@ export function valueAt(key, place) {
 
 /** What is typed, as a value of this key; null: not one. */
 export function typed(key, text) {
-  const value = Number(text);
+  const value = Number(text.replace(',', '.')); // as on the settings page
   if (text.trim() === '' || !Number.isFinite(value) || value < key.low || value > key.high) return null;
   if (key.kind === 'whole' && (!Number.isInteger(value) || (value - key.low) % (key.step ?? 1) !== 0)) return null;
   return value;
 }
 
-/** The range of a key in words. */
-export function range(key) {
-  const odd = key.step === 2 ? ', odd' : '';
-  return `${number(key.low, decimals(key.low))} to ${number(key.high, decimals(key.high))}${odd}`;
-}
+/** The range of a key in the viewer's words. */
+export const range = (key) => text(key.step === 2 ? '{0} to {1}, odd' : '{0} to {1}', number(key.low, decimals(key.low)), number(key.high, decimals(key.high)));
 
 const decimals = (value) => String(value).split('.')[1]?.length ?? 0;
 

@@ -1,20 +1,26 @@
 // The technician's page: settings tried on pictures, let live, and written back to the configuration's file.
 
-import { html, render, useEffect, useMemo, useRef, useState } from '../vendor/preact-htm.js';
+import { html, render, useEffect, useMemo, useRef, useState } from '../lib/page.js';
 import { get, post, toLogin } from '../lib/api.js';
 import { widthFor } from '../lib/pictures.js';
-import { Brand, Pages, Who } from '../lib/top.js';
+import { t, text } from '../lib/lang.js';
+import { titled } from '../lib/title.js';
+import { Brand, Pages, SessionMenu } from '../lib/top.js';
 import { useLive } from '../operator/hooks.js';
 import { Health as Sign } from '../operator/signs.js';
+import { Camera } from './camera.js';
 import { CheckBanner } from './check.js';
 import { Effect, Remarks, summary } from './effect.js';
 import { Eyedropper } from './eyedropper.js';
 import { ImportButton, SaveDialog, download } from './file.js';
 import { Form } from './form.js';
 import { differing, followed } from './settings.js';
-import { SourceBar } from './source.js';
+import { SourceBar, base64, tooMuch } from './source.js';
 import { Stages } from './stages.js';
+import { TeachIn } from './teachin.js';
+import { CancelledError, TestSets, useTestSets } from './testsets.js';
 import { trials } from './trials.js';
+import { WarningDialog, confirmed } from '../lib/warnings.js';
 
 const STALE_MS = 1500;
 const LIVE_PAUSE_MS = 350; // between two trials on the running picture
@@ -24,13 +30,13 @@ const TAB = `t${Math.random().toString(36).slice(2, 12)}`;
 const bay = decodeURIComponent(location.pathname.split('/')[2] ?? '');
 const at = (path) => `/api/bays/${encodeURIComponent(bay)}/${path}`;
 
-/** POSTs with the session's token; a token that has gone stale is fetched anew, once. */
+/** POSTs with the session's token, to a path of the bay or of the server; a stale token is fetched anew, once. */
 function useSend(session, renew) {
   const csrf = useRef(session.csrf);
-  return async (path, body, timeoutMs = 15_000) => {
+  return async (path, body, timeoutMs = 15_000, method = 'POST') => {
     for (let tries = 0; ; tries += 1) {
       try {
-        return await post(at(path), body, csrf.current, { timeoutMs });
+        return await post(path.startsWith('/') ? path : at(path), body, csrf.current, { timeoutMs, method });
       } catch (error) {
         if (error.status === 401) toLogin();
         if (error.status !== 403 || tries > 0) throw error;
@@ -40,23 +46,44 @@ function useSend(session, renew) {
   };
 }
 
-/** The bitmap at `url`, and the frame it belongs to. */
-function useBitmap(url) {
-  const [bitmap, setBitmap] = useState(null);
+/** Decoded, so that it stands on the page in the moment in which it is put there. */
+async function decoded(url) {
+  const image = new Image();
+  image.src = url;
+  await image.decode();
+  return image;
+}
+
+async function bitmapOf(url) {
+  const answer = await fetch(url, { credentials: 'same-origin' });
+  if (!answer.ok) throw new Error(`answer ${answer.status}`);
+  return createImageBitmap(await answer.blob());
+}
+
+/**
+ * A trial's result with all of its pictures, once every one of them is there: all that is on the page is of one frame.
+ * `pictureOf`: where that frame itself is to be had. @returns {{result: any, bitmap: ImageBitmap|null, images: any[]}}
+ */
+function useShown(result, pictureOf) {
+  const [shown, setShown] = useState({ result: null, bitmap: null, images: [] });
   useEffect(() => {
-    if (!url) return undefined;
-    const end = new AbortController();
-    (async () => {
-      try {
-        const answer = await fetch(url, { credentials: 'same-origin', signal: end.signal });
-        if (answer.ok) setBitmap(await createImageBitmap(await answer.blob()));
-      } catch (error) {
-        if (!end.signal.aborted) console.warn(`no picture: ${error.message}`);
-      }
-    })();
-    return () => end.abort();
-  }, [url]);
-  return bitmap;
+    if (!result) return;
+    const stages = result.panels.filter((panel) => panel.name !== 'picture');
+    const picture = bitmapOf(pictureOf(result));
+    Promise.all([picture, ...stages.map((panel) => decoded(panel.url))]).then(
+      ([bitmap, ...images]) => setShown((was) => {
+        if (!was.result || was.result.number <= result.number) return { result, bitmap, images };
+        bitmap.close();
+        return was;
+      }),
+      (error) => { // of a trial that is gone by now: a newer one follows
+        console.warn(`no picture: ${error.message}`);
+        picture.then((bitmap) => bitmap.close(), () => {});
+      },
+    );
+  }, [result]);
+  useEffect(() => () => shown.bitmap?.close(), [shown.bitmap]); // when the next one stands there: it holds megabytes
+  return shown;
 }
 
 function Top({ session, connected, fresh }) {
@@ -64,9 +91,9 @@ function Top({ session, connected, fresh }) {
     <${Brand} title="Tuning" />
     <${Pages} session=${session} bay=${bay} current="Technician" />
     <label class="small">bay <select value=${bay} onChange=${(event) => location.assign(`/tune/${encodeURIComponent(event.target.value)}`)}>
-      ${session.bays.map((name) => html`<option value=${name} selected=${name === bay}>${name}</option>`)}</select></label>
+      ${session.bays.map((name) => html`<option translate="no" value=${name} selected=${name === bay}>${name}</option>`)}</select></label>
     <div class="facts push"><${Sign} state=${connected && fresh ? 'ok' : 'bad'} text=${connected ? (fresh ? 'connected' : 'no new data') : 'NO CONNECTION'} />
-      <${Who} session=${session} /></div>
+      <${SessionMenu} session=${session} /></div>
   </header>`;
 }
 
@@ -78,6 +105,7 @@ function Page({ session, profile: first, taken: kept, renew }) {
   const [settings, setSettings] = useState(first.vision);
   const [file, setFile] = useState(first.file);
   const [undoSteps, setUndoSteps] = useState(first.undo_steps);
+  const [undone, setUndone] = useState(first.undo); // what one step back brings back
   const [mode, setMode] = useState(first.function_check.toUpperCase());
   const [taken, setTaken] = useState(kept);
   const [source, setSource] = useState({ kind: 'live' });
@@ -88,7 +116,10 @@ function Page({ session, profile: first, taken: kept, renew }) {
   const [busy, setBusy] = useState('');
   const [picked, setPicked] = useState({ answer: null, failed: '' });
   const [plan, setPlan] = useState(null);
+  const [question, setQuestion] = useState(null); // warnings that someone is to accept
+  const testSets = useTestSets(send, at);
   const tiles = useRef(null);
+  const working = useRef(false);
   const { view, connected, freshness } = useLive([bay], 500, STALE_MS);
   const fresh = freshness.fresh(performance.now(), Date.now());
   const mine = fresh ? view?.bays.find((one) => one.bay === bay) ?? null : null;
@@ -107,7 +138,7 @@ function Page({ session, profile: first, taken: kept, renew }) {
         setTrouble('');
         if (next === null) return; // given up for something newer, or there is no picture yet
         setResult((was) => ({ ...carried(was, next, request), request }));
-        if (differing(schema, next.settings_in_force, known.current).length) refresh().catch((error) => setTrouble(error.message));
+        if (differing(schema, next.settings_in_force, known.current).length) notice().catch((error) => setTrouble(error.message));
       },
       failed(error) {
         setTrouble(error.message);
@@ -124,8 +155,10 @@ function Page({ session, profile: first, taken: kept, renew }) {
   }, [trialQueue, source, settings, inForce, result, waiting, trouble, view]);
 
   const change = (name, value) => setSettings((was) => (typeof name === 'string' ? { ...was, [name]: value } : { ...was, ...name }));
-  const tell = (text, bad = false) => setSaid({ text, bad });
+  const tell = (what, bad = false) => setSaid({ text: what, bad });
   const doing = async (what, work) => {
+    if (working.current) return null; // the button itself stays enabled: it keeps the focus
+    working.current = true;
     setBusy(what);
     try {
       return await work();
@@ -133,12 +166,14 @@ function Page({ session, profile: first, taken: kept, renew }) {
       tell(error.message, true);
       return null;
     } finally {
+      working.current = false;
       setBusy('');
     }
   };
-  const keep = async () => setTaken(await get(at('taken')));
+  const keep = async () => setTaken(await get(at('captures')));
+  /** The frame that is on the page. */
   const freeze = () => doing('freeze', async () => {
-    const one = await send('freeze', {});
+    const one = await send('freeze', shown?.request.source.kind === 'live' ? { trial: shown.number } : {});
     await keep();
     const on = { kind: 'snapshot', name: one.name, frame: 0 };
     setSource(on);
@@ -150,8 +185,21 @@ function Page({ session, profile: first, taken: kept, renew }) {
     setSource({ kind: 'recording', name: one.name, frame: Math.floor(one.frames / 2) });
     tell(`${one.frames} frames recorded`);
   });
+  const upload = (files) => doing('upload', async () => {
+    const wrong = tooMuch(files);
+    if (wrong) throw new Error(wrong);
+    try {
+      for (const file of files) {
+        const one = await send('upload', { name: file.name.slice(0, 100), data: await base64(file) }, 30_000);
+        setSource({ kind: 'snapshot', name: one.name, frame: 0 });
+      }
+    } finally {
+      await keep();
+    }
+    tell(files.length === 1 ? '1 picture uploaded' : `${files.length} pictures uploaded`);
+  });
   const pick = async (place, size, way) => {
-    const seen = result?.request.source ?? source;
+    const seen = shown?.request.source ?? source;
     const on = seen.kind === 'live' ? await freeze() : seen;
     if (!on) return;
     try {
@@ -166,52 +214,94 @@ function Page({ session, profile: first, taken: kept, renew }) {
   };
 
   // Settings.
-  const took = (answer) => {
+  const applyProfile = (answer) => {
     const was = known.current;
     known.current = answer.vision;
     setInForce(answer.vision);
     setSettings((draft) => followed(draft, was, answer.vision));
     setUndoSteps(answer.undo_steps);
+    setUndone(answer.undo);
     setMode(answer.function_check.toUpperCase());
     if (answer.file) setFile(answer.file);
   };
-  const refresh = async () => took(await get(at('profile')));
+  const refresh = async () => applyProfile(await get(at('profile')));
+  /** Something else is in force than this tab knew: somebody changed it elsewhere. */
+  const notice = async () => {
+    const was = known.current;
+    await refresh();
+    const keys = differing(schema, known.current, was);
+    if (keys.length) tell(text('Changed in another tab or by somebody else, and live: {0}.', keys.join(', ')), true);
+  };
   const check = (next) => doing('check', async () => {
-    took(await send('function-check', { mode: next }));
-    tell(next === 'off' ? 'The function check has ended.' : `Function check: may_move ${next === 'may_move_off' ? 'off' : 'kept'}.`);
+    applyProfile(await send('function-check', { mode: next }));
+    tell(next === 'off' ? 'The function check has ended.' : next === 'may_move_off' ? 'Function check: may_move is off.' : 'Function check: may_move is kept.');
   });
-  const apply = () => doing('apply', async () => {
+  const ask = (what) => async (warnings) => {
+    const accepted = await new Promise((answer) => setQuestion({ what, warnings, answer }));
+    setQuestion(null);
+    return accepted;
+  };
+  /** What is to go live or into the file is scored first, in sight, and may be cancelled; the gateway would score only for some seconds. */
+  const scored = async () => {
     try {
-      took(await send('profile/apply', { vision: settings, over: inForce }));
+      await testSets.scoreAll(settings);
+      return true;
+    } catch (error) {
+      if (error instanceof CancelledError) return false;
+      throw error;
+    }
+  };
+  const apply = () => doing('apply', async () => {
+    let outcome = 'Nothing was changed.';
+    try {
+      if (!(await scored())) outcome = 'Scoring was cancelled: nothing was changed.';
+      else {
+        const answer = await confirmed((accepted) => send('profile/apply', { vision: settings, over: inForce, accepted }, TRIAL_MS), ask('apply'));
+        if (answer !== null) {
+          applyProfile(answer);
+          outcome = 'These settings are live.';
+        }
+      }
     } finally {
       await refresh();
     }
-    tell('These settings are live.');
+    tell(outcome); // not sooner: until here a click does nothing
   });
+  /** In a bay at work nothing changes: the click begins a function check first, and a person ends it. */
   const undo = () => doing('undo', async () => {
-    const answer = await send('profile/undo', {});
-    took(answer);
-    setSettings(answer.vision);
-    await refresh();
-    tell('What was in force before is live again.');
+    try {
+      if (!on) applyProfile(await send('function-check', { mode: 'may_move_off' }));
+      const answer = await send('profile/undo', { over: inForce });
+      applyProfile(answer);
+      setSettings(answer.vision);
+    } finally {
+      await refresh();
+    }
+    tell(on ? 'What was in force before is live again.' : 'What was in force before is live again. The function check goes on until you end it.');
   });
-  const diff = () => doing('diff', async () => setPlan(await send('profile/diff', { vision: settings })));
+  const diff = () => doing('diff', async () => {
+    const change = await send('profile/diff', { vision: settings });
+    if (change.changes.length && !change.why_not && !(await scored())) return tell('Scoring was cancelled: nothing was changed.');
+    setPlan(change);
+  });
   const save = async (shown) => {
-    const done = await send('profile/save', { vision: settings, digest: shown.digest });
+    const done = await confirmed((accepted) => send('profile/save', { vision: settings, digest: shown.digest, accepted }, TRIAL_MS), ask('save'));
+    if (done === null) throw new Error('Nothing was saved.');
     await refresh();
     return done;
   };
   const exported = () => doing('export', async () => {
     const answer = await fetch(at('profile/export'), { method: 'POST', credentials: 'same-origin', headers: { 'Content-Type': 'application/json', 'X-CSRF-Token': (await renew()).csrf }, body: JSON.stringify({ vision: settings }) });
-    const text = await answer.text();
-    if (!answer.ok) throw new Error(JSON.parse(text).detail ?? 'refused');
-    download(`vision-${bay}.toml`, text);
+    const toml = await answer.text();
+    if (!answer.ok) throw new Error(JSON.parse(toml).detail ?? 'refused');
+    download(`vision-${bay}.toml`, toml);
   });
-  const imported = (name, text) => doing('import', async () => {
-    if (text === null) throw new Error(`${name}: too large for a profile`);
-    const answer = await send('profile/import', { name, text });
+  const imported = (name, toml) => doing('import', async () => {
+    if (toml === null) throw new Error(text('{0}: too large for a profile', name));
+    const answer = await send('profile/import', { name, text: toml });
     setSettings(answer.vision);
-    tell(answer.changes.length ? `${name}: ${answer.changes.length} ${answer.changes.length === 1 ? 'key differs' : 'keys differ'} from what is in force: ${answer.changes.join(', ')}.` : `${name} says just what is in force.`);
+    const { length: count } = answer.changes;
+    tell(count === 0 ? text('{0} says just what is in force.', name) : text(count === 1 ? '{0}: one key differs from what is in force: {2}.' : '{0}: {1} keys differ from what is in force: {2}.', name, count, answer.changes.join(', ')));
   });
 
   // Whoever leaves in the middle is asked.
@@ -224,60 +314,77 @@ function Page({ session, profile: first, taken: kept, renew }) {
     return () => removeEventListener('beforeunload', leaving);
   }, [on]);
 
-  const panels = result?.panels.filter((panel) => panel.name !== 'picture') ?? [];
   const wide = widthFor(tiles.current?.querySelector('.picture')?.clientWidth || 640, devicePixelRatio || 1);
-  const shown = result?.request.source ?? null; // what is on the page, all of it of one frame
-  const frozen = shown && shown.kind !== 'live' ? `${at(`taken/${shown.name}/${shown.frame ?? 0}`)}?width=${Math.max(960, wide)}` : null;
-  const picture = useBitmap(frozen ?? result?.panels.find((panel) => panel.name === 'picture')?.url);
+  const pictureOf = (one) => {
+    const { source: on } = one.request;
+    return on.kind === 'live' ? one.panels.find((panel) => panel.name === 'picture').url : `${at(`captures/${on.name}/${on.frame ?? 0}`)}?width=${Math.max(960, wide)}`;
+  };
+  const { result: shown, bitmap: picture } = useShown(result, pictureOf);
+  const panels = shown?.panels.filter((panel) => panel.name !== 'picture') ?? [];
+  const frameId = shown?.frame_id ?? null; // of all that is on the page
   const remarks = result?.remarks ?? [];
-  const behind = result !== null && (result.request.settings !== settings || !sameSource(result.request.source, source));
+  const elsewhere = shown !== null && !sameSource(shown.request.source, source) && !frozenFrom(shown, source, taken);
+  const behind = shown !== null && (shown.request.settings !== settings || !sameSource(shown.request.source, source));
   return html`<${Top} session=${session} connected=${connected} fresh=${fresh} />
     <main class="page tuning">
-      <h1 class="sr">Tuning of ${bay}</h1>
+      <h1 class="sr">${text('Tuning of {0}', bay)}</h1>
       <${CheckBanner} mode=${fresh ? mode : null} state=${mine?.state ?? null} change=${check} busy=${busy !== ''} />
+      <${TeachIn} send=${send} url=${at('teach-in')} checking=${on} />
       <div class="controls">
+        <${Camera} bay=${bay} send=${send} url=${at('camera')} checking=${on} />
         <section class="panel" id="settings" aria-labelledby="settings-title">
-          <header><h2 id="settings-title">Settings</h2><span class="small">${unlive.length ? `${unlive.length} changed, not live` : 'as in force'}</span></header>
+          <header><h2 id="settings-title">Settings</h2><span class="small">${unlive.length ? `${unlive.length} changed, not live` : 'as in force'}</span>
+            <a class="small" href=${`/calibrate/${encodeURIComponent(bay)}`}>Calibrate the lens</a></header>
           <${Form} schema=${schema} settings=${settings} inForce=${inForce} set=${change} remarks=${remarks} picture=${result?.picture ?? null} />
         </section>
       </div>
       <div class="pictures">
-        <${SourceBar} source=${source} taken=${taken} freeze=${freeze} record=${record} choose=${setSource} busy=${busy} working=${waiting} />
+        <${SourceBar} source=${source} taken=${taken} freeze=${freeze} record=${record} upload=${upload} choose=${setSource} busy=${busy} working=${waiting} />
         ${trouble && html`<p class="notice bad" role="alert">${trouble}</p>`}
-        <div class=${`tiles${behind ? ' behind' : ''}`} ref=${tiles}>
-          <${Eyedropper} bitmap=${picture} frame=${result?.picture ?? null} pick=${pick} picked=${picked.answer} failed=${picked.failed} live=${source.kind === 'live'} />
-          <${Stages} panels=${panels} />
+        <div class=${`tiles${behind ? ' behind' : ''}${elsewhere ? ' elsewhere' : ''}`} ref=${tiles} data-trial=${shown?.number}>
+          <${Eyedropper} bitmap=${picture} frame=${shown?.picture ?? null} frameId=${frameId} elsewhere=${elsewhere} pick=${pick} picked=${picked.answer} failed=${picked.failed} live=${source.kind === 'live'} />
+          <${Stages} panels=${panels} frameId=${frameId} />
         </div>
-        <p class="sr" role="status" aria-live="polite">${result?.request.timed ? summary(result) : ''}</p>
+        <p class="sr" role="status" aria-live="polite" translate="no">${result?.request.timed ? summary(result) : ''}</p>
         </div>
-      <div class="results"><${Effect} result=${result} waiting=${waiting} /><${Remarks} remarks=${remarks} light=${result?.exposure ?? null} /></div>
+      <div class="results"><${Effect} result=${result} waiting=${waiting} /><${Remarks} remarks=${remarks} light=${result?.exposure ?? null}
+        judged=${result?.request.source.kind === 'live' && result.judged_id !== result.frame_id ? result.judged_id : null} /></div>
+      <${TestSets} sets=${testSets} settings=${settings} shown=${() => (source.kind === 'live' ? freeze() : source)} taken=${taken} tell=${tell} />
     </main>
     <footer class="actions" aria-label="what to do with the settings">
       <div class="row">
-        <button type="button" class="primary" id="apply" disabled=${!on || !unlive.length || busy !== ''} aria-describedby="why-not-live" onClick=${apply}>Go live</button>
-        <button type="button" disabled=${!on || !undoSteps || busy !== ''} onClick=${undo}>Undo live change</button>
+        <button type="button" class="primary" id="apply" disabled=${!on || !unlive.length || !['', 'apply'].includes(busy)} aria-describedby="why-not-live" onClick=${apply}>Go live</button>
+        <button type="button" disabled=${!undoSteps || mode === null || busy !== ''} aria-describedby="undone" onClick=${undo}>${on || !undoSteps ? 'Undo live change' : 'Begin function check and undo'}</button>
         <button type="button" disabled=${!unlive.length} onClick=${() => setSettings(inForce)}>Take all back</button>
+        ${testSets.running && html`<span class="small" role="status">${`Scoring: ${testSets.scores[testSets.running]?.view.done ?? 0} of ${testSets.scores[testSets.running]?.view.total ?? 0} pictures`}</span>
+          <button type="button" onClick=${() => testSets.cancel()}>Cancel scoring</button>`}
         <span class="gap"></span>
-        <button type="button" id="save" disabled=${!file.path || busy !== ''} onClick=${diff}>Save to file…</button>
+        <button type="button" id="save" disabled=${!file.path || !['', 'diff'].includes(busy)} onClick=${diff}>Save to file…</button>
         <button type="button" disabled=${busy !== ''} onClick=${exported}>Export</button>
         <${ImportButton} take=${imported} />
       </div>
       <p class="small" id="why-not-live">
-        ${!on && unlive.length ? 'To go live, begin a function check. ' : ''}${file.unsaved.length ? `In force but not in the file: ${file.unsaved.join(', ')}. ` : ''}${file.why_not && !plan ? html`<span>Saving: ${file.why_not}. </span>` : ''}
+        ${!on && unlive.length ? 'To go live, begin a function check. ' : ''}${file.unsaved.length ? `${text('In force but not in the file: {0}.', file.unsaved.join(', '))} ` : ''}${file.why_not && !plan ? html`<span>${text('Saving: {0}.', file.why_not)} </span>` : ''}
+        <span id="undone">${undoSteps ? `${text('Undo live change brings back: {0}.', Object.entries(undone).map(([key, value]) => `${key} = ${value}`).join(', ') || t('the same settings'))} ` : ''}</span>
         <span role="status" class=${said.bad ? 'said warning' : ''}>${said.bad ? html`<span aria-hidden="true">▲ </span>` : ''}${said.text}</span>
       </p>
     </footer>
-    ${plan && html`<${SaveDialog} plan=${plan} live=${!unlive.length} save=${save} close=${() => setPlan(null)} />`}`;
+    ${plan && html`<${SaveDialog} plan=${plan} live=${!unlive.length} save=${save} close=${() => setPlan(null)} />`}
+    ${question && html`<${WarningDialog} ...${question} />`}`;
 }
 
 const sameSource = (a, b) => a.kind === b.kind && a.name === b.name && a.frame === b.frame;
 
-/** A look without times keeps the times that were measured for these very settings. */
+/** Is the chosen source the very frame that is on the page, frozen? */
+const frozenFrom = (shown, source, taken) =>
+  source.kind === 'snapshot' && taken.find((one) => one.name === source.name)?.frame_ids[0] === shown.frame_id;
+
+/** A look without times keeps the times that were measured for these very settings; and the exposure, of another frame. */
 function carried(was, next, request) {
   const alike = was && was.request.settings === request.settings && was.request.inForce === request.inForce && was.request.source.kind === request.source.kind;
-  if (!alike || request.timed || !was.timed) return next;
+  if (!alike || request.timed || !was.timed) return { ...next, judged_id: next.frame_id };
   const times = (side, old) => ({ ...side, total_ms: old.total_ms, stages: old.stages });
-  return { ...next, timed: true, time_ratio: was.time_ratio, exposure: was.exposure, tried: times(next.tried, was.tried), in_force: times(next.in_force, was.in_force) };
+  return { ...next, timed: true, time_ratio: was.time_ratio, exposure: was.exposure, judged_id: was.judged_id, tried: times(next.tried, was.tried), in_force: times(next.in_force, was.in_force) };
 }
 
 function App() {
@@ -290,7 +397,7 @@ function App() {
       try {
         const session = await renew();
         if (session.role !== 'technician') return toLogin();
-        const [profile, taken] = await Promise.all([get(at('profile')), get(at('taken'))]);
+        const [profile, taken] = await Promise.all([get(at('profile')), get(at('captures'))]);
         setLoaded({ session, profile, taken });
         setFailed('');
       } catch (error) {
@@ -307,5 +414,5 @@ function App() {
   return html`<main class="page"><p class=${`notice ${failed ? 'bad' : ''}`} role="status">${failed || 'Loading…'}</p></main>`;
 }
 
-document.title = `Tuning ${bay}`;
+titled('Tuning {0}', bay);
 render(html`<${App} />`, document.body);

@@ -1,0 +1,73 @@
+// The driver's sounds. They add to the sign and say nothing that it does not; silence never means "go on".
+
+/**
+ * @typedef {{hz: number[], lengthMs: number, everyMs: number|null}} Pattern tones one after the other; null: once
+ */
+
+const NEAR_MS = 160;
+const MS_PER_MM = 1.6;
+
+/**
+ * What sounds with a sign. Pure.
+ * @param {import('./guidance.js').Code} code @param {string} kind @param {number|null} toGoMm @param {boolean} moves
+ * @returns {Pattern|null} null: nothing
+ */
+export function pattern(code, kind, toGoMm, moves) {
+  if (code === 'BRAKE') return { hz: [1000, 700, 1000, 700, 1000, 700], lengthMs: 120, everyMs: 940 };
+  if (kind === 'halt') return { hz: [440, 440], lengthMs: 350, everyMs: moves ? 1000 : null };
+  if (code === 'OK') return { hz: [660, 880, 1100], lengthMs: 140, everyMs: null };
+  if (code === 'SLOW') return { hz: [880], lengthMs: 70, everyMs: Math.round(Math.min(1200, NEAR_MS + MS_PER_MM * Math.max(0, toGoMm ?? 600))) };
+  if (kind === 'go' || kind === 'care') return { hz: [880], lengthMs: 120, everyMs: null };
+  return null;
+}
+
+/**
+ * One tone. @param {AudioContext} audio @param {number} hz @param {number} fromS from now @param {number} lengthS
+ * @param {{loud: number, fades: boolean}} how
+ */
+export function tone(audio, hz, fromS, lengthS, { loud, fades }) {
+  const [source, gain] = [audio.createOscillator(), audio.createGain()];
+  const from = audio.currentTime + fromS;
+  source.frequency.value = hz;
+  if (fades) {
+    gain.gain.setValueAtTime(loud, from);
+    gain.gain.linearRampToValueAtTime(0, from + lengthS);
+  } else gain.gain.value = loud;
+  source.connect(gain).connect(audio.destination);
+  source.start(from);
+  source.stop(from + lengthS);
+}
+
+export class Sound {
+  /** @type {AudioContext|null} */
+  #audio = null;
+  #last = '';
+  #nextMs = 0;
+
+  /** Browsers allow it after a touch or a key, kiosks by a setting of theirs. */
+  start() {
+    this.#audio ??= new AudioContext();
+    this.#audio.resume().catch(() => {});
+  }
+
+  stop() {
+    this.#audio?.close().catch(() => {});
+    [this.#audio, this.#last] = [null, ''];
+  }
+
+  get on() {
+    return this.#audio !== null;
+  }
+
+  /** @param {string} sign changes: it sounds at once @param {Pattern|null} what @param {number} nowMs */
+  play(sign, what, nowMs) {
+    const audio = this.#audio;
+    if (audio === null) return;
+    const changed = sign !== this.#last;
+    this.#last = sign;
+    if (what === null || (!changed && (what.everyMs === null || nowMs < this.#nextMs))) return;
+    this.#nextMs = nowMs + (what.everyMs ?? 0);
+    const lengthS = what.lengthMs / 1000;
+    what.hz.forEach((hz, n) => tone(audio, hz, n * 1.3 * lengthS, lengthS, { loud: 0.4, fades: true }));
+  }
+}
