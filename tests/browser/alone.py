@@ -1,5 +1,6 @@
 """Pages without a gateway: files from the disk, a socket that says what the test wants, answers that the test gives."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -7,11 +8,20 @@ from urllib.parse import urlsplit
 from playwright.sync_api import Page, Route
 
 from gateway.web.auth.headers import CONTENT_SECURITY_POLICY
+from gateway.web.languages import languages
 
 STATIC = Path(__file__).parents[2] / "gateway" / "web" / "static"
 HOST = "127.0.0.1:9"  # nobody listens there: every request is answered below
 TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
-PAGES = {"driver": "driver.html", "login": "login.html", "": "index.html"}
+PAGES = {
+    "": "index.html",
+    "driver": "driver.html",
+    "login": "login.html",
+    "history": "history.html",
+    "manager": "manager.html",
+    "calibrate": "calibrate.html",
+    "setup/new-bay": "new-bay.html",
+}
 Answer = Callable[[Route], object]
 # __says: a text, or what becomes JSON; null: nothing. __delay_ms: between question and answer. __shown: whatever stood
 # there, one after the other, each with the opacity of the STOP over it.
@@ -48,7 +58,19 @@ addEventListener('DOMContentLoaded', () => {
 def from_disk(route: Route) -> None:
     """A page or one of its files, with the headers that the gateway sends."""
     path = urlsplit(route.request.url).path
-    file = STATIC / (path.removeprefix("/static/") if path.startswith("/static/") else PAGES[path.split("/")[1]])
+    if path == "/api/pages":
+        route.fulfill(body='{"digest": "0"}', content_type="application/json")
+        return
+    if path.startswith("/api/languages"):
+        code = path.removeprefix("/api/languages").removeprefix("/")
+        known = languages({})
+        body = json.dumps(known.catalogues[code].model_dump() if code else {"languages": known.listed()})
+        route.fulfill(body=body, content_type="application/json")
+        return
+    if path.startswith("/static/"):
+        file = STATIC / path.removeprefix("/static/")
+    else:
+        file = STATIC / (PAGES.get(path.strip("/")) or PAGES[path.split("/")[1]])
     if not file.is_file():
         route.fulfill(status=404)
         return

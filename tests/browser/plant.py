@@ -83,21 +83,23 @@ def plant(
     users: str = "",
     bays: int = 1,
     records: Callable[[Path], None] | None = None,
+    hmi_port: int = 0,
+    keeps: bool = False,
 ) -> Iterator[Plant]:
     """Runs until the block ends; leaves no process behind. `records`: it records, and this makes what it has recorded
-    already, in the folder of all bays."""
+    already, in the folder of all bays. `hmi_port`: 0: any. `keeps`: it has a folder for its state."""
     config, story = folder / "plant.toml", folder / "scenario.toml"
     instance = f"test-{uuid4().hex[:12]}"
     text = CONFIG.format(instance=instance, role=role, users=users)
     config.write_text(text if records is None else text + FOR_EVER)
     story.write_text(scenario)
-    recording: tuple[str, ...] = ()
+    state = ("--state-dir", str(folder / "state")) if keeps or records is not None else ()
     if records is not None:
-        recording = ("--state-dir", str(folder / "state"))
         records(folder / "state" / "records" / f"north_works.{instance}")
     with Gateway(
         *("simulate", "--json", "--config", str(config), "--scenario", str(story)),
-        *("--modbus-port", "0", "--hmi-port", "0", "--bays", str(bays), *recording),
+        *("--modbus-port", "0", "--hmi-port", str(hmi_port), *state),
+        *(("--bays", str(bays)) if bays > 1 else ()),
     ) as gateway:
         started = gateway.started()
         url = started["hmi"].rstrip("/")

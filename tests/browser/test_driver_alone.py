@@ -2,22 +2,27 @@
 
 import base64
 import json
+import re
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, Page, Route, expect
 
 from gateway.core.state import GuidanceCode
-from tests.browser.alone import HOST, SOCKET, from_disk, say
+from gateway.web.languages import languages
+from tests.browser import judgements
+from tests.browser.alone import HOST, SOCKET, STATIC, from_disk, say
 from tests.browser.chromium import Watch, until
 
 GOOD: dict[str, Any] = {
     "bay": "bay1", "code": "FORWARD", "text": "", "stop": False,
     "amount_mm": 1250.0, "closing_mm_s": 120.0, "to_go_mm": 1250.0, "age_ms": 20.0,
 }  # fmt: skip
+STYLE = STATIC / "driver.css"
+FONTS = {"installed": None, "widest": "'DejaVu Sans'"}
 SHOWN = """() => {
   const opacity = getComputedStyle(document.querySelector('#deadman')).opacity;
   return opacity === '0' ? document.body.dataset.code : opacity === '1' ? 'STOP over all' : `between: ${opacity}`;
@@ -30,12 +35,22 @@ def display(browser: Browser) -> Iterator[Display]:
     contexts = []
     watch = Watch(HOST)
 
-    def opened(query: str = "?lang=en&theme=sun", width_px: int = 1366, height_px: int = 768, before: str = "") -> Page:
+    def opened(
+        query: str = "?lang=en&theme=sun",
+        width_px: int = 1366,
+        height_px: int = 768,
+        before: str = "",
+        font: str | None = None,
+    ) -> Page:
+        """`font`: instead of the first of those named in the style that is installed."""
         context = browser.new_context(viewport={"width": width_px, "height": height_px})
         contexts.append(context)
         watch.over(context)
         context.add_init_script(SOCKET + before)
         context.route("**/*", from_disk)
+        if font is not None:
+            style = re.sub(r"font-family: [^;]+;", f"font-family: {font};", STYLE.read_text(encoding="utf-8"), count=1)
+            context.route("**/driver.css", lambda route: route.fulfill(body=style, content_type="text/css"))
         page = context.new_page()
         page.goto(f"http://{HOST}/driver/bay1{query}")
         return page
@@ -72,6 +87,11 @@ def test_it_begins_with_stop_and_asks_for_its_bay(display: Display) -> None:
     expect(page.locator("#speed")).to_have_text("speed12cm/s")
     say(page, {**GOOD, "closing_mm_s": -300.0})
     expect(page.locator("#speed")).to_have_text("backing off30cm/s")
+    waits = {**GOOD, "code": "WAIT", "stop": True, "closing_mm_s": 4.0}
+    says(page, waits, "WAIT")
+    expect(page.locator("#speed")).to_be_hidden()  # no "0 cm/s" of a truck that stands
+    say(page, {**waits, "closing_mm_s": 120.0})
+    expect(page.locator("#speed")).to_have_text("speed12cm/s")
 
 
 def test_a_truck_in_place_may_read_so_under_stop_and_leaves_when_it_is_released(display: Display) -> None:
@@ -226,26 +246,310 @@ def test_a_script_that_hangs_is_stop(display: Display) -> None:
     assert red_since_s < page.evaluate("() => window.__hung_until_s")
 
 
-@pytest.mark.parametrize("language", ["en", "de"])
-@pytest.mark.parametrize(("width_px", "height_px"), [(360, 640), (768, 1024), (1366, 768), (3840, 2160)])
+# Of the words and numbers what is drawn outside its room, and which of them are drawn one over the other.
+MISPLACED = """() => {
+  const shown = (at) => at.checkVisibility() && at.textContent !== '';
+  const aside = document.querySelector('#column').getBoundingClientRect();
+  const rtl = document.documentElement.dir === 'rtl';
+  const [left, right] = rtl ? [aside.right, innerWidth] : [0, aside.left];
+  const texts = [...document.querySelectorAll('#word, #show dd, #show dt')].filter(shown).map((at) => {
+    const drawn = document.createRange();
+    drawn.selectNodeContents(at);
+    const { left, right } = drawn.getBoundingClientRect();
+    const { top, bottom, height } = at.getBoundingClientRect();
+    return { name: at.textContent, left, right, top: top + height / 6, bottom: bottom - height / 6 };
+  });
+  const symbol = { ...document.querySelector('#symbol').getBoundingClientRect().toJSON(), name: 'symbol' };
+  const out = [...texts, symbol, { ...aside.toJSON(), name: 'column', left, right }]
+    .filter((at) => at.left < left - 1 || at.right > right + 1 || at.top < -1 || at.bottom > innerHeight + 1);
+  const over = texts.filter((one, n) => texts.slice(n + 1).some((other) =>
+    one.left < other.right && other.left < one.right && one.top < other.bottom && other.top < one.bottom));
+  return [...out, ...over].map((at) => at.name);
+}"""
+
+
+@pytest.mark.parametrize("language", sorted(languages({}).catalogues))
+@pytest.mark.parametrize(("width_px", "height_px"), [(360, 640), (768, 1024), (1024, 768), (1366, 768), (3840, 2160)])
 def test_every_word_fits_and_is_large(display: Display, language: str, width_px: int, height_px: int) -> None:
-    page = display(f"?lang={language}&theme=night", width_px, height_px)
+    page = display(f"?lang={language}&theme=night", width_px, height_px, font=FONTS["widest"])
     expect(page.locator("html")).to_have_attribute("lang", language)
     for code in GuidanceCode:
         drives = code.name in ("FORWARD", "SLOW", "LEFT", "RIGHT", "LEAVE", "DRIVE_UP")
-        say(
-            page, {**GOOD, "code": code.name, "stop": not drives, "to_go_mm": -1234.0 if code.name == "BACK" else 987.0}
-        )
+        to_go_mm = -1234.0 if code.name == "BACK" else 987.0
+        speed = -120.0 if code.name == "FAULT" else 120.0
+        say(page, {**GOOD, "code": code.name, "stop": not drives, "to_go_mm": to_go_mm, "closing_mm_s": speed})
         until_shown(page, code.name)
-        out = page.evaluate("""() => ['#word', '#symbol', '#amount', '#speed', '#column'].filter((name) => {
-          const at = document.querySelector(name);
-          if (at.classList.contains('none')) return false;
-          const box = at.getBoundingClientRect();
-          const column = document.querySelector('#column').getBoundingClientRect().left;
-          const right = name === '#column' ? innerWidth : column;
-          return box.left < 0 || box.top < 0 || box.right > right + 1 || box.bottom > innerHeight + 1;
-        })""")
-        assert out == [], f"{code.name} in {language} at {width_px} x {height_px}"
+        assert page.evaluate(MISPLACED) == [], f"{code.name} in {language} at {width_px} x {height_px}"
+        assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")
     size = page.locator("#word").evaluate("(word) => parseFloat(getComputedStyle(word).fontSize)")
     assert size > 0.09 * min(width_px, height_px)
     assert page.locator("#word").evaluate("(word) => word.scrollWidth <= word.clientWidth + 1")
+
+
+SCREENS = {
+    "15 inch, 16:9": (1366, 768, 332.1),
+    "15 inch, 4:3": (1024, 768, 304.8),
+    "24 inch, 16:9": (1920, 1080, 531.3),
+}
+DIGITS_MM = 46.5  # 16 minutes of arc at 10 m: the smallest character height of ISO 9241-303
+LABEL_MM = 29.1  # 10 minutes of arc at 10 m: twice what an eye with a visual acuity of 0.5 resolves
+# The inked height of the digits and of their label, and whatever of them does not have the room it needs.
+INKED = """() => {
+  const at = document.querySelector('#amount');
+  const room = at.getBoundingClientRect();
+  const word = document.querySelector('#word').getBoundingClientRect();
+  const ruler = document.createElement('canvas').getContext('2d');
+  const ink = (one, text) => {
+    const look = getComputedStyle(one);
+    ruler.font = `${look.fontWeight} ${look.fontSize} ${look.fontFamily}`;
+    const capitals = look.textTransform === 'uppercase';
+    const box = ruler.measureText(capitals ? text.toLocaleUpperCase(document.documentElement.lang) : text);
+    return { above: box.actualBoundingBoxAscent, below: Math.max(0, box.actualBoundingBoxDescent) };
+  };
+  const [digits, label] = [at.querySelector('dd'), at.querySelector('dt')];
+  const parts = [digits, label].filter((one) => one.textContent !== '');
+  const wide = parts.filter((one) => {
+    const box = document.createRange();
+    box.selectNodeContents(one);
+    const { left, right } = box.getBoundingClientRect();
+    return left < room.left - 1 || right > room.right + 1;
+  });
+  const low = parts.filter((one) => {
+    const { top, bottom } = one.getBoundingClientRect();
+    return bottom > word.top + 0.1 * word.height || top < -1;
+  });
+  const name = ink(label, label.textContent);
+  return {
+    digits_px: ink(digits.querySelector('b'), '8').above,
+    label_px: label.textContent === '' ? null : name.above + name.below,
+    out: [...wide, ...low].map((one) => one.textContent),
+  };
+}"""
+
+
+@pytest.mark.parametrize("language", sorted(languages({}).catalogues))
+@pytest.mark.parametrize("screen", SCREENS)
+@pytest.mark.parametrize("font", FONTS)
+def test_the_distance_can_be_read_at_10_m(display: Display, screen: str, language: str, font: str) -> None:
+    width_px, height_px, width_mm = SCREENS[screen]
+    for units, amounts_mm in (("metric", (2880.0, 880.0)), ("imperial", (3480.0, 888.0))):
+        query = f"?lang={language}&theme=sun&units={units}&kiosk=1"
+        page = display(query, width_px, height_px, font=FONTS[font])
+        expect(page.locator("html")).to_have_attribute("lang", language)
+        for code in ("FORWARD", "SLOW", "LEFT", "RIGHT", "BACK", "TOO_FAR"):
+            for amount_mm in amounts_mm:
+                says(page, {**GOOD, "code": code, "stop": code in ("BACK", "TOO_FAR"), "amount_mm": amount_mm}, code)
+                seen = page.evaluate(INKED)
+                assert seen["out"] == [], (code, units)
+                assert seen["digits_px"] * width_mm / width_px >= DIGITS_MM, (code, units, seen)
+                if seen["label_px"] is not None:
+                    assert seen["label_px"] * width_mm / width_px >= LABEL_MM, (code, units, seen)
+        page.context.close()
+
+
+@pytest.mark.parametrize("language", sorted(languages({}).catalogues))
+def test_it_is_accessible_in_every_language(display: Display, language: str) -> None:
+    for theme in ("sun", "night"):
+        page = display(f"?lang={language}&theme={theme}")
+        expect(page.locator("html")).to_have_attribute("lang", language)
+        judgements.accessible(page)  # STOP over all
+        for code in ("FORWARD", "SLOW", "STOP", "FAULT", "WAIT", "OK"):  # each kind of ground
+            drives = code in ("FORWARD", "SLOW")
+            says(page, {**GOOD, "code": code, "stop": not drives}, code)
+            judgements.accessible(page)
+        page.locator("#language").click()
+        judgements.accessible(page)
+        page.context.close()
+
+
+# U+0378 is no character and never will be: what is drawn for it is drawn for every character that no font has.
+MISSING = """(text) => {
+  const look = getComputedStyle(document.querySelector('#word'));
+  const canvas = document.createElement('canvas');
+  Object.assign(canvas, { width: 80, height: 80 });
+  const g = canvas.getContext('2d', { willReadFrequently: true });
+  const drawn = (one) => {
+    g.clearRect(0, 0, 80, 80);
+    g.font = `${look.fontWeight} 48px ${look.fontFamily}`;
+    g.fillText(one, 8, 60);
+    return g.getImageData(0, 0, 80, 80).data.join();
+  };
+  const none = drawn('\u0378');
+  return [...new Set(text)].filter((one) => one.trim() !== '' && drawn(one) === none);
+}"""
+
+
+@pytest.mark.parametrize("language", sorted(languages({}).catalogues))
+def test_no_letter_is_an_empty_box(display: Display, language: str) -> None:
+    """It is where no font of this machine has the letter: `./dev test` and the recipe in docs/hmi.md install some."""
+    texts = languages({}).catalogues[language].texts
+    page = display(f"?lang={language}&theme=sun")
+    expect(page.locator("html")).to_have_attribute("lang", language)
+    assert page.evaluate(MISSING, "\u0378") != []
+    every = "".join(str(text) for key, text in texts.items() if key.startswith("driver|"))
+    assert page.evaluate(MISSING, every + every.upper()) == []
+
+
+ON_THE_WORD = """() => {
+  const word = [...document.querySelectorAll('#word, #amount dd, #speed dd, #deadman p')]
+    .map((at) => at.getBoundingClientRect());
+  const across = (at, one) => at.left < one.right && at.right > one.left;
+  const over = (at, one) => across(at, one) && at.top < one.bottom - one.height / 10 && at.bottom > one.top;
+  return [...document.querySelectorAll('#tools > button')].map((button) => button.getBoundingClientRect())
+    .filter((at) => at.height > 0 && word.some((one) => over(at, one))).length;
+}"""
+
+
+@pytest.mark.parametrize(
+    ("width_px", "height_px"), [(740, 360), (568, 320), (390, 844), (768, 1024), (960, 540), (1366, 768), (1920, 1080)]
+)
+def test_the_buttons_lie_on_no_word(display: Display, width_px: int, height_px: int) -> None:
+    """They are shown for some seconds after a touch, just when a driver looks."""
+    page = display("?lang=de", width_px, height_px)
+    for code in ("FORWARD", "STOP"):
+        says(page, {**GOOD, "code": code, "stop": code == "STOP"}, code)
+        page.mouse.move(5, 5)
+        expect(page.locator("body")).not_to_have_class("idle")
+        assert page.evaluate(ON_THE_WORD) == 0, code
+    expect(page.locator("body")).to_have_class("idle")  # and then the sign has all of the screen again
+    assert page.locator("#show").evaluate("(show) => show.getBoundingClientRect().height") == height_px
+
+
+WAKE = """
+window.__awake = 0;
+Object.defineProperty(navigator, 'wakeLock', { value: { request: async () => { window.__awake += 1; } } });
+const timed = window.setInterval;
+window.setInterval = (call, ms) => timed(call, Math.min(ms, 300));
+"""
+
+
+def test_a_kiosk_has_no_buttons_hides_the_pointer_stays_awake_and_follows_an_update(display: Display) -> None:
+    page = display("?lang=en&kiosk=1", before=WAKE)
+    says(page, GOOD, "FORWARD")
+    expect(page.locator("#tools")).to_be_hidden()
+    assert page.evaluate("() => window.__awake") == 1
+    page.evaluate("() => document.dispatchEvent(new Event('visibilitychange'))")
+    assert page.evaluate("() => window.__awake") == 2  # a browser gives it up when a page is hidden
+    expect(page.locator("body")).to_have_class("idle")
+    expect(page.locator("body")).to_have_css("cursor", "none")
+    page.route("**/api/pages", lambda route: route.fulfill(status=204))
+    page.evaluate("() => { window.__loaded_once = true; }")
+    page.wait_for_timeout(700)
+    assert page.evaluate("() => window.__loaded_once")  # no answer: nothing is given up
+    with page.expect_navigation():
+        page.route("**/api/pages", lambda route: route.fulfill(json={"digest": "1"}))
+    says(page, GOOD, "FORWARD")
+
+
+def test_the_language_is_chosen_at_the_display_or_by_the_recipe_whichever_was_newest(display: Display) -> None:
+    page = display()
+    says(page, GOOD, "FORWARD")
+    page.locator("#language").click()
+    page.get_by_role("button", name="Türkçe", exact=True).click()
+    expect(page.locator("#word")).to_have_text("İLERİ")
+    says(page, {**GOOD, "language": "ar"}, "FORWARD")
+    expect(page.locator("#word")).to_have_text("تقدّم")
+    expect(page.locator("html")).to_have_attribute("dir", "rtl")
+    page.locator("#language").click()
+    page.get_by_role("button", name="Polski", exact=True).click()
+    expect(page.locator("#word")).to_have_text("NAPRZÓD")
+    says(page, {**GOOD, "language": None}, "FORWARD")
+    expect(page.locator("#word")).to_have_text("NAPRZÓD")
+    says(page, {**GOOD, "language": "xx"}, "FORWARD")
+    page.wait_for_timeout(300)
+    assert shows(page) == "FORWARD"
+    page.reload()
+    says(page, GOOD, "FORWARD")
+    expect(page.locator("#word")).to_have_text("FORWARD")  # ?lang= of the address precedes what was chosen
+
+
+def test_of_two_languages_the_one_that_was_wished_last_stays(display: Display) -> None:
+    """Whichever of their files arrives first."""
+    page = display()
+    held: list[Route] = []
+    page.route("**/api/languages/tr", lambda route: held.append(route))  # noqa: PLW0108
+    says(page, GOOD, "FORWARD")
+    page.locator("#language").click()
+    page.get_by_role("button", name="Türkçe", exact=True).click()
+    until(page, lambda: held)
+    page.locator("#language").click()
+    page.get_by_role("button", name="Polski", exact=True).click()
+    expect(page.locator("#word")).to_have_text("NAPRZÓD")
+    from_disk(held[0])
+    page.wait_for_timeout(300)
+    expect(page.locator("#word")).to_have_text("NAPRZÓD")
+    expect(page.locator("html")).to_have_attribute("lang", "pl")
+
+
+def test_a_language_that_could_not_be_had_is_requested_again(display: Display) -> None:
+    page = display()
+    says(page, GOOD, "FORWARD")
+    failed: list[str] = []
+
+    def nothing(route: Route) -> None:
+        failed.append(route.request.url)
+        route.fulfill(body="cut off")
+
+    page.route("**/api/languages/ar", nothing)
+    says(page, {**GOOD, "language": "ar"}, "FORWARD")
+    until(page, lambda: failed)
+    page.unroute("**/api/languages/ar")
+    expect(page.locator("#word")).to_have_text("FORWARD")
+    expect(page.locator("#word")).to_have_text("تقدّم")
+    assert len(failed) == 1  # it does not ask ten times a second
+
+
+def test_feet_sound_and_the_light_sensor(display: Display) -> None:
+    page = display(
+        "?lang=en",
+        before="""
+        window.__tones = 0;
+        const start = OscillatorNode.prototype.start;
+        OscillatorNode.prototype.start = function (...all) { window.__tones += 1; return start.apply(this, all); };
+        window.AmbientLightSensor = class extends EventTarget {
+          start() { window.__light = this; }
+          stop() {}
+        };
+        window.__lux = (lux) => {
+          window.__light.illuminance = lux;
+          window.__light.dispatchEvent(new Event('reading'));
+        };
+        """,
+    )
+    says(page, GOOD, "FORWARD")
+    assert page.evaluate("() => window.__tones") == 0  # off unless somebody wants it
+    page.get_by_role("button", name="m / ft").click()
+    expect(page.locator("#amount dd")).to_have_text("4.2ft")
+    page.get_by_role("button", name="Turn sound on").click()
+    says(page, {**GOOD, "code": "SLOW"}, "SLOW")
+    until(page, lambda: page.evaluate("() => window.__tones") > 2)
+    off = page.get_by_role("button", name="Turn sound off")  # the button says what it does, in every language
+    expect(off).to_be_visible()
+    assert off.get_attribute("aria-pressed") is None
+    for lux, theme in ((3, "night"), (40, "night"), (800, "sun"), (40, "sun")):
+        page.evaluate("(lux) => window.__lux(lux)", lux)
+        expect(page.locator("html")).to_have_attribute("data-theme", theme)
+
+
+GROUND = "() => getComputedStyle(document.querySelector('#show')).backgroundColor"
+RED, WHITE = "rgb(176, 0, 0)", "rgb(255, 255, 255)"
+
+
+def test_brake_flashes_red_and_white_and_is_framed_where_motion_is_not_wanted(display: Display) -> None:
+    page = display()
+    brake = GOOD | {"code": "BRAKE", "stop": True, "amount_mm": None, "closing_mm_s": 20.0}
+    says(page, brake, "BRAKE")
+    flash = "() => document.querySelector('#show').getAnimations()[0]"
+    assert page.evaluate(f"() => ({flash})().effect.getTiming().duration") == 500  # ms: 2 Hz
+    grounds = []
+    for at_ms in (100, 400):
+        page.evaluate(f"() => {{ const one = ({flash})(); one.pause(); one.currentTime = {at_ms}; }}")
+        grounds.append(page.evaluate(GROUND))
+        says(page, brake, "BRAKE")
+    assert grounds == [RED, WHITE]
+    says(page, GOOD | {"code": "STOP", "stop": True}, "STOP")
+    assert page.evaluate("() => document.querySelector('#show').getAnimations().length") == 0
+    page.emulate_media(reduced_motion="reduce")
+    says(page, brake, "BRAKE")
+    assert page.evaluate("() => document.querySelector('#show').getAnimations().length") == 0
+    assert page.evaluate("() => getComputedStyle(document.querySelector('#show')).boxShadow").startswith(WHITE)

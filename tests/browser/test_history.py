@@ -5,10 +5,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Browser, Page, Route, expect
 
 from tests.browser import judgements
-from tests.browser.chromium import until
+from tests.browser.chromium import until, visited
 from tests.browser.conftest import Visit
 from tests.browser.plant import STANDING, Plant, plant
 from tests.unit.web.history import BEGIN_MS, LATER_MS, VISIT, recorded_in
@@ -137,6 +137,27 @@ def test_why_is_asked_of_the_chosen_moment(site: Plant, page: Page) -> None:
     assert re.search(rf"/api/bays/bay1/why\.html\?at_ms={LATER_MS + 59_000}$", report)
 
 
+def test_it_begins_with_the_time_there_is(site: Plant, browser: Browser) -> None:
+    """Where minutes are recorded, with minutes; then as this viewer chose."""
+
+    def young(route: Route) -> None:
+        answer = route.fetch()
+        records = answer.json()
+        route.fulfill(response=answer, json=records | {"first_ms": records["last_ms"] - 9 * 60_000})
+
+    with visited(browser, f"{site.url}/login") as (page, watch):
+        page.route("**/api/bays/bay1/records", young)
+        page.goto(f"{site.url}/history#bay1")
+        length = page.get_by_role("group", name="length of the timeline").locator("[aria-pressed=true]")
+        expect(length).to_have_text("15 min")
+        page.get_by_role("button", name="8 h").click()
+        until(page, lambda: page.evaluate("() => location.hash").endswith("/shift"))
+        page.goto(f"{site.url}/login")
+        page.goto(f"{site.url}/history#bay1")
+        expect(length).to_have_text("8 h")
+        assert watch.complaints == []
+
+
 def test_another_bay_and_an_old_link(site: Plant, page: Page) -> None:
     page.get_by_label("bay", exact=True).select_option("bay2")
     expect(page.locator("h1")).to_contain_text("bay2")
@@ -149,6 +170,7 @@ def test_it_is_accessible_usable_by_keyboard_and_fits(page: Page) -> None:
     expect(page.locator(".film .controls")).to_contain_text("of 4")
     judgements.accessible(page)
     judgements.usable_by_keyboard(page)
+    judgements.usable_when_zoomed(page)
     for width_px in (360, 768, 1366, 1920):
         page.set_viewport_size({"width": width_px, "height": 900})
         page.evaluate("() => new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(drawn)))")

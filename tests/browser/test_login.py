@@ -41,7 +41,7 @@ def test_a_caller_without_a_login_is_redirected_to_it_and_then_to_the_requested_
     expect(page).to_have_url(re.compile(r"/login\?next="))
     log_in(page, VIEWER[0], VIEWER[2])
     expect(page.locator(".picture .tag")).to_have_text("LIVE")
-    expect(page.locator("header.top")).to_contain_text("olga (viewer)")
+    expect(page.get_by_title("viewer")).to_have_text("olga")
     judgements.accessible(page)
 
 
@@ -93,3 +93,34 @@ def test_the_cookie_is_for_no_script_and_no_other_site_and_ends_with_the_logout(
 def test_the_drivers_display_needs_no_login(bay: Plant, visit: Visit) -> None:
     page = visit(f"{bay.url}/driver")
     expect(page.locator("body")).to_have_attribute("data-fresh", "true")
+
+
+def test_the_login_speaks_the_browsers_language_and_remembers_another(bay: Plant, visit: Visit) -> None:
+    page = visit(
+        f"{bay.url}/login", before="Object.defineProperty(navigator, 'languages', { get: () => ['de-AT', 'en'] })"
+    )
+    expect(page.locator("html")).to_have_attribute("lang", "de")
+    expect(page.get_by_role("button", name="Anmelden")).to_be_visible()
+    page.locator(".viewing > button").click()
+    page.locator("#viewing select").first.select_option("tr")
+    expect(page.locator("html")).to_have_attribute("lang", "tr")
+    page.goto(f"{bay.url}/login")
+    expect(page.locator("html")).to_have_attribute("lang", "tr")
+    expect(page.locator("#name")).to_be_focused()
+    judgements.accessible(page)
+
+
+def test_an_address_of_no_page_says_so(bay: Plant, visit: Visit, watches: list[Watch]) -> None:
+    page = visit(f"{bay.url}/login")
+    watches[0].excused = re.compile(r"the server responded with a status of 404")
+    page.goto(f"{bay.url}/hystory")
+    expect(page.get_by_role("heading")).to_have_text("There is no such page")
+    judgements.accessible(page)
+
+
+def test_who_may_not_see_a_page_is_told_so(bay: Plant, visit: Visit) -> None:
+    page = visit(f"{bay.url}/login")
+    log_in(page, VIEWER[0], VIEWER[2])
+    expect(page.locator("header.top")).to_contain_text("olga")
+    page.goto(f"{bay.url}/setup")
+    expect(page.get_by_text("needs a login with more rights")).to_be_visible()

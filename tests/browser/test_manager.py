@@ -53,7 +53,7 @@ def panel(page: Page, title: str) -> str:
 
 def test_the_week_in_short_and_day_by_day(page: Page, week: Week) -> None:
     expect(page.get_by_role("heading", level=1)).to_have_text("bay1: what the bay did")
-    expect(page.locator(".head")).to_contain_text("2026-11-17 to 2026-11-23, 7 days of Europe/Berlin")
+    expect(page.locator(".head")).to_contain_text("2026-11-17 to 2026-11-23 · 7 days of Europe/Berlin")
     expect(page.locator(".head")).to_contain_text(
         "made 2026-11-23 15:42:20 +01:00"
     )  # the browser's own zone is another
@@ -76,7 +76,7 @@ def test_pictures_show_what_the_numbers_say(page: Page, week: Week) -> None:
     bars = page.get_by_role("img", name="Trucks of each day")
     assert bars.locator(".total").all_text_contents() == [str(count) for count in TRUCKS if count]
     expect(bars.get_by_text("2026-11-22: not recorded")).to_have_count(1)
-    heights = bars.locator("rect.part[fill='#16324a']").evaluate_all(
+    heights = bars.locator("rect.part[fill='var(--value)']").evaluate_all(
         "(all) => all.map((bar) => Number(bar.getAttribute('height')))"
     )
     placed = [
@@ -128,6 +128,58 @@ def test_days_are_chosen_and_stand_in_the_address(page: Page) -> None:
     expect(page.get_by_text("There are no records of bay2 yet")).to_be_visible()
 
 
+COVERED = """() => {
+  const boxes = [...document.querySelectorAll('.manager .panel')].map((one) => one.getBoundingClientRect());
+  const [top, left] = [Math.min(...boxes.map((box) => box.top)), Math.min(...boxes.map((box) => box.left))];
+  const [end, right] = [Math.max(...boxes.map((box) => box.bottom)), Math.max(...boxes.map((box) => box.right))];
+  const head = document.querySelector('.head').getBoundingClientRect().height;
+  const panels = boxes.reduce((sum, box) => sum + box.width * box.height, 0);
+  return [panels / ((right - left) * (end - top - head)), (right - left) / innerWidth];
+}"""
+
+
+def test_a_wide_screen_has_no_half_empty_rows(page: Page) -> None:
+    for width_px, height_px, across in ((1366, 768, 0.97), (1920, 1080, 0.85), (3840, 2160, 0.98)):
+        page.set_viewport_size({"width": width_px, "height": height_px})
+        page.evaluate("() => new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(drawn)))")
+        covered, wide = page.evaluate(COVERED)
+        assert covered > 0.95, width_px  # the rest is the room between panels
+        assert wide > across, width_px
+
+
+VOID_PX = """() => {
+  const bottom = (at) => at.getBoundingClientRect().bottom;
+  const panels = [...document.querySelectorAll('.manager > .panel, .pile > .panel')];
+  return Math.max(...panels.map((panel) => bottom(panel) - Math.max(...[...panel.children].map(bottom))));
+}"""
+
+
+@pytest.mark.parametrize(("width_px", "most_px"), [(1366, 100), (1920, 100)])
+def test_no_panel_is_half_empty(page: Page, width_px: int, most_px: float) -> None:
+    page.set_viewport_size({"width": width_px, "height": 900})
+    page.evaluate("() => new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(drawn)))")
+    assert page.evaluate(VOID_PX) < most_px
+
+
+def test_figures_of_few_trucks_are_grey_and_say_of_how_many(page: Page) -> None:
+    """A median of nine looks unlike one of three hundred; what is counted over time does not."""
+    few = page.locator(".figure.few")
+    expect(few).to_have_count(0)
+    expect(page.locator("[data-few]")).to_have_count(2)  # the saturday, in both pictures
+    page.goto(page.url.split("?")[0] + "?bay=bay1&from=2026-11-21&to=2026-11-21&units=imperial")
+    expect(few.locator("dt")).to_have_text(["Time to position", "Spread of Z in place"])
+    expect(few.locator(".tag")).to_have_text(["n = 9", "n = 9"])
+    expect(few.nth(1)).to_contain_text(re.compile(r"0\.2\sin"))
+    muted = page.locator(".muted").first.evaluate("(one) => getComputedStyle(one).color")
+    assert few.locator("dd.value").first.evaluate("(one) => getComputedStyle(one).color") == muted
+    accuracy = page.get_by_role("region", name="Accuracy").locator("tbody tr")
+    expect(accuracy.nth(2)).to_have_class("few")
+    expect(accuracy.nth(2)).to_contain_text("Distance Z, in")
+    for label in ("Distance of the trucks when last in place, each day", "Trucks of each day"):
+        marks = page.get_by_role("img", name=label).locator(".axes text[text-anchor=end]").all_text_contents()
+        assert len(set(marks)) == len(marks) >= 3, marks
+
+
 def test_the_file_has_the_same_days(page: Page, tmp_path: Path) -> None:
     with page.expect_download() as waiting:
         page.get_by_role("link", name="CSV").click()
@@ -155,6 +207,8 @@ def test_a_week_is_two_sheets_of_a4(page: Page) -> None:
 def test_it_is_accessible_and_fits_into_every_width(page: Page) -> None:
     judgements.accessible(page)
     judgements.usable_by_keyboard(page)
+    judgements.usable_when_zoomed(page)
+    judgements.still_where_motion_is_not_wanted(page)
     for width_px in WIDTHS_PX:
         page.set_viewport_size({"width": width_px, "height": 900})
         page.evaluate("() => new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(drawn)))")

@@ -4,13 +4,15 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
-from playwright.sync_api import Locator, Page, expect
+from playwright.sync_api import FilePayload, Locator, Page, Request, Route, expect
 
 from gateway import config
-from tests.browser.chromium import PATIENCE_MS, until
+from tests.browser.chromium import PATIENCE_MS, Watch, until
 from tests.browser.conftest import Visit
-from tests.browser.plant import STANDING, Plant, plant
+from tests.browser.plant import STANDING, TO_AND_FRO, Plant, plant
 from tests.e2e.plc import Plc
 
 WHITE = """async (image) => {
@@ -76,7 +78,10 @@ def in_file(path: Path) -> float:
 
 def test_a_slider_changes_the_mask_of_a_frozen_frame_and_nothing_else(bay: Plant, page: Page) -> None:
     before = bay.config.read_text()
+    judged = page.locator(".remarks").get_by_text("Judged on frame")  # live: the exposure is of an earlier one
+    expect(judged).to_be_visible()
     frozen(page)
+    expect(judged).to_have_count(0)
     marker = white(page)
     assert marker > 1000
     for number in (1, 2):  # red lies at both ends of the hues
@@ -138,6 +143,89 @@ def test_save_shows_the_difference_and_changes_one_line_of_the_file(visit: Visit
         page.close()  # before the gateway ends
 
 
+def test_a_second_tab_notices_what_the_first_has_changed(visit: Visit, tmp_path: Path) -> None:
+    with plant(tmp_path, STANDING) as bay:
+        first, second = tuning(bay, visit), tuning(bay, visit)
+        first.get_by_role("button", name="Begin function check").click()
+        expect(second.get_by_role("heading", name=re.compile("FUNCTION CHECK"))).to_be_visible()
+        field = first.locator(f"#k-{AREA}-n")
+        field.fill("350")
+        field.press("Enter")
+        first.get_by_role("button", name="Go live").click()
+        expect(first.get_by_role("status").filter(has_text=LIVE)).to_be_visible()
+        expect(second.locator("#why-not-live")).to_contain_text(f"by somebody else, and live: {AREA}.")
+        expect(second.locator(f"#k-{AREA}-n")).to_have_value(re.compile(r"^350"))
+        first.get_by_role("button", name="End function check").click()
+        expect(second.get_by_role("button", name="Begin function check", exact=True)).to_be_visible()
+        first.close()  # before the gateway ends
+        second.close()
+
+
+def test_a_change_is_undone_with_one_click_outside_a_function_check_and_after_the_web_process_was_replaced(
+    visit: Visit, watches: list[Watch], tmp_path: Path
+) -> None:
+    with plant(tmp_path, STANDING) as bay:
+        page = tuning(bay, visit)
+        page.get_by_role("button", name="Begin function check", exact=True).click()
+        field = page.locator(f"#k-{AREA}-n")
+        field.fill("350")
+        field.press("Enter")
+        page.get_by_role("button", name="Go live").click()
+        expect(page.get_by_role("status").filter(has_text=LIVE)).to_be_visible()
+        expect(page.get_by_role("button", name="Undo live change", exact=True)).to_be_enabled()
+        page.get_by_role("button", name="End function check").click()
+        undo = page.get_by_role("button", name="Begin function check and undo")
+        expect(undo).to_be_enabled()
+        bay.process("gw-hmi").kill()
+        expect(page.get_by_text("no new data").or_(page.get_by_text("NO CONNECTION"))).to_be_visible()
+        expect(page.get_by_text("connected", exact=True)).to_be_visible(timeout=20_000)
+        page.reload()
+        expect(field).to_have_value(re.compile(r"^350"))
+        expect(page.locator("#undone")).to_have_text(f"Undo live change brings back: {AREA} = 200.")
+        undo.click()
+        expect(page.get_by_role("heading", name=re.compile("FUNCTION CHECK – may_move is OFF"))).to_be_visible()
+        expect(page.get_by_role("status").filter(has_text="What was in force before is live again.")).to_be_visible()
+        expect(field).to_have_value(re.compile(r"^200"))
+        expect(page.locator("#undone")).to_be_empty()
+        expect(page.get_by_role("button", name="Undo live change", exact=True)).to_be_disabled()
+        page.close()  # before the gateway ends
+    watches[0].complaints.clear()  # of the time without a web process
+
+
+def test_settings_with_warnings_go_live_only_after_they_were_read(
+    visit: Visit, watches: list[Watch], tmp_path: Path
+) -> None:
+    with plant(tmp_path, STANDING) as bay:
+        page = tuning(bay, visit)
+        page.get_by_role("button", name="Begin function check").click()
+        field = page.locator(f"#k-{AREA}-n")
+        field.fill("90000000")  # px2: nothing is so large
+        field.press("Enter")
+        page.get_by_role("button", name="Go live", exact=True).click()
+        dialog = page.get_by_role("dialog", name=re.compile(r"These settings go live with \d+ warnings:"))
+        expect(dialog.get_by_role("listitem").filter(has_text="finds the marker less often")).to_be_visible()
+        agree = dialog.get_by_role("button", name="Go live all the same")
+        expect(agree).to_be_disabled()
+        held: list[Route] = []
+        page.route("**/bays/bay1/profile", lambda route: held.append(route), times=1)  # noqa: PLW0108
+        dialog.get_by_role("button", name="Cancel").click()
+        until(page, lambda: held)  # what is in force is read again, and no click counts meanwhile
+        unchanged = page.get_by_role("status").filter(has_text="Nothing was changed.")
+        page.wait_for_timeout(300)
+        expect(unchanged).to_have_count(0)
+        held[0].continue_()
+        expect(unchanged).to_be_visible()
+        page.get_by_role("button", name="Go live", exact=True).click()
+        dialog.get_by_role("checkbox").check()
+        agree.click()
+        expect(page.get_by_role("status").filter(has_text=LIVE)).to_be_visible()
+        page.close()  # before the gateway ends
+    refusals = watches[0].complaints
+    assert len(refusals) >= 2
+    assert all("409 (Conflict)" in refusal and "/profile/apply" in refusal for refusal in refusals)
+    refusals.clear()
+
+
 def test_a_profile_is_exported_and_imported(bay: Plant, page: Page, tmp_path: Path) -> None:
     field = page.locator(f"#k-{AREA}-n")
     field.fill("275")
@@ -151,7 +239,124 @@ def test_a_profile_is_exported_and_imported(bay: Plant, page: Page, tmp_path: Pa
     expect(field).to_have_value(re.compile(r"^200"))
     page.get_by_label("a profile to import").set_input_files(profile)
     expect(field).to_have_value(re.compile(r"^275"))
-    expect(page.get_by_role("status").filter(has_text="profile.toml: 1 key differs")).to_be_visible()
+    expect(page.get_by_role("status").filter(has_text="profile.toml: one key differs")).to_be_visible()
+
+
+def test_settings_are_tried_on_an_uploaded_picture(page: Page) -> None:
+    image = np.full((240, 320, 3), 120, np.uint8)
+    cv2.circle(image, (200, 100), 40, (40, 36, 190), -1)
+    data = cv2.imencode(".png", image)[1].tobytes()
+    files = page.get_by_label("pictures to upload")
+    files.set_input_files(FilePayload(name="dusk.png", mimeType="image/png", buffer=data))
+    expect(page.get_by_role("status").filter(has_text="1 picture uploaded")).to_be_visible()
+    expect(page.locator(".source select option:checked")).to_have_text(re.compile(r"^dusk\.png, "))
+    settled(page)
+    expect(page.locator(".tile.picture figcaption")).to_contain_text("uploaded")
+    expect(page.get_by_role("row", name=re.compile("^R px")).get_by_role("cell").first).to_have_text(
+        re.compile(r"^(39|40|41)\.")
+    )
+    files.set_input_files([FilePayload(name=f"{n}.png", mimeType="image/png", buffer=data) for n in range(9)])
+    expect(page.get_by_role("status").filter(has_text="9 files: at most 8 at a time")).to_be_visible()
+
+
+SAME_FRAME = """() => {
+  const frames = [...document.querySelectorAll('.tiles [data-frame]')].map((tile) => tile.dataset.frame);
+  const stages = [...document.querySelectorAll('.stage img')].map((img) => img.src.split('/').at(-2));
+  const tiles = document.querySelector('.tiles').dataset.trial;
+  if (new Set(frames).size > 1 || stages.some((trial) => trial !== tiles)) window.__apart.push([tiles, frames, stages]);
+}"""
+
+
+def test_all_pictures_are_of_one_frame_and_a_click_samples_the_one_that_is_seen(visit: Visit, tmp_path: Path) -> None:
+    """The truck moves, and the picture itself comes late, as a large one does."""
+    with plant(tmp_path, TO_AND_FRO) as bay:
+        page = tuning(bay, visit)
+
+        def late(route: Route) -> None:
+            page.wait_for_timeout(400)
+            route.continue_()
+
+        page.route("**/trial/*/picture", late)
+        page.evaluate("() => { window.__apart = []; }")
+        page.evaluate(f"() => {{ const look = {SAME_FRAME}; setInterval(look, 30); }}")
+        tiles = page.locator(".tiles")
+        first = tiles.get_attribute("data-trial")
+        until(page, lambda: tiles.get_attribute("data-trial") != first)
+        asked: list[object] = []
+
+        def note(request: Request) -> None:
+            if request.url.endswith("/freeze"):
+                asked.append(request.post_data_json)
+
+        page.on("request", note)
+        seen = page.evaluate("""() => {
+          const picture = document.querySelector('.tile.picture');
+          const [frame, trial] = [picture.dataset.frame, document.querySelector('.tiles').dataset.trial];
+          picture.querySelector('canvas').click();
+          return [Number(frame), Number(trial)];
+        }""")
+        expect(page.locator(".eyedropper .swatch")).to_be_visible()
+        assert asked == [{"trial": seen[1]}]
+        taken = page.evaluate("() => fetch('/api/bays/bay1/captures').then((answer) => answer.json())")
+        assert [one["frame_ids"] for one in taken] == [[seen[0]]]
+        settled(page)
+        assert page.locator(".tile.picture").get_attribute("data-frame") == str(seen[0])
+        assert page.evaluate("() => window.__apart") == []
+        page.close()  # before the gateway ends
+
+
+BITMAPS = """
+window.__bitmaps = [];
+const make = window.createImageBitmap.bind(window);
+window.createImageBitmap = async (...all) => {
+  const bitmap = await make(...all);
+  window.__bitmaps.push(bitmap);
+  return bitmap;
+};
+"""
+OPEN = "() => window.__bitmaps.filter((one) => one.width > 0).length"  # a closed one has no size
+
+
+def test_the_memory_of_a_picture_is_given_back_when_the_next_one_is_shown(page: Page) -> None:
+    page.evaluate("() => {" + BITMAPS + "}")
+    until(page, lambda: page.evaluate("() => window.__bitmaps.length") > 6)
+    until(page, lambda: page.evaluate(OPEN) <= 2)
+
+
+NOT_YET = "not yet the chosen picture"
+
+
+def test_a_picture_that_is_not_the_chosen_one_is_marked_and_not_to_be_clicked(page: Page) -> None:
+    held: list[Route] = []
+    asked: list[str] = []
+    holding = True
+
+    def hold(route: Route) -> None:
+        if holding:
+            held.append(route)
+        else:
+            route.continue_()
+
+    page.route("**/trial", hold)
+    page.on("request", lambda request: asked.append(request.url.rsplit("/", 1)[1]))
+    image = cv2.imencode(".png", np.full((240, 320, 3), 120, np.uint8))[1].tobytes()
+    files = page.get_by_label("pictures to upload")
+    files.set_input_files(FilePayload(name="dusk.png", mimeType="image/png", buffer=image))
+    tile = page.locator(".tile.picture")
+    expect(tile).to_contain_text(NOT_YET)
+    expect(page.locator(".tiles")).to_have_class(re.compile(r"\belsewhere\b"))
+    picture = tile.locator("canvas")
+    expect(picture).to_have_attribute("aria-disabled", "true")
+    picture.dispatch_event("click")
+    picture.press("Enter")
+    page.wait_for_timeout(300)
+    assert {"freeze", "eyedropper"} & set(asked) == set()
+    holding = False
+    for route in held:
+        route.continue_()
+    expect(tile).not_to_contain_text(NOT_YET)
+    picture.press("Enter")
+    until(page, lambda: "eyedropper" in asked)
 
 
 def test_the_eyedropper_takes_the_colour_at_a_place(page: Page) -> None:

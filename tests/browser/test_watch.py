@@ -105,6 +105,7 @@ def test_a_lost_server_is_excused_only_when_the_test_ended_it(visit: Visit, site
     [
         (judgements.accessible, "<img src='data:,'><p style='color:#ccc'>pale</p>", "", "color-contrast"),
         (judgements.no_sideways_scroll, "<div style='width:2000px'>wide</div>", "", "2000"),
+        (judgements.no_word_is_cut, "<p style='width:3em; overflow-wrap:anywhere'>whole indivisible</p>", "", "indiv"),
         (judgements.usable_by_keyboard, CONTROLS, "*:focus { outline: none }", "nothing shows"),
         (
             judgements.usable_by_keyboard,
