@@ -25,7 +25,7 @@ from gateway.modbus.exports.fields import fields
 from gateway.modbus.exports.interface import OUTPUTS
 from gateway.modbus.exports.structured_text import FUNCTION_BLOCK
 from gateway.modbus.exports.target import Target
-from gateway.modbus.registers.register_map import REGISTERS
+from gateway.modbus.registers.register_map import BLOCK_WORDS, REGISTERS
 from tests.plc_images import answered, doubtful
 from tests.structured_text import Instance, Program
 
@@ -46,7 +46,7 @@ int main() {{
     while (scanf("%lld %d", &now, &ok) == 2) {{
         for (int i = 0; i < {inputs}; i++) scanf("%d", &in[i]);
         scanf("%d", &recipe);
-        for (int i = 0; i < 100; i++) {{ scanf("%d", &word); fb.WORDS[i] = (WORD_t)word; }}
+        for (int i = 0; i < {size}; i++) {{ scanf("%d", &word); fb.WORDS[i] = (WORD_t)word; }}
         __CURRENT_TIME_NS = now * 1000000;
         fb.POLLOK = ok != 0; {set_inputs} fb.RECIPE = (UINT_t)recipe;
         fb();
@@ -70,7 +70,7 @@ int main(void) {{
     while (scanf("%lld %d", &now, &ok) == 2) {{
         for (int i = 0; i < {inputs}; i++) scanf("%d", &in[i]);
         scanf("%d", &recipe);
-        for (int i = 0; i < 100; i++) {{ scanf("%d", &word); fb.WORDS.value.table[i] = (WORD)word; }}
+        for (int i = 0; i < {size}; i++) {{ scanf("%d", &word); fb.WORDS.value.table[i] = (WORD)word; }}
         __CURRENT_TIME.tv_sec = now / 1000; __CURRENT_TIME.tv_nsec = now % 1000 * 1000000;
         fb.POLLOK.value = ok; {set_inputs} fb.RECIPE.value = recipe;
         {block}_body__(&fb);
@@ -140,7 +140,7 @@ def strucpp(home: Path, text: str, folder: Path) -> list[str]:
     _run(["node", str(home / "dist/node/cli.js"), str(source), "-o", str(folder / "program.cpp")])
     show = _show("fb.{}", "fb.DATA.{}", "(double)")
     given = " ".join(f"fb.{name.upper()} = in[{n}] != 0;" for n, name in enumerate(INPUTS))
-    (folder / "main.cpp").write_text(CPP_MAIN.format(inputs=len(INPUTS), set_inputs=given, show=show))
+    (folder / "main.cpp").write_text(CPP_MAIN.format(inputs=len(INPUTS), size=BLOCK_WORDS, set_inputs=given, show=show))
     include = str(home / "src/runtime/include")
     _run(["g++", "-std=c++17", "-O1", "-w", f"-I{include}", "main.cpp", "program.cpp", "-o", "program"], folder)
     return [str(folder / "program")]
@@ -154,7 +154,7 @@ def matiec(home: Path, text: str, folder: Path) -> list[str]:
     block = FUNCTION_BLOCK.upper()
     show = _show("fb.{}.value", "fb.DATA.value.{}", "(double)")
     given = " ".join(f"fb.{name.upper()}.value = in[{n}];" for n, name in enumerate(INPUTS))
-    main = C_MAIN.format(inputs=len(INPUTS), set_inputs=given, show=show, block=block)
+    main = C_MAIN.format(inputs=len(INPUTS), size=BLOCK_WORDS, set_inputs=given, show=show, block=block)
     (folder / "main.c").write_text(main)
     _run(["gcc", "-O1", "-w", f"-I{home / 'lib/C'}", "main.c", "-lm", "-o", "program"], folder)
     return [str(folder / "program")]

@@ -114,6 +114,7 @@ class Space:
             "visit.covered_since_ns": max(visit.hold_limit_s, visit.hold_grace_s),
             "visit.unconfirmed_since_ns": visit.hold_grace_s,
             "visit.clear_since_ns": visit.leave_s,
+            "visit.unseen_since_ns": visit.leave_s,
             "visit.usable_since_ns": hold_s,
             "cause_ns": hold_s,
             "doubt_ns": hold_s,

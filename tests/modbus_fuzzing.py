@@ -14,8 +14,9 @@ from tests import modbus_oracle as oracle
 
 WRITABLE = frozenset(range(80, 96))
 FUNCTIONS = [1, 2, 3, 3, 3, 3, 4, 4, 5, 6, 7, 8, 11, 12, 15, 16, 16, 17, 20, 21, 22, 23, 23, 24, 43, 43]
-EDGES = [0, 1, 2, 3, 15, 16, 17, 79, 80, 95, 96, 98, 99, 100, 101, 121, 122, 123, 124, 125, 126, 127, 128, 255, 256,
-         1999, 2000, 2001, 32767, 32768, 65434, 65435, 65436, 65535]  # fmt: skip
+EDGES = [0, 1, 2, 3, 15, 16, 17, 79, 80, 95, 96, 98, 99, 100, 108, 109, 110, 111, 121, 122, 123, 124, 125, 126, 127,
+         128, 255, 256, 1999, 2000, 2001, 32767, 32768, 65434, 65435, 65436, 65535]  # fmt: skip
+SIZE = 110  # registers
 COILS = 16 * len(oracle.BIT_REGISTERS) + 1
 PATIENCE_S = 60.0
 
@@ -24,7 +25,7 @@ class Bay:
     """A bay with writes on, and its twin for the oracle."""
 
     def __init__(self, unit: int) -> None:
-        self.words = [(unit * 1000 + 37 * n) & 0xFFFF for n in range(100)]
+        self.words = [(unit * 1000 + 37 * n) & 0xFFFF for n in range(SIZE)]
         objects = identity.objects(f"site1/bay{unit}") | {0x80: b"x" * 180}
         self.unit = Unit(lambda: tuple(self.words), self._write, objects)
         self.twin = oracle.Bay(list(self.words), WRITABLE, True, dict(objects))
@@ -49,9 +50,9 @@ def a_pdu(rng: random.Random) -> bytes:
         count = rng.choice([1, 1, 2, 3, 16, 17, 120, 121, 122, 123])
         size = 2 * count if rng.random() < 0.9 else rng.randrange(256)
         told = count if rng.random() < 0.9 else rng.randrange(256)
-        where = (rng.randrange(76, 100) if rng.random() < 0.9 else rng.choice(EDGES)).to_bytes(2, "big")
+        where = (rng.randrange(76, SIZE) if rng.random() < 0.9 else rng.choice(EDGES)).to_bytes(2, "big")
         head = bytes([function]) + (
-            number(rng) + bytes([0, rng.choice([1, 2, 100, 0, 126])]) if function == 23 else b""
+            number(rng) + bytes([0, rng.choice([1, 2, 100, 110, 0, 126])]) if function == 23 else b""
         )
         body = rng.randbytes(min(size, 253 - len(head) - 5))
         pdu = head + where + told.to_bytes(2, "big") + bytes([size]) + body
@@ -64,13 +65,13 @@ def a_pdu(rng: random.Random) -> bytes:
         if function == 5:
             pdu = bytes([5]) + where + rng.choice([b"\x00\x00", b"\xff\x00", b"\x00\x01"])
     elif function == 22:
-        pdu = bytes([22, 0, rng.randrange(76, 102)]) + number(rng) + number(rng)
+        pdu = bytes([22, 0, rng.randrange(76, SIZE + 2)]) + number(rng) + number(rng)
     elif function == 17 and rng.random() < 0.9:
         pdu = bytes([17])
     elif function == 6:
-        pdu = bytes([6, 0, rng.randrange(76, 102)]) + number(rng)
+        pdu = bytes([6, 0, rng.randrange(76, SIZE + 2)]) + number(rng)
     elif function <= 4 and rng.random() < 0.5:  # most of which lies within the block
-        size = COILS if function <= 2 else 100
+        size = COILS if function <= 2 else SIZE
         address = rng.randrange(size)
         count = rng.randrange(1, size - address + 2)
         pdu = bytes([function, 0, address, 0, count])

@@ -12,7 +12,17 @@ from tests.permitted import permitted, standing
 ADDRESS = {register.name: register.address for register in REGISTERS}
 _WATCHED = (
     *("seq_begin", "map_version", "heartbeat", "status", "stop", "may_move", "reason", "vision_quality"),
-    *("range_quality", "known_u32", "known_f32", "seq_end", "in_place", "moved", "position_status", "d"),
+    *(
+        "range_quality",
+        "known_u32",
+        "known_f32",
+        "seq_end",
+        "in_place",
+        "moved",
+        "position_status",
+        "d",
+        "signal_lamps",
+    ),
 )
 _CHANGES: tuple[dict[str, Any], ...] = (
     {"vision": VisionReading(0, Quality.COASTED)},
@@ -25,6 +35,13 @@ _CHANGES: tuple[dict[str, Any], ...] = (
 
 def words(state: StateVector) -> list[int]:
     return list(encode(state, 1_763_640_000_123_456_789, "big"))
+
+
+def torn(state: StateVector, seq_end: int) -> list[int]:
+    """The words of `state`, with the end of another image."""
+    image = words(state)
+    image[ADDRESS["seq_end"]] = seq_end
+    return image
 
 
 def doubtful(count: int, seed: int = 61131) -> list[list[int]]:

@@ -25,8 +25,8 @@ CONFIG = gateway()
 class Recorded:
     """Segments of 20 s and their pictures, as a recorder would have written them."""
 
-    def __init__(self, folder: Path) -> None:
-        self.path = folder / "site.gateway" / "bay1"
+    def __init__(self, folder: Path, gateway: str = "site.gateway") -> None:
+        self.path = folder / gateway / "bay1"
         self.path.mkdir(parents=True)
         self.now_ns: Callable[[], int] = lambda: T0_NS  # the bench's clock, once there is a bench
         self.collector = Collector(lambda: unix(self.now_ns()))

@@ -226,7 +226,9 @@ class Bench:
         if active(FaultKind.CAMERA_LOST, t_s):
             return VisionReading(t_ns, Quality.LINK_DOWN)
         quality, circle = self._sight.frame(self.world.truth(t_s, image_speed=False))
-        return VisionReading(t_ns, quality, circle, frame_id=self._frame if circle else 0)
+        return VisionReading(
+            t_ns, quality, circle, frame_id=self._frame if circle else 0, visible=1.0 if circle else None
+        )
 
 
 class MarkerSight:

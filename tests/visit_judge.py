@@ -114,7 +114,7 @@ def _of_one_row(rows: list[Row], config: GatewayConfig, late_s: float) -> Iterat
             yield f"{row.t_s:.2f}: no stop, though D is {row.d} and nothing was released"
         if row.stop and row.guidance in NEARER:
             yield f"{row.t_s:.2f}: stop is on, and the driver is told {row.guidance}"
-        if row.in_place and row.guidance not in ("ok", "fault"):
+        if row.in_place and row.guidance not in ("ok", "fault", "brake"):
             yield f"{row.t_s:.2f}: in place, and the driver is told {row.guidance}"
 
 

@@ -2,13 +2,14 @@
 
 import re
 import subprocess
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from tests.e2e import cluster_faults
-from tests.e2e.brokers import Subscriber, program
+from tests.e2e.brokers import Address, Received, Subscriber, program
 from tests.e2e.fleet_bridge import PAGE
 from tests.e2e.nats_cluster import NatsCluster
 from tests.e2e.test_dashboards import as_node_red_gets_it, function
@@ -40,6 +41,15 @@ def test_the_page_has_what_was_run(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
+def retained(broker: Address, suffixes: tuple[str, ...], tries: int = 10) -> list[Received]:
+    """What a node keeps. One that lost its leader a moment ago answers a new subscription without retained messages."""
+    for _ in range(tries):
+        with Subscriber(broker, "loading/#") as late, suppress(AssertionError):
+            late.wait_until(lambda: all(late.on(suffix) for suffix in suffixes), 5)
+            return [replace(found, arrived_s=0.0) for found in late.messages]
+    raise AssertionError(f"no retained messages in {tries} subscriptions: {late.other}")
+
+
 def test_a_gateway_that_dies_with_its_node_is_found_out_by_its_states_alone(tmp_path: Path) -> None:
     """Nobody publishes its will: what the cluster retains of it says `online`."""
     with NatsCluster(tmp_path) as cluster:
@@ -52,9 +62,7 @@ def test_a_gateway_that_dies_with_its_node_is_found_out_by_its_states_alone(tmp_
                 home.kill()
             home.start()
             cluster.wait_healthy()
-        with Subscriber(other, "loading/#") as late:
-            late.wait_until(lambda: late.on("/state") and late.on("/status"), 30)
-            messages = [replace(found, arrived_s=0.0) for found in late.messages]
+        messages = retained(other, ("/state", "/status"))
     assert [m.json["status"] for m in messages if m.topic.endswith("/status")] == ["online"]
     assert all(found.retained for found in messages)
     judged = run_function(function("lgb-judge"), as_node_red_gets_it(messages))

@@ -145,7 +145,7 @@ def test_neither_reset_nor_recipe_ends_a_stop(plant: Plant) -> None:
                 return plc.wait_for(wanted)
 
             pulse(Control.RESET, lambda image: image["may_move"] == 1)
-            assert plc.wait_for(lambda image: image["closing_speed"] == 0)["guidance"] == GuidanceCode.FORWARD
+            assert plc.wait_for(lambda image: image["closing_speed"] == 0)["guidance"] == GuidanceCode.SLOW
 
             bay.distance_mm = 250.0
             plc.wait_for(lambda image: image["reason"] == Reason.TARGET_REACHED)

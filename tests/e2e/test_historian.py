@@ -12,11 +12,14 @@ from uuid import uuid4
 
 import pytest
 
+from gateway.config import GatewayConfig
 from gateway.core.detection import Circle
 from gateway.core.events import EventKind
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import Moved, Reason, VisitPhase
 from gateway.core.visit_summary import VisitEnd, VisitSummary
+from gateway.doctor.databases import databases
+from gateway.doctor.finding import Finding, Verdict
 from gateway.sinks.postgresql import tables
 from gateway.sinks.postgresql.driver import connect
 from gateway.sinks.postgresql.settings import PostgresqlConfig
@@ -199,6 +202,36 @@ def test_a_role_that_may_only_insert_is_enough(server: Postgres, schema: str) ->
 
     asyncio.run(scene())
     assert ids(server, schema) == numbered(1)
+
+
+def test_the_doctor_logs_in_and_proves_the_right_to_insert(server: Postgres, schema: str) -> None:
+    def examined(**more: Any) -> Finding:
+        settings = {"url": server.url, "schema_name": schema} | more
+        (found,) = databases(GatewayConfig(sinks={"postgresql": settings}))
+        return found
+
+    login = {"url": f"postgresql://reader_{schema}:r@127.0.0.1:{server.port}/plant"}
+    server.sql(f"CREATE ROLE reader_{schema} LOGIN PASSWORD 'r'")
+    may_create = f"logged in; schema {schema} has no tables yet, and this user may create them"
+    assert may_create in examined().result
+    assert "this user may not create them (CREATE on the database)" in examined(**login).result
+    refused = examined(create_tables=False)
+    assert (refused.verdict, refused.remedy) == (Verdict.FAULT, "let an administrator run it")
+    server.sql(tables.create(schema))
+    server.sql(
+        f"GRANT USAGE ON SCHEMA {schema} TO reader_{schema}; GRANT SELECT ON {schema}.layout TO reader_{schema}; "
+        f"GRANT INSERT ON {schema}.events, {schema}.visits TO reader_{schema}"
+    )
+    well = examined()
+    assert (well.verdict, well.remedy) == (Verdict.OK, "")
+    assert well.result == f"logged in; the tables in schema {schema} have version 1, and this user may insert"
+    denied = examined(**login)
+    assert "permission denied for table states" in denied.result
+    assert denied.remedy == "grant what docs/scada/postgresql.sql names in its head"
+    wrong = examined(url=f"postgresql://gateway:wrong@127.0.0.1:{server.port}/plant")
+    assert "authentication failed" in wrong.result
+    assert (wrong.name, wrong.remedy[:7]) == (f"postgresql://***@127.0.0.1:{server.port}/plant", "correct")
+    assert ids(server, schema) == []
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,7 @@ import pytest
 from websockets.asyncio.client import ClientConnection, connect
 
 from gateway.core.state import Reason
+from gateway.web.languages import SHIPPED
 from tests.e2e.plc import Plc
 from tests.e2e.processes import Gateway, Row, command, survivors
 
@@ -144,11 +145,33 @@ def test_a_certificate_that_cannot_be_read_is_an_error_at_the_start(verb: str, t
     """Not a port that takes connections and never answers."""
     config = tmp_path / "bay.toml"
     gone = "tls_cert = '/nowhere/pages.pem'\ntls_key = '/nowhere/pages.key'"
-    config.write_text(f"[modbus]\nport = 0\n[hmi]\nenabled = true\nport = 0\n{gone}\n")
+    config.write_text(f"instance = 'no-certificate'\n[modbus]\nport = 0\n[hmi]\nenabled = true\nport = 0\n{gone}\n")
     words = ["run", str(config)] if verb == "run" else ["simulate", "--config", str(config), "--json"]
     done = command(*words, "--duration", "5")
     assert (done.code, done.out) == (2, "")
     assert "hmi.tls_cert: cannot read /nowhere/pages.pem" in done.err
+
+
+def test_a_plants_languages_reach_each_web_process_and_a_faulty_file_stops_no_bay(tmp_path: Path) -> None:
+    """Complete ones are too long for a message between processes."""
+    folder = tmp_path / "languages"
+    folder.mkdir()
+    for code, like in (("nl", "de"), ("pt", "es"), ("az", "tr")):
+        (folder / f"{code}.json").write_text((SHIPPED / f"{like}.json").read_text())
+    (folder / "de.json").write_text("{")
+    config = tmp_path / "bay.toml"
+    hmi = f'[hmi]\nenabled = true\nport = 0\nlanguages_folder = "{folder}"\n'
+    config.write_text(f"instance = 'languages'\n[modbus]\nport = 0\n{hmi}")
+    with Gateway("simulate", "--config", str(config), "--json") as gateway:
+        url = address_of(gateway)
+        texts = json.loads((SHIPPED / "tr.json").read_text())["texts"]
+        for _ in range(2):  # a web process that was replaced has them, too
+            assert json.loads(got(url, "/api/languages/az")[2])["texts"] == texts
+            assert json.loads(got(url, "/api/languages/de")[2])["texts"]["Alarms"] == "Alarme"
+            (process,) = web(gateway)
+            process.kill()
+            assert survivors([process]) == []
+        assert f"hmi.languages_folder: {folder}/de.json: is not JSON" in gateway.stderr
 
 
 def test_a_taken_port_keeps_no_bay_from_working_and_is_tried_again(tmp_path: Path) -> None:

@@ -43,7 +43,7 @@ class Bay:
     """A unit whose registers can be written, and its twin for the oracle."""
 
     def __init__(self, writes_on: bool) -> None:
-        self.words = [1000 + n for n in range(100)]
+        self.words = [1000 + n for n in range(110)]
         self.unit = Unit(lambda: tuple(self.words), self._write if writes_on else None, OBJECTS)
         self.server = oracle.Server({1: oracle.Bay(list(self.words), WRITABLE, writes_on, dict(OBJECTS))})
 
@@ -63,21 +63,21 @@ def serve(bay: Bay, use: Callable[[ModbusServer], Coroutine[Any, Any, None]], **
     event_loop.run(main())
 
 
-EVERY_WORD = " ".join(str(1000 + n) for n in range(100))
+EVERY_WORD = " ".join(str(1000 + n) for n in range(110))
 READS = f"""\
-holding 0 100: {EVERY_WORD}
-input 0 100: {EVERY_WORD}
+holding 0 110: {EVERY_WORD}
+input 0 110: {EVERY_WORD}
 holding 0 1: 1000
 holding 33 1: 1033
 holding 66 1: 1066
 holding 99 1: 1099
 holding 99 1: 1099
-holding 99 2: error Illegal data address
-input 100 1: error Illegal data address
+holding 109 2: error Illegal data address
+input 110 1: error Illegal data address
 holding 65535 125: error Illegal data address
 discrete 0 16: 1101011111000000
 coils 1 9: 101011111
-coils {CONTROL + 15} 2: error Illegal data address
+coils {CONTROL + 31} 2: error Illegal data address
 """
 WRITES_ON = """\
 write 80 3: done
@@ -192,7 +192,7 @@ def test_pymodbus_pipelines_bits_and_writes() -> None:
 def a_request(rng: random.Random) -> bytes:
     """A frame of a client that is mostly, not always, in its right mind. Its length is always possible."""
     function = rng.choice([1, 2, 3, 3, 3, 4, 4, 5, 6, 7, 8, 15, 16, 17, 22, 23, 43, rng.randrange(256)])
-    address, count = rng.choice([(0, 100), (0, 1), (80, 1), (99, 1), (99, 2), (3, 20), (0, 126), (7, 0)])
+    address, count = rng.choice([(0, 110), (0, 1), (80, 1), (99, 1), (109, 2), (3, 20), (0, 126), (7, 0)])
     pdu = bytes([function, 0, address, 0, count])
     if function in (16, 23):
         pdu = bytes([16, 0, 80, 0, 2, 4, rng.randrange(256), 1, 2, 3]) if function == 16 else pdu

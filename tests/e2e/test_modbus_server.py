@@ -121,7 +121,7 @@ async def with_client(
 @complete
 async def test_every_address_with_pymodbus() -> None:
     async def use(client: AsyncModbusTcpClient) -> None:
-        whole = await client.read_holding_registers(0, count=100)
+        whole = await client.read_holding_registers(0, count=BLOCK_WORDS)
         assert tuple(whole.registers) == COUNTING
         for read in (client.read_holding_registers, client.read_input_registers):
             for address in range(BLOCK_WORDS):
@@ -132,7 +132,7 @@ async def test_every_address_with_pymodbus() -> None:
 
     async with ModbusServer(ANY_PORT, {1: Unit(lambda: COUNTING)}) as server:
         await with_client(server, use)
-        assert server.stats.requests == 203
+        assert server.stats.requests == 1 + 2 * (BLOCK_WORDS + 1)
         assert server.stats.exceptions == 0
         assert server.stats.connections == 1
 
@@ -141,7 +141,8 @@ async def test_every_address_with_pymodbus() -> None:
 async def test_every_address_with_mbpoll() -> None:
     async with ModbusServer(ANY_PORT, {1: Unit(lambda: COUNTING)}) as server:
         for table in ("3", "4"):
-            code, shown = await mbpoll(f"mbpoll -m tcp -0 -1 -a 1 -t {table} -r 0 -c 100 -p {server.port} 127.0.0.1")
+            block = f"-t {table} -r 0 -c {BLOCK_WORDS}"
+            code, shown = await mbpoll(f"mbpoll -m tcp -0 -1 -a 1 {block} -p {server.port} 127.0.0.1")
             assert code == 0
             assert [int(value_of(line)) for line in shown] == list(COUNTING)
 
@@ -222,10 +223,10 @@ async def test_an_image_that_is_none_is_a_fault_of_the_gateway(words: Any, caplo
 @pytest.mark.parametrize(
     ("unit", "pdu", "answer"),
     [
-        (1, "03 0063 0001", "03 02 044B"),  # the last register
-        (1, "03 0064 0001", "83 02"),  # the first beyond
-        (1, "03 0063 0002", "83 02"),
-        (1, "03 0000 0065", "83 02"),
+        (1, "03 006D 0001", "03 02 0455"),  # the last register
+        (1, "03 006E 0001", "83 02"),  # the first beyond
+        (1, "03 006D 0002", "83 02"),
+        (1, "03 0000 006F", "83 02"),
         (1, "04 FFFF 0001", "84 02"),
         (1, "03 FFFF 007D", "83 02"),
         (1, "03 0000 0000", "83 03"),  # no registers
@@ -320,7 +321,7 @@ async def test_no_torn_read_while_the_image_changes_as_fast_as_it_can() -> None:
         assert client.connect()  # type: ignore[no-untyped-call]  # pymodbus
         with closing(client):
             for _ in range(1500):
-                words = tuple(client.read_holding_registers(0, count=100).registers)
+                words = tuple(client.read_holding_registers(0, count=BLOCK_WORDS).registers)
                 seen.add(words[0])
                 torn += words[0] != words[99] or words != images[words[0] // 2]
                 # The same in two reads: where the two numbers agree, the parts belong together.
@@ -357,7 +358,7 @@ async def test_an_image_is_taken_once_per_request() -> None:
 
     async def use(client: AsyncModbusTcpClient) -> None:
         for expected in range(200):
-            read = await client.read_holding_registers(0, count=100)
+            read = await client.read_holding_registers(0, count=BLOCK_WORDS)
             assert decode(read.registers)["heartbeat"] == expected
 
     async with ModbusServer(ANY_PORT, {1: Unit(following)}) as server:

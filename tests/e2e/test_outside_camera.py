@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from gateway.app import check
 from gateway.clock import SystemClock
 from gateway.config import CameraConfig, Reconnect, VisionConfig, load
+from gateway.config_check import check
 from gateway.core.readings import Quality, VisionReading
 from gateway.errors import ConfigError
 from gateway.vision.process.service import VisionService

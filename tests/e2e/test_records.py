@@ -48,18 +48,25 @@ def replay(state: Path, *more: str) -> tuple[int, dict[str, Any]]:
 def test_a_run_is_replayed_bit_for_bit_with_its_pictures(tmp_path: Path) -> None:
     with simulation(tmp_path) as gateway:
         gateway.wait_for(lambda row: row["type"] == "event" and row["kind"] == "in_place", 60)
-        time.sleep(3.5)  # until the pictures after it have been taken
+        deadline = time.monotonic() + 30  # the recorder process gives way to all others
+        while not {"stop_raised", "in_place"} <= reasons_of_pictures(tmp_path):
+            assert time.monotonic() < deadline, reasons_of_pictures(tmp_path)
+            time.sleep(0.2)
         assert gateway.end() == 0
     code, said = replay(tmp_path)
     assert (code, said["same"], said["missing"]) == (0, True, [])
     assert said["steps"] > 300
     found = [p for path in pictures_in(folder_in(tmp_path)) for p in pictures(path)]
     assert not any(isinstance(p, Missing) for p in found)
-    why = {text for p in found if not isinstance(p, Missing) for text in p.head.why}
-    assert {"stop_raised", "in_place"} <= why
     code, said = replay(tmp_path, "--against", str(other_thresholds(tmp_path)))
     assert code == 1
     assert any("in_place 1 -> 0" in row["outputs"] for row in said["otherwise"])
+
+
+def reasons_of_pictures(state: Path) -> set[str]:
+    """Of those that are on disk so far."""
+    found = (p for path in pictures_in(folder_in(state)) for p in pictures(path))
+    return {why for p in found if not isinstance(p, Missing) for why in p.head.why}
 
 
 def other_thresholds(folder: Path) -> Path:

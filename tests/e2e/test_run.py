@@ -102,6 +102,19 @@ def test_a_video_and_a_serial_port_become_registers(tmp_path: Path, video: Path,
         assert gateway.end() == 0
 
 
+def test_registers_speak_of_the_picture_after_crop_and_rotation(tmp_path: Path, video: Path, ranger: Ranger) -> None:
+    """The marker at (319.5, 239.5) is at (259.5, 209.5) of the part, which is 440 px high before it is turned."""
+    config = config_file(tmp_path, video, ranger.port)
+    crop = "crop = { x_px = 60, y_px = 30, width_px = 520, height_px = 440 }"
+    config.write_text(config.read_text().replace("loop = true", f"loop = true\nrotation_deg = 90\n{crop}"))
+    with Gateway("run", str(config)) as gateway, Plc(port_of(gateway)) as plc:
+        turned = plc.wait_for(lambda image: image["may_move"] == 1).image
+        assert turned["u"] == pytest.approx(439 - 209.5, abs=1.5)
+        assert turned["v"] == pytest.approx(259.5, abs=1.5)
+        assert turned["radius"] == pytest.approx(200, abs=3.0)
+        assert gateway.end() == 0
+
+
 def started(gateway: Gateway) -> str:
     """The line that says where it serves."""
     for _ in range(200):

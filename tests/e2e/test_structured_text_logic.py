@@ -16,7 +16,7 @@ from gateway.core.detection import Circle
 from gateway.core.plc import TriggerPhase
 from gateway.core.readings import FRESH_FRAME, Quality, RangeReading, VisionReading
 from gateway.core.shown import withdrawn
-from gateway.core.state import Moved, Reason, StateVector, Visit, VisitPhase
+from gateway.core.state import Guidance, GuidanceCode, Moved, Reason, StateVector, Visit, VisitPhase
 from gateway.modbus.exports import node_red_function, openplc, structured_text
 from gateway.modbus.exports.diagnosis import CHECKS, HEARTBEAT_TIMEOUT_MS, SOUND, Diagnosis
 from gateway.modbus.exports.fields import fields
@@ -26,7 +26,7 @@ from gateway.modbus.exports.target import Target
 from gateway.modbus.registers.register_map import BLOCK_WORDS, REGISTERS, decode, encode
 from tests.node_function import run_function
 from tests.permitted import permitted, standing
-from tests.plc_images import ADDRESS, answered, doubtful, words
+from tests.plc_images import ADDRESS, answered, doubtful, torn, words
 from tests.structured_text import Instance, Program, RefusedError, parse
 
 pytestmark = [pytest.mark.xdist_group("structured text"), pytest.mark.timeout(300)]  # the parser takes its time
@@ -151,6 +151,34 @@ def test_nothing_is_on_before_the_first_call(scan: Scan) -> None:
     assert (scan.block["MustStop"], scan.block["Diagnostic"], scan.block["Reason"]) == (True, 1, 40)
 
 
+LAMPS = ("red", "amber", "green", "forward", "back", "left", "right", "flash")
+
+
+def lamps(scan: Scan) -> set[str]:
+    return {name for name in LAMPS if scan.block["Data"][f"signal_lamps_{name}"]}
+
+
+@pytest.mark.parametrize("doubt", ["poll failed", "torn", "frozen", "contradiction"])
+def test_the_lamps_are_red_without_a_live_gateway(scan: Scan, doubt: str) -> None:
+    """From the first call on; and a program that copies the bits of Data needs no more."""
+    forward = Guidance(GuidanceCode.FORWARD)
+    scan.run([0] * BLOCK_WORDS, ok=False)
+    assert lamps(scan) == {"red"}
+    for heartbeat in (5, 6, 7):
+        scan.run(words(permitted(heartbeat, guidance=forward)))
+    assert lamps(scan) == {"green", "forward"}
+    image = words(permitted(8, guidance=forward))
+    if doubt == "poll failed":
+        scan.run(image, ok=False)
+    elif doubt == "torn":
+        scan.run(torn(permitted(8, guidance=forward), 1))
+    elif doubt == "frozen":
+        scan.run(image, cycles=2 + HEARTBEAT_TIMEOUT_MS // 10)
+    else:
+        scan.run([*image[:4], 1, *image[5:]])  # stop, beside green
+    assert lamps(scan) == {"red"}
+
+
 # What may stand in the words before the first poll, while the input says that the poll was good.
 BEFORE_THE_FIRST_POLL = {
     "nothing": [],
@@ -158,7 +186,7 @@ BEFORE_THE_FIRST_POLL = {
     "left over from before": [words(permitted(3))],
     "left over, in place": [words(standing(3))],
     "zeros, then left over": [[0] * BLOCK_WORDS, words(permitted(3))],
-    "torn": [[*words(permitted(3))[:99], 5]],
+    "torn": [torn(permitted(3), 5)],
     "another device": [[1] * BLOCK_WORDS],
 }
 
@@ -208,7 +236,7 @@ def test_an_unsound_image_takes_the_outputs_away_at_once_and_three_sound_ones_gi
     assert scan.run(words(permitted(99))) is Diagnosis.HEARTBEAT  # it differs, but was not seen to move
     assert scan.run(words(permitted(100))) is Diagnosis.HEARTBEAT
     assert scan.run(words(permitted(101))) is Diagnosis.OK
-    assert scan.run([*words(permitted(102))[:99], 1]) is Diagnosis.TORN
+    assert scan.run(torn(permitted(102), 1)) is Diagnosis.TORN
     assert scan.run(words(permitted(103))) is Diagnosis.HEARTBEAT
 
 
@@ -236,6 +264,15 @@ DOUBTS: dict[str, tuple[dict[str, int], Diagnosis, Diagnosis]] = {
     "position_status empty": ({"position_status": 0}, Diagnosis.CONTRADICTION, Diagnosis.CONTRADICTION),
     "moved without its bit": ({"moved": 1}, Diagnosis.CONTRADICTION, Diagnosis.CONTRADICTION),
     "moved and in place": ({"moved": 1, "position_status": 10}, Diagnosis.CONTRADICTION, Diagnosis.CONTRADICTION),
+    "green without may_move": (
+        {"may_move": 0, "status": 0x70, "position_status": 0, "signal_lamps": 4}, Diagnosis.CONTRADICTION,
+        Diagnosis.CONTRADICTION,
+    ),
+    "amber without may_move": (
+        {"may_move": 0, "status": 0x70, "position_status": 0, "signal_lamps": 2}, Diagnosis.CONTRADICTION,
+        Diagnosis.CONTRADICTION,
+    ),
+    "green in place": ({"signal_lamps": 4}, Diagnosis.OK, Diagnosis.CONTRADICTION),
     "held bit": ({"position_status": 5}, Diagnosis.CONTRADICTION, Diagnosis.CONTRADICTION),
     "D is 0": ({"d": 0}, Diagnosis.OK, Diagnosis.CONTRADICTION),
     "D is not known": ({"d": 0xFFFF}, Diagnosis.OK, Diagnosis.OK),
@@ -299,8 +336,8 @@ def test_node_red_finds_the_same_in_each_doubt() -> None:
 
 def test_node_red_wants_the_heartbeat_anew_after_an_unsound_image() -> None:
     live = [words(permitted(n)) for n in (5, 6, 7)]
-    torn = [*words(permitted(8))[:99], 1]
-    ran = run_function(node_red_function.code(Target()), [(100, image) for image in [*live, torn, *[live[0]] * 3]])
+    half = torn(permitted(8), 1)
+    ran = run_function(node_red_function.code(Target()), [(100, image) for image in [*live, half, *[live[0]] * 3]])
     assert [status for _, status in ran[2:]] == ["may move", "torn", "heartbeat", "heartbeat", "heartbeat"]
 
 

@@ -224,11 +224,14 @@ def test_with_other_settings_or_begun_again_after_a_crash_frames_are_numbered_on
             bay.task = asyncio.get_running_loop().create_task(bay._service.run())
             await bay.quality(Quality.GOOD, after=seen)
             assert possessions() == before
-        numbers = [reading.frame_id for reading in bay.readings]
+        withdrawn = [reading for reading in bay.readings if reading.quality is Quality.STALE]
+        assert len(withdrawn) == 3  # other settings: the values of the old ones count no more
+        found = [reading for reading in bay.readings if reading.quality is not Quality.STALE]
+        numbers = [reading.frame_id for reading in found]
         assert numbers == sorted(set(numbers))
-        times = [reading.t_ns for reading in bay.readings]
+        times = [reading.t_ns for reading in found]
         assert times == sorted(times)
-        assert bay.readings[-1].stats.frames == len(bay.readings)
+        assert bay.readings[-1].stats.frames == len(found)
 
     play(story)
 
@@ -735,6 +738,9 @@ def test_settings_change_while_it_runs_and_the_frames_are_counted_on(tmp_path: P
             before = family()
 
             bay._service.apply(settings.model_copy(update={"method": "paper", "tracking": False}))
+            withdrawn = bay.readings[-1]  # at once, and not only when it is too old
+            assert (withdrawn.quality, withdrawn.circle) == (Quality.STALE, None)
+            assert withdrawn.detail == "other settings: a new vision process starts"
 
             def by_the_paper(reading: VisionReading) -> bool:
                 return reading.quality is Quality.GOOD and reading.tracking is Tracking.OFF

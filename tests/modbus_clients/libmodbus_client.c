@@ -54,16 +54,16 @@ int main(int argc, char **argv) {
         fprintf(stderr, "connect: %s\n", modbus_strerror(errno));
         return 1;
     }
-    words("holding", modbus_read_registers, 0, 100);
-    words("input", modbus_read_input_registers, 0, 100);
+    words("holding", modbus_read_registers, 0, 110);
+    words("input", modbus_read_input_registers, 0, 110);
     for (int address = 0; address < 100; address += 33) words("holding", modbus_read_registers, address, 1);
     words("holding", modbus_read_registers, 99, 1);
-    words("holding", modbus_read_registers, 99, 2);
-    words("input", modbus_read_input_registers, 100, 1);
+    words("holding", modbus_read_registers, 109, 2);
+    words("input", modbus_read_input_registers, 110, 1);
     words("holding", modbus_read_registers, 65535, 125);
     bits("discrete", modbus_read_input_bits, 0, 16);
     bits("coils", modbus_read_bits, 1, 9);
-    bits("coils", modbus_read_bits, coil + 15, 2);
+    bits("coils", modbus_read_bits, coil + 31, 2);
 
     uint16_t values[3] = {1, 2, 0x8003}, read[4];
     printf("write 80 3: %s\n", modbus_write_registers(plc, 80, 3, values) == 3 ? "done" : modbus_strerror(errno));

@@ -21,6 +21,8 @@ from gateway.sinks.contract import LinkStatus, SinkContext, SinkType
 from gateway.supervisor import Task
 from gateway.vision.source.specs import FileSpec
 
+ended: list[str] = []  # what is done at the end
+
 
 class Sensors:
     """Both services of a bay: they say once that all is well."""
@@ -32,6 +34,9 @@ class Sensors:
 
     def expect(self, radii_px: tuple[float, float] | None) -> None:
         pass
+
+    async def put_back(self) -> None:
+        ended.append("put back")
 
     async def run(self) -> None:
         t_ns = self._clock.now_ns()
@@ -56,6 +61,7 @@ class LastState:
         await asyncio.Event().wait()
 
     async def close(self, timeout_s: float) -> None:
+        ended.append("sink")
         LastState.published = self._bays.shown("bay1", self._clock.now_ns())
 
 
@@ -68,6 +74,7 @@ def test_sinks_publish_the_final_state_whatever_ends_the_gateway(
         monkeypatch.setattr(app, name, stand_in)
     monkeypatch.setattr(app, "SHUTDOWN_SHOWN_S", 0.01)
     monkeypatch.setattr(LastState, "published", None)
+    ended.clear()
     monkeypatch.setattr(registry, "TYPES", (SinkType("last_state", LastState, settings=lambda config: config),))
     config = GatewayConfig(
         instance=f"test-app-{os.getpid()}-{past_help}",
@@ -101,6 +108,7 @@ def test_sinks_publish_the_final_state_whatever_ends_the_gateway(
     else:
         asyncio.run(main())
     assert permitted == [True]
+    assert sorted(ended) == ["put back", "sink"]
     told = LastState.published
     assert told is not None
     assert (told.stop, told.may_move, told.reason) == (True, False, Reason.SHUTDOWN)

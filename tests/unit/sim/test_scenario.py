@@ -28,7 +28,7 @@ def complaint(tmp_path: Path, text: str) -> str:
 def test_the_shipped_scenarios_are_these() -> None:
     names = {path.stem for path in SHIPPED}
 
-    shown = {"approach", "day", "dusk", "dust", "faults", "head-lamp", "rusty"}
+    shown = {"approach", "day", "dusk", "dust", "faults", "head-lamp", "rusty", "standing"}
     visits = {"", "-creep", "-drive-away", "-echo", "-lamp", "-person", "-two-trucks"}
     assert names == shown | {f"visit{name}" for name in visits}
 
