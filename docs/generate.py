@@ -12,17 +12,19 @@ from pathlib import Path
 
 import cv2
 
+from bench.guidance import report as guidance_report
+from bench.guidance import rolling as rolling_bench
 from gateway.alarms import failure_modes
 from gateway.alarms import states as alarm_states
 from gateway.alarms import table as alarm_table
-from gateway.config import VisitConfig
+from gateway.config import VisitConfig, live
 from gateway.config import reference as configdoc
 from gateway.core.state import VISIT_PHASE_MEANING, VisitPhase
 from gateway.modbus.exports import reference as plc_reference
 from gateway.modbus.exports import tables
 from gateway.modbus.exports.registry import export
 from gateway.modbus.exports.target import Target
-from gateway.modbus.reference import reaction_time, situations, timing_diagrams
+from gateway.modbus.reference import lamps, reaction_time, situations, timing_diagrams
 from gateway.modbus.reference import server as modbus_reference
 from gateway.ranger.hcsr04 import c_header, protocol
 from gateway.records import alarm_rates
@@ -73,8 +75,12 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
         "requirements": requirements.markdown,
         "verdicts": scoring.markdown,
     },
-    "config.md": {"keys": lambda: configdoc.markdown(sink_registry.sections())},
+    "config.md": {"live": live.markdown, "keys": lambda: configdoc.markdown(sink_registry.sections())},
     "fmea.md": {"failure modes": lambda: failure_modes.markdown(marked_tests(DOCS.parent / "tests"))},
+    "guidance.md": {
+        "comparison": guidance_report.comparison,
+        "grid": guidance_report.grid,
+    },
     "historian.md": {"tables": historian_tables.markdown},
     "hmi-security.md": {"access": app.markdown},
     "modbus-server.md": modbus_reference.BLOCKS,
@@ -83,12 +89,15 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
     "plc-integration.md": plc_reference.BLOCKS,
     "ranger.md": {"wire": protocol.markdown},
     "reaction-time.md": reaction_time.blocks(protocol.PERIOD_MS),
-    "registers.md": {"registers": tables.markdown, "situations": situations.markdown},
+    "registers.md": {"registers": tables.markdown, "situations": situations.markdown, **lamps.BLOCKS},
     "sparkplug.md": {"device metrics": sparkplug_metrics.markdown, "assertions": sparkplug_assertions},
     "simulator.md": {"keys and faults": scenario.markdown},
     "visit.md": {
         "situations": situations.markdown,
         "phases": visit_phases,
+        "rolling": rolling_bench.latency_markdown,
+        "standing": rolling_bench.standing_markdown,
+        "covered": rolling_bench.covered_markdown,
         "keys": lambda: "\n".join(configdoc.key_table(VisitConfig)),
     },
     "vision.md": {"stages and parameters": detection.paper_stages_and_parameters},
