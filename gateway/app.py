@@ -6,53 +6,61 @@
 import asyncio
 import logging
 import os
-import re
 import secrets
 import socket
-from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from gateway import config_check
 from gateway.alarms.monitor import AlarmMonitor
 from gateway.alarms.records import AlarmChange
 from gateway.bay import BayControl
-from gateway.bay_file import BayFiles, folder_of
+from gateway.bay_file import BayFiles
 from gateway.clock import SystemClock
-from gateway.config import SHARED_SECTIONS, GatewayConfig
-from gateway.config.strict.errors import located
+from gateway.config import BayConfig, GatewayConfig
 from gateway.core.readings import RangeReading
-from gateway.errors import ConfigError, GatewayError, LinkError
+from gateway.errors import GatewayError, LinkError
 from gateway.hub import Hub
+from gateway.logs.folding import LogCounts
 from gateway.modbus.protocol.answers import Unit
 from gateway.modbus.registers.bay_unit import unit_of
 from gateway.modbus.server.service import Listening, serving
 from gateway.net import tls
+from gateway.net.certificate_ends import CertificateEnds
 from gateway.net.listener import listening, url
 from gateway.net.tls import TlsFiles
-from gateway.ranger.service import RangerService, check_port
-from gateway.records.reader_service import ReaderService
+from gateway.processes.request_service import RequestService
+from gateway.ranger.service import RangerService
+from gateway.records.questions import ReaderSetup
 from gateway.records.service import RecorderService
+from gateway.reload import Reloader, ReloadRequests
 from gateway.shared_state import SharedStateWriter
 from gateway.sinks import registry as sink_registry
-from gateway.sinks.contract import SettingError
+from gateway.status_file import StatusFile
 from gateway.supervisor import Supervisor, Task
-from gateway.systemd import Notifier, ServiceState
-from gateway.vision.detect import registry as detection_methods
+from gateway.systemd import Notifier, ServiceState, runtime_directory
 from gateway.vision.process.service import VisionService, vision_template
 from gateway.vision.source.contract import SourceSpec
 from gateway.vision.source.specs import check_exposure, source_spec
 from gateway.vision.transport.ring import RingSpec
 from gateway.web.host.request_handler import BayParts, EventHistory, RequestHandler
-from gateway.web.host.service import WebProcessService
+from gateway.web.host.service import WebProcessService, of_pages
+from gateway.web.host.settings_file import SettingsFile
 from gateway.web.host.shown_alarms import ShownAlarms
+from gateway.web.host.startup import ALONE, Startup
 from gateway.web.host.status import StatusCollector
+from gateway.web.ipc.devices import DevicesSetup
 from gateway.web.ipc.messages import WebSetup
+from gateway.web.ipc.testsets import SetsSetup
+from gateway.web.testsets.folder import folder_of as test_sets_folder
 
 log = logging.getLogger(__name__)
 
 SINK_CLOSE_S = 1.0  # for the final messages of the sinks; the complete exit stays under 2 s
+RELOAD_S = 0.5  # from a save on the pages to the reload that it needs
 SHUTDOWN_SHOWN_S = 0.5  # at least so long a PLC can read that the gateway ends; five polls at 100 ms
 
 
@@ -72,63 +80,6 @@ class Ports:
             camera={bay.name: source_spec(bay.camera) for bay in config.bays},
             ranger={bay.name: bay.ranger.port for bay in config.bays},
         )
-
-
-def check(config: GatewayConfig, *, source: str, text: str) -> None:
-    """What can be checked of ports and addresses without opening them. Raises ConfigError, one line per fault.
-
-    `text` is the TOML that `config` was read from, and `source` its name, so that each fault is reported with its line.
-    """
-    faults: list[str] = []
-
-    def look(place: tuple[str | int, ...], part: Callable[[], object]) -> None:
-        try:
-            part()
-        except ConfigError as error:
-            message = re.sub(r"^(modbus\.tls\.|camera\.url|camera\.exposure|ranger port)\b[:= ]*", "", str(error))
-            line = located(place, message, source=source, text=text, shared=SHARED_SECTIONS)
-            if line not in faults:  # a shared section is checked once per bay
-                faults.append(line)
-
-    for n, bay in enumerate(config.bays):
-        look(("bays", n, "camera", "url"), partial(source_spec, bay.camera))
-        look(("bays", n, "camera", "exposure"), partial(check_exposure, bay.camera))
-        look(("bays", n, "ranger", "port"), partial(check_port, bay.ranger))
-        look(("bays", n, "vision", "proposals"), partial(detection_methods.method(bay.vision.method).check, bay.vision))
-    if config.modbus.tls is not None:
-        look(("modbus", "tls"), partial(tls.check, TlsFiles.of_modbus(config.modbus.tls)))
-    for part in sink_registry.checks(config):
-        try:
-            part()
-        except SettingError as error:
-            faults.append(located(error.place, error.fault, source=source, text=text, shared=SHARED_SECTIONS))
-    if config.hmi.enabled:
-        try:
-            tls.check(TlsFiles.of_pages(config.hmi))
-        except ConfigError as error:
-            key, _, message = str(error).partition(": ")
-            faults.append(located(tuple(key.split(".")), message, source=source, text=text))
-    if not faults:
-        faults = [
-            located(place, what, source=source, text=text, shared=SHARED_SECTIONS) for place, what in _shared(config)
-        ]
-    if faults:
-        raise ConfigError("\n".join(faults))
-
-
-def _shared(config: GatewayConfig) -> Iterator[tuple[tuple[str | int, ...], str]]:
-    """What two bays or two servers would have to share: place and fault. A bay on another one's sensor would report
-    the wrong truck."""
-    for key, devices in (
-        ("camera.url", [str(bay.camera.url) for bay in config.bays]),
-        ("ranger.port", [bay.ranger.port for bay in config.bays]),
-    ):
-        for n, device in enumerate(devices):
-            if (first := devices.index(device)) != n:
-                owner = config.bays[first].name
-                yield ("bays", n, "name"), f"its {key}, {device}, is that of bay {owner!r}, too: each bay needs its own"
-    if config.hmi.enabled and config.modbus.plain and config.hmi.port == config.modbus.port != 0:
-        yield ("hmi", "port"), "the port of [modbus], too: the pages need their own"
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,31 +104,31 @@ async def run(
     extra_tasks: Callable[[Hub], Sequence[Task]] = lambda _: (),
     source: str = "",
     notifier: Notifier | None = None,
+    reload: ReloadRequests | None = None,
+    log_counts: Callable[[], LogCounts] = LogCounts,
+    startup: Startup = ALONE,
 ) -> None:
     """Serve all bays until `stop` is set; leaves every register at stop before it returns.
 
     `on_started` is called once the Modbus port is open: at the start, or later where its address is not there yet.
     `extra_tasks`: for the table (a terminal view, simulated rangers). `source`: the operator's own configuration file,
-    which the pages may write back; empty: there is none. `notifier`: to the service manager. Raises ConfigError, or
-    what the supervisor could not survive.
+    which the pages may write back; empty: there is none. `notifier`: to the service manager. `reload`: requests to read
+    the file again; None: there will be none. `log_counts`: what the log did not write. `startup`: what the settings
+    page needs to know of the command line. Raises ConfigError, or what the supervisor could not survive.
     """
     with ExitStack() as shared:
         hub = Hub(bay.name for bay in config.bays)
         events = EventHistory(hub)
         # Sinks and extra tasks subscribe before the first state, or the start events would be missed.
-        parts = StatusCollector(config, hub, boot=secrets.token_hex(8))
+        parts = StatusCollector(config, hub, boot=secrets.token_hex(8), log=log_counts)
+        parts.certificates = CertificateEnds(config, clock)
         shown_alarms = ShownAlarms()
         sinks = parts.sinks = sink_registry.opened(config, hub, clock, parts.boot, shared, shown_alarms)
         tasks = [*extra_tasks(hub), *(Task(sink.task, sink.deliver, sink.reconnect) for sink in sinks)]
         vectors = {bay.name: shared.enter_context(SharedStateWriter(config.instance, bay.name)) for bay in config.bays}
         # Read now: with the vectors in hand, no earlier gateway of this name can still write to them.
         files = parts.bay_files = BayFiles.read(config, clock)
-        rings = {bay.name: RingSpec.create(bay.camera.max_megapixels) for bay in config.bays}
-        readers = {bay: ring.reader() for bay, ring in rings.items()}
-        for ring in rings.values():
-            shared.callback(ring.close)
-        for ring in readers.values():
-            shared.callback(os.close, ring.fd)
+        rings, readers = _rings(config, shared)
         service = ServiceState(
             notifier or Notifier(), [bay.name for bay in config.bays], lambda: parts.summary(clock.now_ns())
         )
@@ -214,14 +165,7 @@ async def run(
             for bay in config.bays
         }
         for bay in config.bays:
-            control, vision = controls[bay.name], visions[bay.name]
-            ranger = RangerService(bay.ranger, clock, partial(_on_range, control, vision), port=ports.ranger[bay.name])
-            tasks += [
-                Task(f"{bay.name}.control", control.run, vital=True),
-                Task(f"{bay.name}.vision", vision.run, bay.camera.reconnect),
-                Task(f"{bay.name}.ranger", ranger.run, bay.ranger.reconnect),
-            ]
-
+            tasks += _bay_tasks(bay, controls[bay.name], visions[bay.name], ports.ranger[bay.name], clock)
         units = {bay.unit_id: unit_of(controls[bay.name], config.modbus, config.site, clock) for bay in config.bays}
         alarm_monitor = AlarmMonitor(
             {bay.name: bay.fusion for bay in config.bays},
@@ -232,25 +176,45 @@ async def run(
         )
         shown_alarms.monitor = alarm_monitor
         tasks.append(Task("alarms", alarm_monitor.run))
+        status_file = StatusFile(runtime_directory(), lambda: parts.status(alarm_monitor, clock.now_ns()), clock)
+        tasks.append(Task("status-file", status_file.run))
+        pages: WebProcessService | None = None
         hmi_url: str | None = None
         if config.hmi.enabled:
-            shown = {
+            parts_of = {
                 bay.name: BayParts(controls[bay.name], units[bay.unit_id].read, visions[bay.name])
                 for bay in config.bays
             }
-            handler = RequestHandler(
-                events, shown, clock, lambda: parts.system_status(alarm_monitor), alarm_monitor.act
+            questions = _reader(config, recorder.folder, clock, shared, tasks)
+            devices = _devices(lambda: reloader.config, clock, shared, tasks) if config.hmi.setup_page else None
+            test_sets = _test_sets(config, clock, shared, tasks)
+            pages, hmi_url = _pages(
+                WebSetup(
+                    of_pages(config),
+                    clock,
+                    readers,
+                    (),
+                    source,
+                    parts.boot,
+                    questions,
+                    devices,
+                    test_sets=test_sets,
+                ),
+                RequestHandler(
+                    events,
+                    parts_of,
+                    clock,
+                    lambda: parts.system_status(alarm_monitor),
+                    alarm_monitor.act,
+                    startup.restart_of(config),
+                ),
+                _settings_file(source, startup, reload, lambda: reloader.config),
+                shared,
+                tasks,
             )
-            setup = WebSetup(
-                _of_pages(config),
-                clock,
-                readers,
-                source=source,
-                boot=parts.boot,
-                questions=_reader(config, recorder.folder, clock, shared, tasks),
-            )
-            pages, hmi_url = _pages(setup, handler, shared)
-            tasks.append(pages)
+        requests = reload or ReloadRequests(lambda: config)  # which nobody sends
+        reloader = Reloader(requests, config, controls, visions, recorder, pages, parts, service)
+        tasks.append(Task("reload", reloader.run))
         supervisor = Supervisor(tasks, clock)
 
         def open_to_plc(bound: Listening) -> None:
@@ -258,13 +222,14 @@ async def run(
             service.ready()
 
         async def end() -> None:
-            service.stopping()
+            service.stopping(again=startup.starts_again)
             for control in controls.values():
                 control.shut_down()
             await asyncio.gather(
                 asyncio.sleep(SHUTDOWN_SHOWN_S),
                 recorder.close(SINK_CLOSE_S),
                 *(sink.close(SINK_CLOSE_S) for sink in sinks),
+                *(vision.put_back() for vision in visions.values()),
             )
 
         server = Supervisor([Task("modbus", partial(_serve_modbus, parts, units, clock, open_to_plc))], clock)
@@ -308,9 +273,27 @@ async def _serve_modbus(
             parts.modbus = tuple
 
 
-def _of_pages(config: GatewayConfig) -> GatewayConfig:
-    """What the web process gets to know of it. `state_dir = "auto"` would mean another folder to its user."""
-    return config.model_copy(update={"mqtt": None, "sinks": {}, "state_dir": str(folder_of(config) or "")})
+def _rings(config: GatewayConfig, shared: ExitStack) -> tuple[dict[str, RingSpec], dict[str, RingSpec]]:
+    """Of each bay's frames, to be written and to be read only."""
+    rings = {bay.name: RingSpec.create(bay.camera.max_megapixels) for bay in config.bays}
+    readers = {bay: ring.reader() for bay, ring in rings.items()}
+    for ring in rings.values():
+        shared.callback(ring.close)
+    for ring in readers.values():
+        shared.callback(os.close, ring.fd)
+    return rings, readers
+
+
+def _bay_tasks(
+    bay: BayConfig, control: BayControl, vision: VisionService, ranger_port: str, clock: SystemClock
+) -> list[Task]:
+    """The rows of one bay: its control, and its sensors."""
+    ranger = RangerService(bay.ranger, clock, partial(_on_range, control, vision), port=ranger_port)
+    return [
+        Task(f"{bay.name}.control", control.run, vital=True),
+        Task(f"{bay.name}.vision", vision.run, bay.camera.reconnect),
+        Task(f"{bay.name}.ranger", ranger.run, bay.ranger.reconnect),
+    ]
 
 
 def _on_range(control: BayControl, vision: VisionService, reading: RangeReading) -> None:
@@ -331,15 +314,70 @@ def _reader(
     """The process that reads recordings for the pages: adds its row to the table. Returns its socket's descriptor."""
     if folder is None:
         return None
-    reader = ReaderService(folder, config.hmi.run_as, clock)
+    reader = RequestService(
+        "gateway.records.reader_process",
+        "gw-reader",
+        "records-reader",
+        lambda fd: ReaderSetup(str(folder), fd, config.hmi.run_as),
+        clock,
+    )
     shared.callback(reader.close)
     tasks.append(Task("records-reader", reader.run))
-    return reader.asking.fileno()
+    return reader.client_socket.fileno()
 
 
-def _pages(setup: WebSetup, handler: RequestHandler, shared: ExitStack) -> tuple[Task, str | None]:
-    """The web process's row of the table, and its address. A taken port is no reason to let the PLC wait; a certificate
-    that can't be read is a ConfigError, or the port would be open without a server behind it."""
+def _devices(running: Callable[[], GatewayConfig], clock: SystemClock, shared: ExitStack, tasks: list[Task]) -> int:
+    """The process that opens devices for the pages: adds its row to the table. Returns its socket's descriptor.
+
+    `running`: the settings in force, at each start of the process.
+    """
+    service = RequestService(
+        "gateway.doctor.device_process", "gw-devices", "devices", lambda fd: DevicesSetup(running(), fd), clock
+    )
+    shared.callback(service.close)
+    tasks.append(Task("devices", service.run))
+    return service.client_socket.fileno()
+
+
+def _test_sets(config: GatewayConfig, clock: SystemClock, shared: ExitStack, tasks: list[Task]) -> int | None:
+    """The process that keeps test sets for the pages: adds its row to the table. Returns its socket's descriptor."""
+    folder = test_sets_folder(config)
+    if folder is None:
+        return None
+    bays = tuple(bay.name for bay in config.bays)
+    service = RequestService(
+        "gateway.web.testsets.process", "gw-testsets", "test-sets", lambda fd: SetsSetup(str(folder), fd, bays), clock
+    )
+    shared.callback(service.close)
+    tasks.append(Task("test-sets", service.run))
+    return service.client_socket.fileno()
+
+
+def _settings_file(
+    source: str, startup: Startup, reload: ReloadRequests | None, running: Callable[[], GatewayConfig]
+) -> SettingsFile | None:
+    """`running`: the settings in force."""
+    if not source:
+        return None
+    loop = asyncio.get_running_loop()
+
+    def soon() -> None:
+        """After the answer to who saved: a reload may replace the web process."""
+        if reload is not None:
+            loop.call_soon_threadsafe(loop.call_later, RELOAD_S, reload.requested.set)
+
+    def checked(changed: GatewayConfig, name: str, text: str) -> None:
+        config_check.check(changed, source=name, text=text)
+
+    return SettingsFile(Path(source), running, startup, checked, None if reload is None else soon)
+
+
+def _pages(
+    setup: WebSetup, handler: RequestHandler, settings: SettingsFile | None, shared: ExitStack, tasks: list[Task]
+) -> tuple[WebProcessService, str | None]:
+    """What runs the web process, whose row is added to the table, and its address. A taken port is no reason to let the
+    PLC wait; a certificate that can't be read is a ConfigError, or the port would be open without a server behind it.
+    """
     config = setup.config.hmi
     tls.check(TlsFiles.of_pages(config))
     sockets: tuple[socket.socket, ...] = ()
@@ -347,10 +385,11 @@ def _pages(setup: WebSetup, handler: RequestHandler, shared: ExitStack) -> tuple
         sockets = shared.enter_context(listening("hmi", config.host, config.port))
     except LinkError as error:
         log.warning("%s; trying again", error)
-    task = Task("hmi", WebProcessService(handler, setup, sockets).run)
+    service = WebProcessService(handler, setup, sockets, settings)
+    tasks.append(Task("hmi", service.run))
     if not sockets:
-        return task, None
-    return task, url("https" if config.tls_cert else "http", config.host, sockets[0].getsockname()[1])
+        return service, None
+    return service, url("https" if config.tls_cert else "http", config.host, sockets[0].getsockname()[1])
 
 
 def _own_error(group: BaseExceptionGroup[BaseException]) -> BaseException:

@@ -8,13 +8,14 @@ import random
 import struct
 
 from bench.hostile.client import Connection, Script, WrongAnswerError
+from gateway.modbus.registers.register_map import BLOCK_WORDS
 from tests import modbus_oracle as oracle
 from tests.modbus_fuzzing import a_frame
 
 ASK = struct.pack(">HHHBBHH", 1, 0, 6, 1, 3, 0, 100)
 ANSWER_BYTES = 9 + 200
 NAMES = (17, 43)  # the gateway's names: only the function of the answer is judged
-STRANGER = oracle.Server({1: oracle.Bay([0] * 100, writes_on=False, objects={0: b"", 1: b"", 2: b""})})
+STRANGER = oracle.Server({1: oracle.Bay([0] * BLOCK_WORDS, writes_on=False, objects={0: b"", 1: b"", 2: b""})})
 
 
 async def read_answers(connection: Connection, sent: list[bytes]) -> None:
