@@ -7,6 +7,7 @@ action is none: an empty bay, a truck in place, a marker hidden for a moment, a 
 from collections.abc import Callable
 
 from gateway.alarms.definition import MINUTE_S, AlarmDefinition, BayInputs, Priority, Suppression
+from gateway.core import rolling
 from gateway.core.ne107 import degraded
 from gateway.core.plc import PlcLink
 from gateway.core.readings import DEAD, EXPOSURE_MEANING, UNCONTROLLED, PictureFault, Quality
@@ -61,9 +62,7 @@ def _truck_moved_detail(inputs: BayInputs) -> str:
 
 
 def _truck_rolling(inputs: BayInputs) -> bool:
-    """Likewise."""
-    visit = inputs.state.visit
-    return visit.rolling and (visit.rolls_covered or inputs.state.plc.link is not PlcLink.UNUSED)
+    return rolling.unwanted(inputs.state)
 
 
 def _truck_rolling_detail(inputs: BayInputs) -> str:

@@ -24,6 +24,7 @@ from statistics import median
 
 from gateway.config import GuidanceConfig, VisitConfig
 from gateway.core.detection import Circle
+from gateway.core.plc import PlcLink
 from gateway.core.readings import Quality
 from gateway.core.state import ReferencePosition, StateVector
 
@@ -51,6 +52,18 @@ def step(
         return _stands_again(reference, state, speed_mm_s, config, guidance)
     reference = _by_distance(reference, state, config)
     return _by_marker(reference, state, config)
+
+
+def unwanted(state: StateVector) -> bool:
+    """Does a truck roll that is to stand? Where no PLC can release a truck, each one that leaves rolls: there only one
+    under the spout does, and one that is in place and comes nearer.
+    """
+    visit, reference, now_mm = state.visit, state.visit.reference, state.range.distance_mm
+    if reference is None or not visit.rolling:
+        return False
+    known = reference.distance_mm is not None and now_mm is not None
+    nearer = known and now_mm < reference.distance_mm
+    return visit.rolls_covered or state.plc.link is not PlcLink.UNUSED or (visit.in_place and nearer)
 
 
 def without_marker(reference: ReferencePosition) -> ReferencePosition:
@@ -125,12 +138,17 @@ def _stands_again(
     config: VisitConfig,
     guidance: GuidanceConfig,
 ) -> ReferencePosition:
-    """It rolls until the ranger has shown it standing for settle_s, wherever that is."""
-    still = speed_mm_s is not None and abs(speed_mm_s) < guidance.still_mm_s
-    since_ns = (state.t_ns if reference.still_since_ns is None else reference.still_since_ns) if still else None
-    if since_ns is not None and state.t_ns - since_ns >= config.settle_s * NS_PER_S:
-        return _begun(state)
-    return reference if since_ns == reference.still_since_ns else replace(reference, still_since_ns=since_ns)
+    """It rolls until the ranger has shown it standing for settle_s, wherever that is.
+
+    One that creeps is slower than still_mm_s: in that time it must not have come on by half of rolling_mm, either.
+    """
+    now_mm = state.range.distance_mm
+    if now_mm is None or speed_mm_s is None or abs(speed_mm_s) >= guidance.still_mm_s:
+        return replace(reference, still_since_ns=None, still_mm=None)
+    since_ns, stood_mm = reference.still_since_ns, reference.still_mm
+    if since_ns is None or stood_mm is None or abs(now_mm - stood_mm) > config.rolling_mm / 2:
+        return replace(reference, still_since_ns=state.t_ns, still_mm=now_mm)
+    return _begun(state) if state.t_ns - since_ns >= config.settle_s * NS_PER_S else reference
 
 
 def _followed(was: float, now: float, most: float) -> float:

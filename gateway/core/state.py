@@ -176,6 +176,7 @@ class ReferencePosition:
     sensor: str = ""  # which one has shown it first: "range" or "vision"
     covered: bool = False  # the marker was, when it began to roll: under the spout
     still_since_ns: int | None = None  # rolling, and stands again since
+    still_mm: float | None = None  # Z then
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from gateway.core.detection import Circle
 from gateway.core.events import EventKind
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import GuidanceCode, ReferencePosition, StateVector
-from tests.visit_bench import Bench, Levels, truck
+from tests.visit_bench import Bench, Levels, gateway, truck
 
 STANDS_S = 10.0  # so long the truck is in place before it moves, from world time 0
 SETTLED = {"distance_cm": 27, "speed_cm_s": 30, "hold_s": STANDS_S}
@@ -17,11 +17,14 @@ LATEST_S = {1: (0.9, 1.3), 5: (0.3, 0.5), 50: (0.3, 0.4)}
 """By speed in cm/s, from the first motion, at 100 cm/s^2: with the marker seen, and covered, s."""
 
 
-def moving(speed_cm_s: float, *, covered: bool, seed: int, to_cm: float = 60.0) -> tuple[Bench, float]:
+def moving(
+    speed_cm_s: float, *, covered: bool, seed: int, to_cm: float = 60.0, writes: bool = True
+) -> tuple[Bench, float]:
     """A truck in place, and when it begins to move."""
     leg = {"distance_cm": to_cm, "speed_cm_s": speed_cm_s, "acceleration_cm_s2": 100}
     faults = ({"kind": "marker_hidden", "at_s": 8, "for_s": 60},) if covered else ()
-    bench = Bench(truck(SETTLED, leg, faults=faults, start={"distance_cm": 60}, seed=seed), seed=seed)
+    scenario = truck(SETTLED, leg, faults=faults, start={"distance_cm": 60}, seed=seed)
+    bench = Bench(scenario, gateway(writes=writes), seed=seed)
     begins_s = next(s.start_s for s in bench.world._segments[1:])
     bench.run(begins_s)
     assert bench.state.in_place
@@ -47,6 +50,54 @@ def test_under_the_spout_the_driver_is_told_to_brake_until_it_stands_again() -> 
     bench.run(bench.t_s + 4.0)  # 25 mm on, within the band, it stands
     assert (bench.state.in_place, bench.state.visit.rolling) == (True, False)
     assert bench.state.guidance.code is GuidanceCode.OK
+
+
+@pytest.mark.parametrize("covered", [False, True])
+def test_a_truck_that_creeps_rolls_all_the_way(covered: bool) -> None:
+    """1 cm/s is slower than still_mm_s, what a truck in place may do: it has not stopped."""
+    bench, _ = moving(1, covered=covered, seed=2, to_cm=31.5)
+    bench.run_until(lambda state: state.visit.rolling)
+    begun_s = bench.t_s
+    bench.run(begun_s + 3.0)
+    assert all(moment.state.visit.rolling for moment in bench.moments if moment.t_s >= begun_s)
+    assert sum(event.kind is EventKind.ROLLING for event in bench.events) == 1
+    bench.run(bench.t_s + 2.5)  # it stands at 31.5 cm
+    assert not bench.state.visit.rolling
+
+
+@pytest.mark.parametrize(("to_cm", "code"), [(15.0, GuidanceCode.BRAKE), (60.0, GuidanceCode.OK)])
+def test_without_writes_only_a_truck_that_comes_nearer_is_told_to_brake(to_cm: float, code: GuidanceCode) -> None:
+    """Each departure rolls there; one that comes nearer does not depart."""
+    bench, _ = moving(5, covered=False, seed=1, to_cm=to_cm, writes=False)
+    bench.run_until(lambda state: state.visit.rolling)
+    bench.run(bench.t_s + 0.1)
+    assert bench.state.in_place
+    assert (bench.state.guidance.code, rolling.unwanted(bench.state)) == (code, code is GuidanceCode.BRAKE)
+
+
+def test_a_pause_between_two_readings_begins_anew() -> None:
+    """What a sensor did not see is not a motion: the visit's bands judge how far the truck is from its place."""
+    moved = Circle(330.0, 240.0, 200.0)
+    for pause_ms, rolls in ((400, True), (600, False)):
+        reference: ReferencePosition | None = None
+        for t_ms, mm, circle in ((1000, 270.0, Circle(320.0, 240.0, 200.0)), (1000 + pause_ms, 300.0, moved)):
+            t_ns = t_ms * 1_000_000
+            state = StateVector(
+                "bay1",
+                t_ns,
+                vision=VisionReading(t_ns, Quality.GOOD, circle, visible=1.0),
+                range=RangeReading(t_ns, Quality.GOOD, mm, oldest_ns=t_ns - 1),
+            )
+            reference = rolling.step(reference, state, 0.0, VisitConfig(), GuidanceConfig())
+        assert reference is not None
+        assert (reference.rolling_since_ns is not None) is rolls
+        assert reference.odd_frames == (1 if rolls else 0)
+
+
+def test_a_circle_that_is_contradicted_is_forgotten() -> None:
+    reference = ReferencePosition(270.0, circle=Circle(320.0, 240.0, 200.0), odd_frames=1)
+    assert rolling.without_marker(reference) == ReferencePosition(270.0)
+    assert rolling.without_marker(ReferencePosition(270.0)) == ReferencePosition(270.0)
 
 
 @pytest.mark.parametrize("jitter_mm", [1.5, 2.5])
