@@ -205,7 +205,7 @@ async def run(
                     parts_of,
                     clock,
                     lambda: parts.system_status(alarm_monitor),
-                    alarm_monitor.act,
+                    alarm_monitor,
                     startup.restart_of(config),
                 ),
                 _settings_file(source, startup, reload, lambda: reloader.config),

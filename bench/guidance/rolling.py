@@ -36,11 +36,12 @@ from tests.visit_bench import Bench, truck
 
 RESULTS = Path(__file__).resolve().parents[2] / "docs" / "data" / "rolling.json"
 SPEEDS_CM_S = (1, 2, 5, 10, 20, 50)
-SEEDS = range(6)
+SEEDS = range(30)
 JITTERS_MM = (1.5, 2.5)
 ACCELERATION_CM_S2 = 100
 STANDS_S = 10.0
 WITHIN_S = 10.0
+CYCLE_S = PERIOD_MS / 1000  # of the ranger: the motions begin at moments spread over it
 SPAN_S = 450.0  # one bench stands so long: each draws its own noise
 
 DROPOUT = 0.02
@@ -57,7 +58,7 @@ def motion(job: Motion) -> tuple[float, float]:
     not in place, AssertionError where it was not reported within WITHIN_S.
     """
     speed_cm_s, covered, seed = job
-    arrival = {"distance_cm": 27, "speed_cm_s": 30, "hold_s": STANDS_S}
+    arrival = {"distance_cm": 27, "speed_cm_s": 30, "hold_s": STANDS_S + CYCLE_S * seed / len(SEEDS)}
     leg = {"distance_cm": 60, "speed_cm_s": speed_cm_s, "acceleration_cm_s2": ACCELERATION_CM_S2}
     faults = ({"kind": "marker_hidden", "at_s": 8, "for_s": 60},) if covered else ()
     bench = Bench(truck(arrival, leg, faults=faults, start={"distance_cm": 60}, seed=seed), seed=seed)

@@ -7,7 +7,6 @@ action is none: an empty bay, a truck in place, a marker hidden for a moment, a 
 from collections.abc import Callable
 
 from gateway.alarms.definition import MINUTE_S, AlarmDefinition, BayInputs, Priority, Suppression
-from gateway.core import rolling
 from gateway.core.ne107 import degraded
 from gateway.core.plc import PlcLink
 from gateway.core.readings import DEAD, EXPOSURE_MEANING, UNCONTROLLED, PictureFault, Quality
@@ -62,7 +61,7 @@ def _truck_moved_detail(inputs: BayInputs) -> str:
 
 
 def _truck_rolling(inputs: BayInputs) -> bool:
-    return rolling.unwanted(inputs.state)
+    return inputs.state.unintended_motion
 
 
 def _truck_rolling_detail(inputs: BayInputs) -> str:
@@ -369,8 +368,8 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         "truck_rolling",
         "Truck rolls while in place",
         Priority.HIGH,
-        "a truck that is in place begins to move: with the marker covered, as under the spout, or, where the PLC "
-        "writes, without its release; it has not left its place yet",
+        "a truck that is in place begins to move: nearer, or with the marker covered, as under the spout, or, where "
+        "the PLC writes, without its release; it has not left its place yet",
         "in_place is still on until visit.band_mm is left; a spout that is down may be torn off, or may spill",
         (
             "brakes that do not hold, on a slope or while a person climbs about",

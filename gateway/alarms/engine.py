@@ -62,7 +62,7 @@ class AlarmEngine:
         }
         self._conditions = GatewayConditions()
         self._history: deque[AlarmChange] = deque(maxlen=HISTORY)
-        self._changes_count = 0
+        self.newest_change = 0
 
     def update_bay(self, state: StateVector, now_ns: int) -> list[AlarmChange]:
         """`state` as a PLC would be shown it now, a dead control task included. KeyError: no such bay."""
@@ -115,7 +115,7 @@ class AlarmEngine:
             max(0, len(shown) - most),
             tuple((state, counts[state]) for state in AlarmState),
             tuple((kind, count) for kind, count in announced.items() if count),
-            self._changes_count,
+            self.newest_change,
         )
 
     def history(self, after: int = 0, most: int = HISTORY) -> tuple[AlarmChange, ...]:
@@ -123,8 +123,8 @@ class AlarmEngine:
         return tuple(change for change in self._history if change.number > after)[:most]
 
     def _number(self, change: AlarmChange) -> AlarmChange:
-        self._changes_count += 1
-        numbered = replace(change, number=self._changes_count)
+        self.newest_change += 1
+        numbered = replace(change, number=self.newest_change)
         self._history.append(numbered)
         return numbered
 

@@ -74,8 +74,12 @@ class AlarmMonitor:
 
     def changes(self) -> tuple[AlarmChange, ...]:
         """The newest few, the oldest of them first."""
-        newest = self._engine.summary(0).newest_change
-        return self._engine.history(after=newest - REPORTED_CHANGES)
+        return self._engine.history(after=self.newest_change - REPORTED_CHANGES)
+
+    @property
+    def newest_change(self) -> int:
+        """Its number; 0: none yet."""
+        return self._engine.newest_change
 
     def _report_all(self, changes: Iterable[AlarmChange]) -> None:
         for change in changes:

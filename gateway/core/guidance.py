@@ -14,7 +14,6 @@ from itertools import combinations
 from statistics import median
 
 from gateway.config import CrossCheck, FusionConfig, GuidanceConfig
-from gateway.core import rolling
 from gateway.core.readings import Quality, RangeReading
 from gateway.core.state import FunctionCheck, Guidance, GuidanceCode, StateVector, VisitPhase
 
@@ -173,7 +172,7 @@ def _from_visit(
 def _brakes(state: StateVector, fusion: FusionConfig, config: GuidanceConfig) -> bool:
     """Does it roll, and is not the truck that goes back as it is told?"""
     visit, reference = state.visit, state.visit.reference
-    brakes = rolling.unwanted(state)
+    brakes = state.unintended_motion
     if not brakes or reference is None or reference.distance_mm is None or state.range.distance_mm is None:
         return brakes
     stood_past = reference.distance_mm < fusion.distance_threshold_mm - config.overshoot_mm

@@ -24,7 +24,6 @@ from statistics import median
 
 from gateway.config import GuidanceConfig, VisitConfig
 from gateway.core.detection import Circle
-from gateway.core.plc import PlcLink
 from gateway.core.readings import Quality
 from gateway.core.state import ReferencePosition, StateVector
 
@@ -52,18 +51,6 @@ def step(
         return _stands_again(reference, state, speed_mm_s, config, guidance)
     reference = _by_distance(reference, state, config)
     return _by_marker(reference, state, config)
-
-
-def unwanted(state: StateVector) -> bool:
-    """Does a truck roll that is to stand? Where no PLC can release a truck, each one that leaves rolls: there only one
-    under the spout does, and one that is in place and comes nearer.
-    """
-    visit, reference, now_mm = state.visit, state.visit.reference, state.range.distance_mm
-    if reference is None or not visit.rolling:
-        return False
-    known = reference.distance_mm is not None and now_mm is not None
-    nearer = known and now_mm < reference.distance_mm
-    return visit.rolls_covered or state.plc.link is not PlcLink.UNUSED or (visit.in_place and nearer)
 
 
 def without_marker(reference: ReferencePosition) -> ReferencePosition:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 
 from gateway.core.detection import Circle
-from gateway.core.plc import Handshake
+from gateway.core.plc import Handshake, PlcLink
 from gateway.core.readings import FRESH_FRAME, CameraExposure, PictureHealth, Quality, RangeReading, VisionReading
 from gateway.core.scale import MarkerScale, ScaleSample
 
@@ -333,6 +333,19 @@ class StateVector:
     @property
     def in_place(self) -> bool:
         return self.visit.in_place
+
+    @property
+    def unintended_motion(self) -> bool:
+        """A truck rolls that is to stand. Where no PLC can release a truck, each one that leaves rolls: there only one
+        under the spout is meant, and one that is in place and comes nearer.
+        """
+        reference, now_mm = self.visit.reference, self.range.distance_mm
+        if reference is None or not self.visit.rolling:
+            return False
+        stood_mm = reference.distance_mm
+        nearer = stood_mm is not None and now_mm is not None and now_mm < stood_mm
+        writes = self.plc.link is not PlcLink.UNUSED
+        return self.visit.rolls_covered or writes or (self.in_place and nearer)
 
     @property
     def picture(self) -> PictureHealth | None:

@@ -10,7 +10,7 @@ from playwright.sync_api import Browser, Page, Route, expect
 
 from gateway.alarms.states import AlarmState
 from gateway.web.server import models
-from tests.browser.alone import HOST, from_disk
+from tests.browser.alone import HOST, SOCKET, from_disk, say
 from tests.browser.chromium import Watch, until
 from tests.browser.test_operator_alone import alarm, summary
 
@@ -20,18 +20,12 @@ Answers = dict[str, Any]
 Open = Callable[[str], Page]
 
 
-def alarms(*listed: models.AlarmView) -> Any:
-    view = models.AlarmsView(server_time_ms=0, summary=summary(listed), alarms=listed, omitted=0, changes=())
-    return view.model_dump(mode="json")
-
-
 @pytest.fixture
 def answers() -> Answers:
     """What is answered, by the path without its query: JSON, or a function that gets the route. 404 else."""
     nothing = {"recorded": False, "why": "", "first_ms": None, "last_ms": None, "pictures": "shown"}
     return {
         "/api/session": {"name": None, "role": "technician", "can_login": True, "csrf": "token", "bays": ["bay1"]},
-        "/api/alarms": alarms(),
         "/api/bays/bay1/records": {"bay": "bay1", **nothing},
         "/api/bays/bay1/calibration": {"phase": "none"},
     }
@@ -53,6 +47,7 @@ def desk(browser: Browser, answers: Answers) -> Iterator[Open]:
 
     def opened(path: str) -> Page:
         watch.over(context)
+        context.add_init_script(SOCKET)
         context.route("**/*", from_disk)
         context.route("**/api/**", answer)
         context.route("**/api/languages**", from_disk)
@@ -70,17 +65,19 @@ def desk(browser: Browser, answers: Answers) -> Iterator[Open]:
 def test_every_page_has_the_alarm_to_see_first_and_their_number(
     desk: Open, answers: Answers, path: str, about: str
 ) -> None:
-    answers["/api/alarms"] = alarms(
-        alarm("bay1", "camera_down", AlarmState.UNACKNOWLEDGED), alarm("bay1", "maintenance", AlarmState.ACKNOWLEDGED)
+    listed = (
+        alarm("bay1", "camera_down", AlarmState.UNACKNOWLEDGED),
+        alarm("bay1", "maintenance", AlarmState.ACKNOWLEDGED),
     )
     page = desk(path)
+    say(page, models.AlarmsLiveView(alarms=summary(listed)).model_dump(mode="json"))
     bar = page.locator(".alarmbar")
     expect(bar).to_contain_text("Camera down")
     expect(bar).to_contain_text("active, not acknowledged")
     badge = bar.get_by_role("link", name="2 alarms, 1 not acknowledged")
     expect(badge).to_have_attribute("href", "/#bay1")
     expect(page).to_have_title(f"(2) {about}")
-    answers["/api/alarms"] = lambda route: route.fulfill(body="nonsense")
+    say(page, "nonsense")
     expect(bar).to_contain_text("The alarms are not known")
     expect(page).to_have_title(about)  # nor is their number
 

@@ -531,6 +531,28 @@ def test_feet_sound_and_the_light_sensor(display: Display) -> None:
         expect(page.locator("html")).to_have_attribute("data-theme", theme)
 
 
+def test_sounds_that_the_browser_blocks_do_not_pile_up(display: Display) -> None:
+    """Wanted by the address, and nobody has touched the screen yet."""
+    page = display(
+        "?lang=en&sound=on",
+        before="""
+        window.__tones = 0;
+        const start = OscillatorNode.prototype.start;
+        OscillatorNode.prototype.start = function (...all) { window.__tones += 1; return start.apply(this, all); };
+        const resume = AudioContext.prototype.resume;
+        window.__blocked = true;
+        AudioContext.prototype.resume = function () { return window.__blocked ? this.suspend() : resume.call(this); };
+        """,
+    )
+    for code in ("SLOW", "FORWARD", "SLOW", "FORWARD"):
+        says(page, {**GOOD, "code": code}, code)
+    assert page.evaluate("() => window.__tones") == 0
+    page.evaluate("() => { window.__blocked = false; }")
+    page.get_by_role("button", name="Turn sound on").click()
+    expect(page.get_by_role("button", name="Turn sound off")).to_be_visible()
+    until(page, lambda: page.evaluate("() => window.__tones") == 1)  # FORWARD, as it is now
+
+
 GROUND = "() => getComputedStyle(document.querySelector('#show')).backgroundColor"
 RED, WHITE = "rgb(176, 0, 0)", "rgb(255, 255, 255)"
 

@@ -660,8 +660,16 @@ def test_all_that_are_shown_are_acknowledged_at_once(operator: Open, client: Sta
 
 SOUNDS = """
 window.__tones = [];
-window.AudioContext = class {
+window.AudioContext = class extends EventTarget {
+  state = 'suspended';
   currentTime = 0;
+  resume() {
+    if (window.__blocked) return Promise.reject(new Error('no click yet'));
+    this.state = 'running';
+    this.dispatchEvent(new Event('statechange'));
+    return Promise.resolve();
+  }
+  close() { return Promise.resolve(); }
   destination = {};
   createOscillator() {
     const start = () => window.__tones.push(tone.frequency.value);
@@ -699,6 +707,25 @@ def test_the_alarm_to_see_first_is_at_the_top_of_the_page(
     bar.get_by_role("link").click()
     expect(page.locator("#alarms")).to_be_focused()
     expect(page.locator("#alarms li").first).to_be_in_viewport()
+
+
+def test_a_sound_that_the_browser_blocks_waits_for_a_click_and_comes_once(
+    operator: Open, client: StandInServer
+) -> None:
+    client.alarms = (alarm("bay1", "camera_down", AlarmState.UNACKNOWLEDGED),)
+    page = operator(live([broken("bay1")], client.alarms))
+    page.evaluate("() => { window.__blocked = true;" + SOUNDS + "}")
+    page.get_by_label("sound").check()
+    expect(page.get_by_label("sound, after a click")).to_be_checked()
+    for n in range(3):  # other alarms meanwhile
+        client.alarms = (*client.alarms, alarm("bay1", "maintenance", AlarmState.UNACKNOWLEDGED))
+        say(page, live([broken("bay1")], client.alarms))
+        expect(page.locator(".alarmbar")).to_contain_text(f"{n + 2} not acknowledged")
+    assert page.evaluate("() => window.__tones") == []
+    page.evaluate("() => { window.__blocked = false; }")
+    page.get_by_role("heading", name="Alarms").click()
+    expect(page.get_by_label("sound", exact=True)).to_be_checked()
+    assert page.evaluate("() => window.__tones") == [880, 880, 880]
 
 
 def test_a_sound_for_alarms_is_off_until_it_is_switched_on(operator: Open, client: StandInServer) -> None:

@@ -14,7 +14,8 @@ from itertools import islice
 
 from msgspec.structs import replace
 
-from gateway.alarms.records import ActionReply, OperatorAction
+from gateway.alarms.monitor import AlarmMonitor
+from gateway.alarms.records import OperatorAction
 from gateway.bay import BayControl
 from gateway.clock import NS_PER_S, Clock
 from gateway.config import ControlsConfig, VisionConfig
@@ -110,7 +111,7 @@ class RequestHandler:
         bays: Mapping[str, BayParts],
         clock: Clock,
         links: Callable[[], SystemStatus],
-        alarms: Callable[[OperatorAction], ActionReply],
+        alarms: AlarmMonitor,
         restart: Callable[[], None] | None = None,
     ) -> None:
         """`restart`: ends the gateway and starts it again; None: it may not, or can't."""
@@ -130,7 +131,7 @@ class RequestHandler:
             now_ns=self._clock.now_ns(),
             wall_ns=self._clock.wall_ns(),
             bays=tuple(self._status(self._bays[bay]) for bay in known),
-            links=self._links() if request.links else None,
+            links=self._links() if request.links or request.alarm_change != self._alarms.newest_change else None,
             events=self._events.after(request.after),
             newest_event=self._events.newest,
         )
@@ -142,7 +143,7 @@ class RequestHandler:
         """Invalid commands are refused whatever the web process has checked: any network client can connect to it."""
         if isinstance(command.action, OperatorAction):
             return CommandReply(
-                command.number, self._alarms(replace(command.action, who=command.action.who[:MAX_NAME])).why
+                command.number, self._alarms.act(replace(command.action, who=command.action.who[:MAX_NAME])).why
             )
         if isinstance(command.action, RestartGateway):
             why = self._why_no_restart(command.action)

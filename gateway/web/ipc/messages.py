@@ -57,7 +57,8 @@ class StateRequest(Message, frozen=True):
     number: int
     bays: Annotated[tuple[str, ...], Meta(max_length=MAX_STATES)]
     after: int = 0
-    links: bool = True  # are the links requested, too?
+    links: bool = True  # are the links and alarms requested, too?
+    alarm_change: int = 0  # the newest that is known: after another one they come unrequested
 
 
 class SetFunctionCheck(Message, frozen=True):
@@ -252,7 +253,7 @@ class StateReply(Message, frozen=True):
     now_ns: int
     wall_ns: int
     bays: tuple[BayStatus, ...]
-    links: SystemStatus | None = None  # None: not requested
+    links: SystemStatus | None = None  # None: not requested, and no alarm has changed
     events: tuple[NumberedEvent, ...] = ()
     newest_event: int = 0
 

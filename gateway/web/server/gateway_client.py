@@ -257,14 +257,15 @@ class GatewayClient:
         return self.events[-1].number if self.events else 0
 
     async def _pull(self, number: int) -> None:
-        if not self._link.offer(StateRequest(number, self._due(), self._last_event, self._links_due())):
+        known = self.links.alarms.newest_change
+        if not self._link.offer(StateRequest(number, self._due(), self._last_event, self._links_due(), known)):
             raise LinkError("the gateway has ended")
         await self._until(lambda: self.answers >= number, ANSWER_S)
         if self.answers < number:
             raise LinkError(f"the gateway has not answered within {ANSWER_S:g} s")
 
     def _links_due(self) -> bool:
-        """About once a second is enough for how the parts do."""
+        """About once a second is enough for how the parts do; what changes in the alarms comes by itself."""
         now_ns = self._pace.now_ns()
         if now_ns < self._links_ns:
             return False

@@ -258,6 +258,12 @@ class AlarmsView(View):
     changes: tuple[AlarmChangeView, ...] = Field(description="the newest, the oldest of them first")
 
 
+class AlarmsLiveView(View):
+    """What pages without a live view show of the alarms, live."""
+
+    alarms: AlarmSummary
+
+
 class LiveView(View):
     """What the operator's page shows, live."""
 

@@ -22,7 +22,7 @@ from gateway.web.history import routes as history
 from gateway.web.history import why
 from gateway.web.manager import routes as manager
 from gateway.web.server import api
-from gateway.web.server.models import DriverView, FrameView, LiveView
+from gateway.web.server.models import AlarmsLiveView, DriverView, FrameView, LiveView
 from gateway.web.setup import doctor_routes as doctor
 from gateway.web.setup import routes as setup
 from gateway.web.testsets import routes as test_sets
@@ -107,7 +107,8 @@ def _corrected(operation: Json, route: APIRoute) -> None:
 
 def _schemas(routes: list[APIRoute]) -> Json:
     """Of all models at once: FastAPI leaves out defaults that are null."""
-    models: list[tuple[str, Any]] = [("serialization", model) for model in (LiveView, DriverView, FrameView, Problem)]
+    live = (LiveView, AlarmsLiveView, DriverView, FrameView)
+    models: list[tuple[str, Any]] = [("serialization", model) for model in (*live, Problem)]
     for route in routes:
         models.append(("serialization", route.response_model))
         if route.body_field is not None:

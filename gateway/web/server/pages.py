@@ -86,6 +86,11 @@ async def _live(page: WebSocket, services: WebServices) -> None:
     await services.live.serve(page)
 
 
+@ADDRESSES.web_socket("/api/alarms/live", Level.VIEWER, "the alarm that the other pages show first, live")
+async def _alarms(page: WebSocket, services: WebServices) -> None:
+    await services.alarms.serve(page)
+
+
 @ADDRESSES.get("/api/bays/{bay}/picture", Level.VIEWER, "the pages' pictures")
 async def _picture(services: WebServices, bay: Bay, after: int | None = None, width: int = 640) -> Response:
     """The newest frame as JPEG, if it is another than `after`; waits for it. 204: none came."""

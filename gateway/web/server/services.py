@@ -37,6 +37,7 @@ class Services:
     pictures: Pictures
     live: Live
     drivers: Live
+    alarms: Live
     tuning: TuningService
     test_sets: ScoringService
     teach_ins: TeachInSessions
@@ -50,7 +51,7 @@ class Services:
     refusals: Counter[str] = field(default_factory=Counter)
 
     def statistics(self) -> PageStatistics:
-        viewers = {"live": self.live.counts, "driver": self.drivers.counts}
+        viewers = {"live": self.live.counts, "driver": self.drivers.counts, "alarms": self.alarms.counts}
         return PageStatistics(viewers, self.pictures.encoded, self.refusals)
 
 
@@ -65,6 +66,7 @@ def services_of(client: GatewayClient, pace: Clock, thread: Executor | None = No
         pictures=Pictures(client, pace, max_hz=config.picture_max_hz, max_width_px=config.picture_max_width_px),
         live=Live(client, views.live_json, config.max_viewers, config.viewers_per_address),
         drivers=Live(client, views.driver_json, config.max_viewers, config.viewers_per_address),
+        alarms=Live(client, views.alarms_json, config.max_viewers, config.viewers_per_address, urgent=False),
         tuning=tuning,
         test_sets=test_sets,
         teach_ins=TeachInSessions(client),

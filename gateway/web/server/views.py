@@ -12,6 +12,7 @@ from gateway.web.server import lists
 from gateway.web.server.gateway_client import GatewayClient
 from gateway.web.server.models import (
     AimView,
+    AlarmsLiveView,
     BayView,
     DeadlinesView,
     DriverView,
@@ -77,6 +78,11 @@ def live_json(client: GatewayClient, bays: tuple[str, ...]) -> str:
         links=lists.links_view(client),
         events_newest=client.newest_event,
     ).model_dump_json()
+
+
+def alarms_json(client: GatewayClient, _: tuple[str, ...]) -> str:
+    """For `Live`: the alarm to see first, and how many there are, of all bays."""
+    return AlarmsLiveView(alarms=lists.alarm_summary(client)).model_dump_json()
 
 
 def driver_json(client: GatewayClient, bays: tuple[str, ...]) -> str:

@@ -275,12 +275,13 @@ button('units').addEventListener('click', () => {
   if (view !== null) show(view);
 });
 button('sound').addEventListener('click', () => {
-  if (sound.on) sound.stop();
-  else sound.start();
-  remember('gateway.sound', sound.on ? 'on' : null);
+  const on = !sound.on;
+  if (on) sound.start(tools);
+  else sound.stop();
+  remember('gateway.sound', on ? 'on' : null);
   tools();
 });
-if ((query.get('sound') ?? remembered('gateway.sound')) === 'on') sound.start();
+if ((query.get('sound') ?? remembered('gateway.sound')) === 'on') sound.start(tools);
 const full = button('full');
 full.hidden = !document.fullscreenEnabled;
 full.addEventListener('click', () => {

@@ -72,7 +72,7 @@ def test_without_writes_only_a_truck_that_comes_nearer_is_told_to_brake(to_cm: f
     bench.run_until(lambda state: state.visit.rolling)
     bench.run(bench.t_s + 0.1)
     assert bench.state.in_place
-    assert (bench.state.guidance.code, rolling.unwanted(bench.state)) == (code, code is GuidanceCode.BRAKE)
+    assert (bench.state.guidance.code, bench.state.unintended_motion) == (code, code is GuidanceCode.BRAKE)
 
 
 def test_a_pause_between_two_readings_begins_anew() -> None:

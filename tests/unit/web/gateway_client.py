@@ -128,7 +128,7 @@ async def plant(
         parts,
         clock,
         lambda: replace(made.links, alarms=monitor.summary(100), changes=monitor.changes()),
-        monitor.act,
+        monitor,
         startup.restart.request if startup is not None and startup.restart is not None else None,
     )
     specs = {name: RingSpec.create(0.1) for name in names}

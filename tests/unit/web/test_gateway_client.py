@@ -1,6 +1,7 @@
 """The gateway client: pulls as often as its viewers need, keeps every event, notices a silent main process."""
 
 import asyncio
+from dataclasses import replace
 
 import pytest
 
@@ -104,6 +105,20 @@ async def test_more_events_than_are_kept_are_missed_and_counted() -> None:
         assert [row.number for row in first.events] == [202, 203, 204, 205]  # 1201 in all, the newest 1000 are kept
         assert first.newest_event == 1201
         assert len(first.events) == MAX_EVENTS
+
+
+@in_virtual_time
+async def test_a_new_alarm_comes_with_the_next_answer_and_no_links_where_none_has_changed() -> None:
+    async with plant() as made:
+        with made.client.watching("bay1"):
+            await asyncio.sleep(1.0)
+            made.conditions = replace(made.conditions, crashes=1, crashed="mqtt.deliver: KeyError")
+            made.monitor.scan()
+            await asyncio.sleep(0.11)
+            assert [alarm.kind for alarm in made.client.links.alarms.alarms] == ["task_crashed"]
+            known = made.client.links.alarms.newest_change
+    assert made.handler.answer(StateRequest(1, ("bay1",), links=False, alarm_change=known)).links is None
+    assert made.handler.answer(StateRequest(1, ("bay1",), links=False, alarm_change=known - 1)).links is not None
 
 
 @in_virtual_time

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+from dataclasses import replace
 from typing import Any
 
 from gateway.config import parse
@@ -46,6 +47,17 @@ async def test_the_live_view_of_some_bays() -> None:
         assert [task["name"] for task in view["links"]["tasks"]] == ["mqtt.deliver"]  # the one that began anew
         assert 0 <= view["links"]["age_ms"] < 200
         assert view["events_newest"] == made.client.newest_event
+
+
+@in_virtual_time
+async def test_the_live_view_of_the_alarms_is_that_of_the_operator_s_page() -> None:
+    async with plant() as made:
+        made.conditions = replace(made.conditions, crashes=1, crashed="mqtt.deliver: KeyError")
+        made.monitor.scan()
+        await asyncio.sleep(1.2)
+        view = fits(views.alarms_json(made.client, made.client.bays), "AlarmsLiveView")
+        assert view["alarms"]["first"]["title"] == "Software fault"
+        assert view["alarms"] == fits(views.live_json(made.client, ("bay1",)), "LiveView")["alarms"]
 
 
 @in_virtual_time

@@ -2,11 +2,12 @@
 // a sound, too. It only shows: what is done about an alarm is done in the operator's list.
 
 import { kiosk } from './kiosk.js';
-import { html, useEffect, useRef } from './page.js';
+import { html, useEffect, useRef, useState } from './page.js';
 import { NONE } from './format.js';
-import { useFetched, useKept } from '../operator/hooks.js';
+import { open } from './live.js';
+import { useKept } from '../operator/hooks.js';
 import { Priority } from '../operator/signs.js';
-import { tone } from './sound.js';
+import { allow, audible, tone } from './sound.js';
 import { alarmsInTitle } from './title.js';
 import { LEVELS, TO_ACKNOWLEDGE, alarmCount } from './views.js';
 
@@ -19,48 +20,112 @@ const TEXTS = {
   list: 'To the alarms',
   old: 'The alarms are not known: no connection to the gateway.',
   sound: 'sound',
+  silent: 'sound, after a click',
   soundTitle: 'A sound for alarms that are not acknowledged, at this computer. Off until somebody switches it on.',
 };
-const EVERY_MS = 1000; // a truck that moves in place is an alarm, too
+const PACE_MS = 100; // a truck that moves in place is an alarm, too
 const AGAIN_MS = 15_000; // while one of high priority is not acknowledged
+const STARTS_MS = 500; // a browser that lets it sound has begun by then
 const TONE_HZ = { high: 880, medium: 660, low: 440 };
 
-/** A short sound, as often as the priority is high. Browsers allow it after the visitor's first click in the page. */
+/** A short sound, as often as the priority is high. */
 function beep(audio, priority) {
   for (let n = 0; n < LEVELS[priority]; n += 1) tone(audio, TONE_HZ[priority], n * 0.3, 0.18, { loud: 0.2, fades: false });
 }
 
+/** @returns {boolean} it is on, but this browser waits for a click in the page */
 function useSound(on, first, waiting) {
-  const audio = useRef(null);
+  const [audio, setAudio] = useState(null);
+  const [silent, setSilent] = useState(false);
   const heard = useRef('');
+  useEffect(() => {
+    if (!on) return undefined;
+    const made = new AudioContext();
+    const end = new AbortController();
+    const changed = () => setSilent(!audible(made));
+    made.addEventListener('statechange', changed, { signal: end.signal });
+    allow(made, end.signal);
+    const late = setTimeout(changed, STARTS_MS);
+    setAudio(made);
+    return () => {
+      clearTimeout(late);
+      end.abort();
+      made.close().catch(() => {});
+      setAudio(null);
+      setSilent(false);
+    };
+  }, [on]);
   const waits = waiting > 0 && first !== null && TO_ACKNOWLEDGE.includes(first.state);
   const which = waits ? `${first.id} ${first.occurrences} ${waiting}` : '';
   useEffect(() => {
-    if (!on || which === '') {
-      heard.current = which;
+    if (audio === null || which === '') {
+      heard.current = '';
       return undefined;
     }
-    const sound = () => {
-      audio.current ??= new AudioContext();
-      beep(audio.current, first.priority);
+    const sound = () => audible(audio) && beep(audio, first.priority);
+    const anew = () => {
+      if (which !== heard.current && audible(audio)) {
+        sound();
+        heard.current = which;
+      }
     };
-    if (which !== heard.current) sound();
-    heard.current = which;
+    anew();
+    audio.addEventListener('statechange', anew);
     const timer = first.priority === 'high' ? setInterval(sound, AGAIN_MS) : 0;
-    return () => clearInterval(timer);
-  }, [on, which]);
+    return () => {
+      audio.removeEventListener('statechange', anew);
+      clearInterval(timer);
+    };
+  }, [audio, which]);
+  return silent;
 }
 
-/** `given`: the summary of the alarms; undefined: it is fetched here; null: not known yet. */
+/**
+ * The newest summary of the alarms while `on`, in a page in the background, too: it sounds there.
+ * @returns {[any, boolean]} null: not known; and whether it was, or should be
+ */
+function useSummary(on) {
+  const [got, setGot] = useState([null, false]);
+  useEffect(() => {
+    if (!on) return undefined;
+    let timer = 0;
+    let last = '';
+    const lost = () => {
+      last = '';
+      setGot([null, true]);
+    };
+    const link = open('/api/alarms/live', {
+      message(text, arrival) {
+        if (text !== last) {
+          try {
+            setGot([JSON.parse(text).alarms ?? null, false]);
+            last = text;
+          } catch {
+            lost();
+          }
+        }
+        timer = setTimeout(link.next, Math.max(0, PACE_MS - (performance.now() - arrival.askedMs)));
+      },
+      state: (connected) => connected || lost(),
+    });
+    return () => {
+      clearTimeout(timer);
+      link.close();
+    };
+  }, [on]);
+  return got;
+}
+
+/** `given`: the summary of the alarms; undefined: it is pulled here; null: not known yet. */
 export function AlarmBar({ session, given }) {
-  const [fetched, wrong] = useFetched('/api/alarms', '', EVERY_MS, given === undefined);
+  const [pulled, lost] = useSummary(given === undefined);
   const [sound, setSound] = useKept('alarms.sound', false);
-  const summary = (given === undefined ? fetched?.summary : given) ?? null;
+  const summary = given === undefined ? pulled : given;
   const first = summary?.first ?? null;
   const all = summary?.shown ?? 0;
   const waiting = summary?.unacknowledged ?? 0;
-  useSound(sound, first, waiting);
-  const unknown = wrong !== '' && given === undefined;
+  const silent = useSound(sound, first, waiting);
+  const unknown = lost && given === undefined;
   alarmsInTitle(unknown ? 0 : all); // nor does the tab keep a number that may be wrong by now
   if (unknown) return html`<p class="alarmbar old" role="status">${TEXTS.old}</p>`;
   if (first === null) return html`<p class="alarmbar none muted small">${summary === null ? NONE : TEXTS.none}</p>`; // nothing moves when an alarm appears
@@ -76,6 +141,6 @@ export function AlarmBar({ session, given }) {
       list.scrollIntoView({ block: 'start' });
       list.focus();
     }}>${TEXTS.count(waiting, all)}</a>
-    <label class="row small" title=${TEXTS.soundTitle}><input type="checkbox" checked=${sound} onChange=${(event) => setSound(event.target.checked)} /> ${TEXTS.sound}</label>
+    <label class="row small" title=${TEXTS.soundTitle}><input type="checkbox" checked=${sound} onChange=${(event) => setSound(event.target.checked)} /> ${silent ? TEXTS.silent : TEXTS.sound}</label>
   </div>`;
 }

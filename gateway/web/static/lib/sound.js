@@ -38,31 +38,50 @@ export function tone(audio, hz, fromS, lengthS, { loud, fades }) {
   source.stop(from + lengthS);
 }
 
+/**
+ * Can it be heard? Browsers keep a page silent until somebody clicks in it, kiosks by a setting of theirs not; tones that
+ * were begun meanwhile would all sound then. @param {AudioContext|null} audio
+ */
+export const audible = (audio) => audio !== null && audio.state === 'running';
+
+/** Asks the browser, now and with each click, until `end` is aborted. @param {AudioContext} audio @param {AbortSignal} end */
+export function allow(audio, end) {
+  const resume = () => audio.resume().catch(() => {});
+  resume();
+  addEventListener('click', resume, { signal: end });
+}
+
 export class Sound {
   /** @type {AudioContext|null} */
   #audio = null;
+  #end = new AbortController();
   #last = '';
   #nextMs = 0;
 
-  /** Browsers allow it after a touch or a key, kiosks by a setting of theirs. */
-  start() {
-    this.#audio ??= new AudioContext();
-    this.#audio.resume().catch(() => {});
+  /** @param {() => void} changed called when `on` may have changed */
+  start(changed) {
+    if (this.#audio !== null) return;
+    this.#audio = new AudioContext();
+    this.#end = new AbortController();
+    this.#audio.addEventListener('statechange', changed, { signal: this.#end.signal });
+    allow(this.#audio, this.#end.signal);
   }
 
   stop() {
+    this.#end.abort();
     this.#audio?.close().catch(() => {});
     [this.#audio, this.#last] = [null, ''];
   }
 
+  /** False also while the browser keeps it silent. */
   get on() {
-    return this.#audio !== null;
+    return audible(this.#audio);
   }
 
   /** @param {string} sign changes: it sounds at once @param {Pattern|null} what @param {number} nowMs */
   play(sign, what, nowMs) {
     const audio = this.#audio;
-    if (audio === null) return;
+    if (audio === null || !audible(audio)) return;
     const changed = sign !== this.#last;
     this.#last = sign;
     if (what === null || (!changed && (what.everyMs === null || nowMs < this.#nextMs))) return;

@@ -14,7 +14,7 @@ export const Brand = ({ title, more = '' }) => html`<a class="brand" href=${kios
 
 /**
  * The other pages, and the alarm to see first. `bay`: the one that is looked at; none: the first. `alarms`: the summary, where the
- * page has it already. @param {{session: any, bay: string|null, current: string, alarms?: any}} at
+ * page pulls it already, as often. @param {{session: any, bay: string|null, current: string, alarms?: any}} at
  */
 export function Pages({ session, bay, current, alarms }) {
   const path = encodeURIComponent(bay ?? session.bays[0] ?? '');

@@ -108,7 +108,7 @@ function App({ session }) {
 
   return html`
     <a class="skip" href="#main" onClick=${(event) => { event.preventDefault(); document.getElementById('main').focus(); }}>To the content</a>
-    <${Top} session=${session} bay=${bay} connected=${connected} ageMs=${ageMs} view=${view} alarms=${known ? view?.alarms ?? null : null} />
+    <${Top} session=${session} bay=${bay} connected=${connected} ageMs=${ageMs} view=${view} alarms=${bay === null ? undefined : known ? view?.alarms ?? null : null} />
     <main id="main" tabindex="-1" class=${`page ${bay === null ? 'all' : 'one'} ${wide ? 'wide-picture' : shape < 0.9 ? 'tall-picture' : ''} ${single ? '' : 'with-bays'} ${known ? '' : 'unknown'}`}>
       <${Notice} kind="bad" loud wide say=${!known && view !== null && html`<b>NO CONNECTION TO THE GATEWAY.</b> Nothing here is live; treat the bay as STOP. Trying again.`} />
       <${Notice} kind="bad" loud wide say=${refusal} />
