@@ -45,9 +45,9 @@ SIMULATED = ("bench/guidance", "gateway", "tests/visit_bench.py", "tests/fault_b
 UNSEEN = 10_000  # seeds from here on chose no threshold
 EXAMPLE = (Profile.ATTENTIVE, 0)  # of the time series
 GRID: Mapping[str, tuple[float, ...]] = {
-    "slow_mm": (300.0, 500.0, 800.0),
-    "slow_s": (2.0, 4.0),
-    "stop_lead_s": (0.0, 1.0, 1.5),
+    "slow_mm": (500.0, 800.0, 1200.0),
+    "slow_s": (2.0, 4.0, 6.0),
+    "stop_lead_s": (0.5, 1.0, 1.5, 2.0),
 }
 CHUNK = 5
 BIN_MM = 10
@@ -179,17 +179,24 @@ def example(profile: Profile, seed: int) -> dict[str, Any]:
 
 
 def grid(seeds: range, processes: int, kept: Path | None = None) -> dict[str, Any]:
-    """The display alone, over the thresholds; each with the same drivers."""
+    """The display alone, over the thresholds; each with the same drivers. `only_here_and_only_best`: how many of them
+    came past the tolerance with this point and not with the best one, and the other way round.
+    """
     points = [dict(zip(GRID, values, strict=True)) for values in product(*GRID.values())]
     todo = [job for point in points for job in jobs(Profile, (Aid.DISPLAY,), seeds, point)]
     results = played(todo, processes, kept)
     each = len(todo) // len(points)
-    rows = []
-    for number, point in enumerate(points):
-        of_all = figures(results[number * each : (number + 1) * each])
+    of_points = [results[n * each : (n + 1) * each] for n in range(len(points))]
+    rows: list[dict[str, Any]] = []
+    for point, of_point in zip(points, of_points, strict=True):
+        of_all = figures(of_point)
         of_all.pop("errors")
         of_all.pop("times")
         rows.append(point | of_all)
+    chosen = of_points[rows.index(dict(best(rows)))]
+    for row, of_point in zip(rows, of_points, strict=True):
+        past = [(a.overshoots > 0, b.overshoots > 0) for a, b in zip(of_point, chosen, strict=True)]
+        row["only_here_and_only_best"] = [past.count((True, False)), past.count((False, True))]
     return {"first_seed": seeds.start, "rows": rows}
 
 

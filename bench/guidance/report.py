@@ -5,6 +5,7 @@ python -m bench.guidance.report                  the plots; `./dev docs` writes 
 """
 
 import json
+import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from bench.guidance.campaign import BIN_MM, BIN_S, GRID, RESULTS, best
 from bench.guidance.driver import Aid
 from gateway.vision.offline.evaluation.scoring import wilson
 
+ALIKE_P = 0.05
 IMAGES = RESULTS.parents[1] / "images"
 # Of Okabe and Ito, told apart by people with any colour vision; the bell's line is dashed as well.
 STYLES: Mapping[str, dict[str, Any]] = {
@@ -55,16 +57,31 @@ def comparison() -> str:
 
 
 def grid() -> str:
-    found = results()["grid"]
-    rows = found["rows"]
+    """A row for each slow_mm and slow_s, a column for each stop_lead_s."""
+    rows = results()["grid"]["rows"]
     chosen = best(rows)
-    head = " | ".join(GRID)
-    lines = [f"| {head} | past the tolerance | in place | time, s | |", "|---|---|---|---|---|---|---|"]
-    for row in sorted(rows, key=lambda row: (row["overshot"], row["time_s"][0])):
-        values = " | ".join(f"{row[key]:g}" for key in GRID)
-        mark = "least by the objective" if row is chosen else ""
-        lines.append(f"| {values} | {row['overshot']:.0%} | {row['in_place']:.0%} | {row['time_s'][0]:.0f} | {mark} |")
-    return "\n".join([*lines, "", f"{rows[0]['approaches']} approaches a row, of all four drivers together."])
+    leads = sorted({row["stop_lead_s"] for row in rows})
+    cells = {(row["slow_mm"], row["slow_s"], row["stop_lead_s"]): _cell(row, row is chosen) for row in rows}
+    head = " | ".join(f"stop_lead_s {lead:g}" for lead in leads)
+    lines = [f"| slow_mm | slow_s | {head} |", "|---" * (2 + len(leads)) + "|"]
+    for slow_mm, slow_s in sorted({(row["slow_mm"], row["slow_s"]) for row in rows}):
+        values = " | ".join(cells[slow_mm, slow_s, lead] for lead in leads)
+        lines.append(f"| {slow_mm:g} | {slow_s:g} | {values} |")
+    return "\n".join([*lines, "", f"{rows[0]['approaches']} approaches a cell, of all four drivers together."])
+
+
+def _cell(row: Mapping[str, Any], chosen: bool) -> str:
+    text = f"{row['overshot']:.0%}, {row['time_s'][0]:.0f} s"
+    if chosen:
+        return f"**{text}**"
+    return text if mcnemar(*row["only_here_and_only_best"]) < ALIKE_P else f"*{text}*"
+
+
+def mcnemar(only_one: int, only_other: int) -> float:
+    """How likely so many pairs, or fewer, differ one way, if both ways are alike (exact, two-sided)."""
+    pairs = only_one + only_other
+    tail: float = sum(math.comb(pairs, n) for n in range(min(only_one, only_other) + 1)) / 2**pairs
+    return min(1.0, 2 * tail)
 
 
 def plots(folder: Path) -> None:
@@ -182,23 +199,23 @@ def _thresholds(plt: Any, found: Mapping[str, Any]) -> Any:
     rows = found["grid"]["rows"]
     leads = sorted({row["stop_lead_s"] for row in rows})
     pairs = sorted({(row["slow_mm"], row["slow_s"]) for row in rows})
+    markers = dict(zip(GRID["slow_s"], "os^", strict=True))
     figure, axes = plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained")
-    for n, ((slow_mm, slow_s), marker) in enumerate(zip(pairs, "osD^vP", strict=False)):
+    for n, (slow_mm, slow_s) in enumerate(pairs):
         those = sorted(
             (row for row in rows if (row["slow_mm"], row["slow_s"]) == (slow_mm, slow_s)),
             key=lambda row: row["stop_lead_s"],
         )
-        at = [leads.index(row["stop_lead_s"]) + 0.12 * (n - (len(pairs) - 1) / 2) for row in those]  # beside each other
+        at = [leads.index(row["stop_lead_s"]) + 0.08 * (n - (len(pairs) - 1) / 2) for row in those]  # beside each other
         shares = [row["overshot"] for row in those]
         ends = [wilson(round(row["overshot"] * row["approaches"]), row["approaches"]) for row in those]
         bars = [[share - low for share, (low, _) in zip(shares, ends, strict=True)],
                 [high - share for share, (_, high) in zip(shares, ends, strict=True)]]  # fmt: skip
         style = {
-            "fmt": marker,
-            "ms": 5,
-            "lw": 1.2,
+            "fmt": markers[slow_s],
+            "ms": 4,
+            "lw": 0.8,
             "color": GRID_COLOURS[slow_mm],
-            "mfc": "white" if slow_s > 2 else None,
         }
         axes[0].errorbar(at, shares, yerr=bars, label=f"slow_mm {slow_mm:g}, slow_s {slow_s:g}", **style)
         axes[1].errorbar(at, [row["time_s"][0] for row in those], **style)

@@ -1,6 +1,7 @@
 """The simulated drivers: what guidance must be worth, on few approaches; the truck's and the driver's own rules."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from bench.guidance import campaign
 from bench.guidance.approach import Result, approach, settings
 from bench.guidance.campaign import best, figures
 from bench.guidance.driver import Aid, Driver, Person, Profile, Sign
+from bench.guidance.report import mcnemar
 from bench.guidance.truck import Dynamics, Truck
 from gateway.core.state import GuidanceCode
 
@@ -75,6 +77,21 @@ def test_the_objective_is_overshoot_first_then_time() -> None:
     rows = [{"overshot": 0.30, "time_s": [9]}, {"overshot": 0.11, "time_s": [10]}, {"overshot": 0.10, "time_s": [12]}]
     assert best(rows) is rows[1]
     assert figures(played(Aid.DISPLAY)[:2])["approaches"] == 2
+
+
+def test_each_point_of_the_grid_is_compared_driver_by_driver_with_the_best(monkeypatch: pytest.MonkeyPatch) -> None:
+    past = {300.0: (1, 1, 1, 0), 600.0: (0, 1, 0, 1)}  # overshoots of the four drivers
+
+    def driven(todo: Sequence[campaign.Job], *_: object) -> list[Result]:
+        drivers = [(profile, past[changed["slow_mm"]][n % 4]) for n, (profile, _, _, changed) in enumerate(todo)]
+        return [Result(0, profile, "display", 0, 0, 9, 0, 0, o, True, True, 1, 9) for profile, o in drivers]
+
+    monkeypatch.setattr(campaign, "GRID", {"slow_mm": (300.0, 600.0)})
+    monkeypatch.setattr(campaign, "played", driven)
+    rows = campaign.grid(range(1), 1)["rows"]
+    assert [(row["slow_mm"], row["overshot"]) for row in rows] == [(300.0, 0.75), (600.0, 0.5)]
+    assert [row["only_here_and_only_best"] for row in rows] == [[2, 1], [0, 0]]
+    assert [mcnemar(1, 9), mcnemar(9, 1), mcnemar(0, 0)] == pytest.approx([22 / 1024, 22 / 1024, 1])
 
 
 def test_what_was_driven_is_kept_for_this_code_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
