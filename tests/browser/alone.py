@@ -35,6 +35,7 @@ window.WebSocket = class {
   readyState = 0;
   constructor(url) {
     window.__asked = url;
+    window.__socket = this;
     setTimeout(() => { this.readyState = 1; this.onopen?.({}); this.send(); }, 5);
   }
   send() {

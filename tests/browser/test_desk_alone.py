@@ -1,5 +1,6 @@
 """The other pages for desks without a gateway: what only an answer that comes late, or never, shows."""
 
+import re
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -17,7 +18,7 @@ from tests.browser.test_operator_alone import alarm, summary
 HOUR_MS = 3_600_000
 LAST_MS = 1_795_000_020_000  # a full minute
 Answers = dict[str, Any]
-Open = Callable[[str], Page]
+Open = Callable[..., Page]
 
 
 @pytest.fixture
@@ -45,7 +46,8 @@ def desk(browser: Browser, answers: Answers) -> Iterator[Open]:
         else:
             route.fulfill(json=found)
 
-    def opened(path: str) -> Page:
+    def opened(path: str, excused: str | None = None) -> Page:
+        watch.excused = None if excused is None else re.compile(excused)
         watch.over(context)
         context.add_init_script(SOCKET)
         context.route("**/*", from_disk)
@@ -80,6 +82,20 @@ def test_every_page_has_the_alarm_to_see_first_and_their_number(
     say(page, "nonsense")
     expect(bar).to_contain_text("The alarms are not known")
     expect(page).to_have_title(about)  # nor is their number
+
+
+def test_a_login_that_has_ended_leads_to_the_login(desk: Open, answers: Answers) -> None:
+    page = desk("/history", excused="status of (503|401)")
+    bar = page.locator(".alarmbar")
+    say(page, models.AlarmsLiveView(alarms=summary(())).model_dump(mode="json"))
+    expect(bar).to_have_text("No alarm.")
+    answers["/api/alarms"] = lambda route: route.fulfill(status=503, json={})
+    page.evaluate("() => window.__socket.close()")
+    expect(bar).to_contain_text("The alarms are not known")
+    expect(bar).to_have_text("No alarm.")  # connected again
+    answers["/api/alarms"] = lambda route: route.fulfill(status=401, json={})
+    page.evaluate("() => window.__socket.close()")
+    page.wait_for_url("**/login?**")
 
 
 PICTURE = cv2.imencode(".jpg", np.full((48, 64, 3), 90, np.uint8))[1].tobytes()

@@ -1,6 +1,7 @@
 // The alarm to see first, and how many there are: at the top of every page for desks, and in its tab's title. On request
 // a sound, too. It only shows: what is done about an alarm is done in the operator's list.
 
+import { get, toLogin } from './api.js';
 import { kiosk } from './kiosk.js';
 import { html, useEffect, useRef, useState } from './page.js';
 import { NONE } from './format.js';
@@ -106,7 +107,11 @@ function useSummary(on) {
         }
         timer = setTimeout(link.next, Math.max(0, PACE_MS - (performance.now() - arrival.askedMs)));
       },
-      state: (connected) => connected || lost(),
+      state(connected) {
+        if (connected) return;
+        lost();
+        get('/api/alarms').catch((error) => error.status === 401 && toLogin()); // a login that has ended refuses the socket
+      },
     });
     return () => {
       clearTimeout(timer);
