@@ -131,9 +131,9 @@ class GuidanceConfig(Section):
         None, gt=0, le=10_000, description="true radius of the marker, for mm to the side; default: the cross-check's"
     )
     slow_mm: float = Field(500.0, ge=0, le=4000, description="SLOW when no more than this is to go")
-    slow_s: float = Field(2.0, ge=0, le=60, description="SLOW when it is to go within this time at the present speed")
+    slow_s: float = Field(6.0, ge=0, le=60, description="SLOW when it is to go within this time at the present speed")
     stop_lead_s: float = Field(
-        1.5, ge=0, le=5, description="STOP when D = 1 is so near in time: a driver's reaction time; 0: at D = 1"
+        1.0, ge=0, le=5, description="STOP when D = 1 is so near in time: a driver's reaction time; 0: at D = 1"
     )
     overshoot_mm: float = Field(100.0, ge=1, le=4000, description="so far past the stopping place is TOO_FAR or BACK")
     still_mm_s: float = Field(20.0, gt=0, le=1000, description="a truck slower than this is at rest")

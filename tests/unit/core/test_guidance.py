@@ -126,9 +126,9 @@ def test_mm_to_the_side_need_the_markers_size() -> None:
     [
         (801.0, 0.0, GuidanceCode.FORWARD),
         (800.0, 0.0, GuidanceCode.SLOW),  # 500 mm to go
-        (1300.0, 499.0, GuidanceCode.FORWARD),
-        (1300.0, 500.0, GuidanceCode.SLOW),  # 1000 mm to go within 2 s
-        (1300.0, -501.0, GuidanceCode.FORWARD),
+        (1300.0, 166.0, GuidanceCode.FORWARD),
+        (1300.0, 167.0, GuidanceCode.SLOW),  # 1000 mm to go within 6 s
+        (1300.0, -167.0, GuidanceCode.FORWARD),
         (1300.0, None, GuidanceCode.FORWARD),
     ],
 )
@@ -138,8 +138,8 @@ def test_slow(distance_mm: float, speed: float | None, code: GuidanceCode) -> No
 
 def test_slow_for_a_truck_that_creeps() -> None:
     near = AIM.model_copy(update={"slow_mm": 0.0})  # so that only the time to go counts
-    assert advise(180.0, 301.0, speed=0.75, config=near).code is GuidanceCode.SLOW, "1 mm within 2 s"
-    assert advise(180.0, 302.0, speed=0.75, config=near).code is GuidanceCode.FORWARD
+    assert advise(180.0, 301.0, speed=0.25, config=near).code is GuidanceCode.SLOW, "1 mm within 6 s"
+    assert advise(180.0, 302.0, speed=0.25, config=near).code is GuidanceCode.FORWARD
 
 
 @pytest.mark.parametrize(
@@ -171,7 +171,8 @@ def test_at_the_mark_and_past_it(
         (205.0, GuidanceCode.BACK, 20.0, GuidanceCode.STOP),  # it comes nearer again
         (205.0, GuidanceCode.BACK, None, GuidanceCode.STOP),
         (251.0, GuidanceCode.BACK, 0.0, GuidanceCode.STOP),  # beyond the middle
-        (205.0, GuidanceCode.BACK, -40.0, GuidanceCode.STOP),  # there within stop_lead_s
+        (205.0, GuidanceCode.BACK, -44.0, GuidanceCode.BACK),
+        (205.0, GuidanceCode.BACK, -46.0, GuidanceCode.STOP),  # there within stop_lead_s
     ],
 )
 def test_back_stays_until_the_middle(
@@ -208,7 +209,7 @@ def test_past_the_mark_is_stop_while_d_is_0() -> None:
         (VisitPhase.RELEASED, False, None, GuidanceCode.LEAVE),
         (VisitPhase.LEAVING, True, 0.0, GuidanceCode.LEAVE),
         (VisitPhase.LEAVING, True, None, GuidanceCode.LEAVE),
-        (VisitPhase.LEAVING, True, 100.0, GuidanceCode.LEAVE),
+        (VisitPhase.LEAVING, True, 60.0, GuidanceCode.LEAVE),
         (VisitPhase.LEAVING, False, -100.0, GuidanceCode.LEAVE),
         (VisitPhase.LEAVING, False, None, GuidanceCode.LEAVE),
         (VisitPhase.LEAVING, False, 20.0, GuidanceCode.LEAVE),  # still_mm_s is not yet driving
