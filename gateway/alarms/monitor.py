@@ -46,10 +46,12 @@ class AlarmMonitor:
                 if self._motion() != seen:
                     break
 
-    def _motion(self) -> list[tuple[bool, Moved, bool]]:
+    def _motion(self) -> list[tuple[bool, bool, Moved, bool]]:
         """Of each bay."""
-        visits = [self._state(bay).visit for bay in self._bays]
-        return [(visit.rolling, visit.moved, visit.in_place) for visit in visits]
+        states = [self._state(bay) for bay in self._bays]
+        return [
+            (state.visit.rolling, state.unintended_motion, state.visit.moved, state.visit.in_place) for state in states
+        ]
 
     def scan(self) -> None:
         now_ns = self.scanned_ns = self._clock.now_ns()

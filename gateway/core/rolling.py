@@ -48,9 +48,10 @@ def step(
     if reference is None:
         reference = _begun(state)
     elif reference.rolling_since_ns is not None:
-        return _stands_again(reference, state, speed_mm_s, config, guidance)
-    reference = _by_distance(reference, state, config)
-    return _by_marker(reference, state, config)
+        reference = _stands_again(reference, state, speed_mm_s, config, guidance)
+    if reference.rolling_since_ns is None:
+        reference = _by_marker(_by_distance(reference, state, config), state, config)
+    return _by_direction(reference, state, speed_mm_s, config, guidance)
 
 
 def without_marker(reference: ReferencePosition) -> ReferencePosition:
@@ -129,13 +130,32 @@ def _stands_again(
 
     One that creeps is slower than still_mm_s: in that time it must not have come on by half of rolling_mm, either.
     """
-    now_mm = state.range.distance_mm
-    if now_mm is None or speed_mm_s is None or abs(speed_mm_s) >= guidance.still_mm_s:
-        return replace(reference, still_since_ns=None, still_mm=None)
+    distances = [mm for _, mm in state.memory.track]
+    if not distances or speed_mm_s is None or abs(speed_mm_s) >= guidance.still_mm_s:
+        return reference if reference.still_mm is None else replace(reference, still_since_ns=None, still_mm=None)
     since_ns, stood_mm = reference.still_since_ns, reference.still_mm
-    if since_ns is None or stood_mm is None or abs(now_mm - stood_mm) > config.rolling_mm / 2:
-        return replace(reference, still_since_ns=state.t_ns, still_mm=now_mm)
-    return _begun(state) if state.t_ns - since_ns >= config.settle_s * NS_PER_S else reference
+    if since_ns is not None and state.t_ns - since_ns < config.settle_s * NS_PER_S:
+        return reference
+    now_mm = median(distances)  # single ones scatter
+    if stood_mm is not None and abs(now_mm - stood_mm) <= config.rolling_mm / 2:
+        return _begun(state)
+    return replace(reference, still_since_ns=state.t_ns, still_mm=now_mm)
+
+
+def _by_direction(
+    reference: ReferencePosition,
+    state: StateVector,
+    speed_mm_s: float | None,
+    config: VisitConfig,
+    guidance: GuidanceConfig,
+) -> ReferencePosition:
+    """Does one that rolls come nearer? Clear of the ranger's noise; as before while there is no distance."""
+    stood_mm, now_mm = reference.distance_mm, state.range.distance_mm
+    if reference.rolling_since_ns is None or stood_mm is None or now_mm is None:
+        return reference
+    backs = speed_mm_s is not None and speed_mm_s < -guidance.still_mm_s
+    nearer = not backs and stood_mm - now_mm > config.rolling_mm / 2
+    return reference if nearer is reference.nearer else replace(reference, nearer=nearer)
 
 
 def _followed(was: float, now: float, most: float) -> float:

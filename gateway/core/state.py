@@ -176,7 +176,8 @@ class ReferencePosition:
     sensor: str = ""  # which one has shown it first: "range" or "vision"
     covered: bool = False  # the marker was, when it began to roll: under the spout
     still_since_ns: int | None = None  # rolling, and stands again since
-    still_mm: float | None = None  # Z then
+    still_mm: float | None = None  # the median Z then
+    nearer: bool = False  # rolling, and it comes nearer
 
 
 @dataclass(frozen=True, slots=True)
@@ -336,16 +337,13 @@ class StateVector:
 
     @property
     def unintended_motion(self) -> bool:
-        """A truck rolls that is to stand. Where no PLC can release a truck, each one that leaves rolls: there only one
-        under the spout is meant, and one that is in place and comes nearer.
+        """A truck rolls that is to stand. Where no PLC writes, none is released, and each one that leaves rolls: there
+        only a truck under the spout, or one that comes nearer.
         """
-        reference, now_mm = self.visit.reference, self.range.distance_mm
+        reference = self.visit.reference
         if reference is None or not self.visit.rolling:
             return False
-        stood_mm = reference.distance_mm
-        nearer = stood_mm is not None and now_mm is not None and now_mm < stood_mm
-        writes = self.plc.link is not PlcLink.UNUSED
-        return self.visit.rolls_covered or writes or (self.in_place and nearer)
+        return self.visit.rolls_covered or self.plc.link is not PlcLink.UNUSED or reference.nearer
 
     @property
     def picture(self) -> PictureHealth | None:

@@ -1,5 +1,8 @@
 """A truck in place that begins to move: how soon each sensor shows it, and what does not look like it."""
 
+from dataclasses import replace
+from itertools import groupby
+
 import pytest
 
 from bench.guidance.rolling import echoes
@@ -65,14 +68,55 @@ def test_a_truck_that_creeps_rolls_all_the_way(covered: bool) -> None:
     assert not bench.state.visit.rolling
 
 
-@pytest.mark.parametrize(("to_cm", "code"), [(15.0, GuidanceCode.BRAKE), (60.0, GuidanceCode.OK)])
-def test_without_writes_only_a_truck_that_comes_nearer_is_told_to_brake(to_cm: float, code: GuidanceCode) -> None:
-    """Each departure rolls there; one that comes nearer does not depart."""
-    bench, _ = moving(5, covered=False, seed=1, to_cm=to_cm, writes=False)
-    bench.run_until(lambda state: state.visit.rolling)
-    bench.run(bench.t_s + 0.1)
-    assert bench.state.in_place
-    assert (bench.state.guidance.code, bench.state.unintended_motion) == (code, code is GuidanceCode.BRAKE)
+@pytest.mark.parametrize(("rolling_mm", "settle_s"), [(12.0, 1.0), (8.0, 1.0), (8.0, 3.0), (12.0, 5.0)])
+def test_a_truck_that_stands_again_rolls_no_more_whatever_the_noise(rolling_mm: float, settle_s: float) -> None:
+    """At the latest after two times settle_s: the first may still have seen the end of the motion."""
+    config = gateway(visit={"rolling_mm": rolling_mm, "settle_s": settle_s})
+    for seed in range(3):
+        leg = {"distance_cm": 29, "speed_cm_s": 3, "hold_s": 30}
+        scenario = truck(SETTLED, leg, start={"distance_cm": 60}, ranger={"jitter_mm": 2.5}, seed=seed)
+        bench = Bench(scenario, config, seed=seed)
+        bench.run(next(s.start_s for s in bench.world._segments[1:]))
+        bench.run_until(lambda state: state.visit.rolling, 2.0)
+        stands_s = next(s.end_s for s in bench.world._segments if s.start_s > STANDS_S)
+        bench.run_until(lambda state: not state.visit.rolling, stands_s - bench.t_s + 2 * settle_s + 1)
+
+
+@pytest.mark.parametrize("speed_cm_s", [3, 10, 50])
+def test_without_writes_a_truck_that_departs_is_not_told_to_brake(speed_cm_s: int) -> None:
+    """Each departure rolls there."""
+    for seed in range(5):
+        bench, _ = moving(speed_cm_s, covered=False, seed=seed, writes=False)
+        bench.run_until(lambda state: state.visit.rolling)
+        bench.run(bench.t_s + 2)
+        assert not any(moment.state.unintended_motion for moment in bench.moments)
+
+
+@pytest.mark.parametrize("speed_cm_s", [2, 10, 50])
+def test_without_writes_a_truck_that_comes_nearer_is_told_to_brake_until_it_stands(speed_cm_s: int) -> None:
+    bench, begins_s = moving(speed_cm_s, covered=False, seed=1, to_cm=18.0, writes=False)
+    bench.run_until(lambda state: state.unintended_motion, 1.0)
+    assert bench.state.guidance.code is GuidanceCode.BRAKE
+    bench.run_until(lambda state: not state.unintended_motion, 9.0 / speed_cm_s * 10 + 4)
+    codes = [moment.state.guidance.code for moment in bench.moments if moment.t_s >= begins_s]
+    assert [code for code, _ in groupby(codes)][:3] == [GuidanceCode.OK, GuidanceCode.BRAKE, GuidanceCode.BACK]
+
+
+def test_which_way_it_rolls_is_kept_while_no_distance_is_heard() -> None:
+    """Nearer by more than half of rolling_mm, 6 mm, and not on its way back."""
+    rolls = ReferencePosition(270.0, rolling_since_ns=1, sensor="vision")
+    config = VisitConfig(), GuidanceConfig()
+    for mm, speed, was, nearer in (
+        (265.0, 50.0, False, False),
+        (263.0, 50.0, False, True),
+        (263.0, -25.0, True, False),
+        (263.0, None, False, True),
+        (None, None, True, True),
+        (None, None, False, False),
+    ):
+        quality = Quality.NO_ECHO if mm is None else Quality.GOOD
+        state = StateVector("bay1", 2, range=RangeReading(2, quality, mm))
+        assert rolling.step(replace(rolls, nearer=was), state, speed, *config).nearer is nearer
 
 
 def test_a_pause_between_two_readings_begins_anew() -> None:
