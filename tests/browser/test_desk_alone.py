@@ -93,6 +93,11 @@ def test_a_login_that_has_ended_leads_to_the_login(desk: Open, answers: Answers)
     page.evaluate("() => window.__socket.close()")
     expect(bar).to_contain_text("The alarms are not known")
     expect(bar).to_have_text("No alarm.")  # connected again
+    say(page, None)  # no place for one more page: asked for over HTTP, again and again
+    one = summary((alarm("bay1", "camera_down", AlarmState.UNACKNOWLEDGED),))
+    answers["/api/alarms"] = {"summary": one.model_dump(mode="json")}
+    page.evaluate("() => window.__socket.close()")
+    expect(bar).to_contain_text("Camera down")
     answers["/api/alarms"] = lambda route: route.fulfill(status=401, json={})
     page.evaluate("() => window.__socket.close()")
     page.wait_for_url("**/login?**")

@@ -90,6 +90,18 @@ def test_the_cookie_is_for_no_script_and_no_other_site_and_ends_with_the_logout(
     assert page.request.get(f"{bay.url}/api/bays/bay1/picture").status == 401
 
 
+def test_after_a_logout_nothing_leads_back_to_the_page(bay: Plant, visit: Visit, watches: list[Watch]) -> None:
+    """Its links end with the login, too."""
+    page = visit(f"{bay.url}/login?next=/history")
+    watches[0].excused = REFUSED
+    log_in(page, VIEWER[0], VIEWER[2])
+    expect(page.locator(".alarmbar")).to_contain_text("alarm")
+    page.get_by_role("button", name="Log out").click()
+    expect(page).to_have_url(f"{bay.url}/login")
+    page.wait_for_timeout(500)
+    assert page.url == f"{bay.url}/login"
+
+
 def test_the_drivers_display_needs_no_login(bay: Plant, visit: Visit) -> None:
     page = visit(f"{bay.url}/driver")
     expect(page.locator("body")).to_have_attribute("data-fresh", "true")

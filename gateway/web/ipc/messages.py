@@ -58,7 +58,7 @@ class StateRequest(Message, frozen=True):
     bays: Annotated[tuple[str, ...], Meta(max_length=MAX_STATES)]
     after: int = 0
     links: bool = True  # are the links and alarms requested, too?
-    alarm_change: int = 0  # the newest that is known: after another one they come unrequested
+    alarm_change: int = 0  # number of the newest one known; if there is another, links and alarms come anyway
 
 
 class SetFunctionCheck(Message, frozen=True):

@@ -14,11 +14,12 @@ from gateway.core.state import Moved, ReferencePosition, StateVector, Visit
 from tests.virtual_time import LoopClock, run
 
 UNTIL_S = 10.0
-ROLLS = Visit(reference=ReferencePosition(distance_mm=270.0, rolling_since_ns=1, sensor="range"))
+ROLLING = ReferencePosition(distance_mm=270.0, rolling_since_ns=1, sensor="range")
+ROLLS = Visit(reference=ROLLING)
 
 
-def scanned(at_s: float, visit: Visit) -> list[float]:
-    """When, in s since the start, where `visit` is the bay's from `at_s` on."""
+def scanned(at_s: float, visit: Visit, before: Visit | None = None) -> list[float]:
+    """When, in s since the start, where `visit` is the bay's from `at_s` on, and `before` until then."""
     moments: list[float] = []
 
     async def main() -> None:
@@ -29,7 +30,7 @@ def scanned(at_s: float, visit: Visit) -> list[float]:
             return (clock.now_ns() - begun_ns) / 1e9
 
         def state(bay: str) -> StateVector:
-            now = StateVector(bay, clock.now_ns())
+            now = StateVector(bay, clock.now_ns(), visit=before or Visit())
             return replace(now, visit=visit) if since_s() >= at_s else now
 
         def conditions() -> GatewayConditions:
@@ -50,9 +51,17 @@ def test_once_a_second() -> None:
     assert [after - before for before, after in pairwise(moments)] == pytest.approx([1.0] * 9)
 
 
-@pytest.mark.parametrize("visit", [ROLLS, Visit(moved=Moved.DISTANCE), Visit(in_place=True)])
+@pytest.mark.parametrize(
+    ("before", "visit"),
+    [
+        (Visit(), ROLLS),
+        (ROLLS, Visit(reference=replace(ROLLING, nearer=True))),
+        (Visit(), Visit(moved=Moved.DISTANCE)),
+        (Visit(), Visit(in_place=True)),
+    ],
+)
 @pytest.mark.parametrize("at_s", [3.01, 3.5, 3.97])
-def test_a_truck_that_moves_does_not_wait_for_the_next_second(visit: Visit, at_s: float) -> None:
-    sooner = [moment for moment in scanned(at_s, visit) if moment >= at_s]
+def test_a_truck_that_moves_does_not_wait_for_the_next_second(before: Visit, visit: Visit, at_s: float) -> None:
+    sooner = [moment for moment in scanned(at_s, visit, before) if moment >= at_s]
     assert sooner[0] <= at_s + 0.051
     assert sooner[1] == pytest.approx(sooner[0] + 1.0)

@@ -41,7 +41,13 @@ function useSound(on, first, waiting) {
   const heard = useRef('');
   useEffect(() => {
     if (!on) return undefined;
-    const made = new AudioContext();
+    let made;
+    try {
+      made = new AudioContext();
+    } catch {
+      setSilent(true); // a machine without sound
+      return () => setSilent(false);
+    }
     const end = new AbortController();
     const changed = () => setSilent(!audible(made));
     made.addEventListener('statechange', changed, { signal: end.signal });
@@ -83,7 +89,7 @@ function useSound(on, first, waiting) {
 
 /**
  * The newest summary of the alarms while `on`, in a page in the background, too: it sounds there.
- * @returns {[any, boolean]} null: not known; and whether it was, or should be
+ * @returns {[any, boolean]} null: not known; and whether the connection is lost
  */
 function useSummary(on) {
   const [got, setGot] = useState([null, false]);
@@ -91,10 +97,12 @@ function useSummary(on) {
     if (!on) return undefined;
     let timer = 0;
     let last = '';
+    let closed = false;
     const lost = () => {
       last = '';
       setGot([null, true]);
     };
+    setGot([null, false]);
     const link = open('/api/alarms/live', {
       message(text, arrival) {
         if (text !== last) {
@@ -110,10 +118,14 @@ function useSummary(on) {
       state(connected) {
         if (connected) return;
         lost();
-        get('/api/alarms').catch((error) => error.status === 401 && toLogin()); // a login that has ended refuses the socket
+        get('/api/alarms').then(
+          ({ summary }) => closed || last !== '' || setGot([summary, false]), // with as many pages open as may be
+          (error) => error.status === 401 && !closed && toLogin(), // a login that has ended
+        );
       },
     });
     return () => {
+      closed = true;
       clearTimeout(timer);
       link.close();
     };
@@ -129,7 +141,10 @@ export function AlarmBar({ session, given }) {
   const first = summary?.first ?? null;
   const all = summary?.shown ?? 0;
   const waiting = summary?.unacknowledged ?? 0;
-  const silent = useSound(sound, first, waiting);
+  const known = useRef(null);
+  if (summary !== null) known.current = summary;
+  // An alarm that sounds goes on sounding when the connection is lost.
+  const silent = useSound(sound, known.current?.first ?? null, known.current?.unacknowledged ?? 0);
   const unknown = lost && given === undefined;
   alarmsInTitle(unknown ? 0 : all); // nor does the tab keep a number that may be wrong by now
   if (unknown) return html`<p class="alarmbar old" role="status">${TEXTS.old}</p>`;

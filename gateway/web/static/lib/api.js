@@ -22,7 +22,20 @@ export function safePath(wanted, origin) {
   return url.origin === origin ? url.pathname + url.search + url.hash : '/';
 }
 
+let ended = false;
+
+/** Ends the login, and leaves for the login page: nothing leads back to this one, whoever comes next. @param {string} csrf */
+export async function logOut(csrf) {
+  ended = true;
+  try {
+    await post('/api/logout', {}, csrf);
+  } finally {
+    location.assign('/login');
+  }
+}
+
 export function toLogin() {
+  if (ended) return;
   const here = location.pathname + location.search + location.hash;
   location.assign(`/login?next=${encodeURIComponent(here)}`);
 }

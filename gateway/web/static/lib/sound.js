@@ -39,7 +39,7 @@ export function tone(audio, hz, fromS, lengthS, { loud, fades }) {
 }
 
 /**
- * Can it be heard? Browsers keep a page silent until somebody clicks in it, kiosks by a setting of theirs not; tones that
+ * Can it be heard? Browsers keep a page silent until somebody clicks in it, unless they are told otherwise; tones that
  * were begun meanwhile would all sound then. @param {AudioContext|null} audio
  */
 export const audible = (audio) => audio !== null && audio.state === 'running';

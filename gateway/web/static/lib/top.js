@@ -1,7 +1,7 @@
 // The bar at the top of the pages for desks: brand, the other pages, and who is logged in.
 
 import { AlarmBar } from './alarmbar.js';
-import { post } from './api.js';
+import { logOut } from './api.js';
 import { kiosk } from './kiosk.js';
 import { choose, language, t, text } from './lang.js';
 import { html, offered, translated } from './page.js';
@@ -14,7 +14,7 @@ export const Brand = ({ title, more = '' }) => html`<a class="brand" href=${kios
 
 /**
  * The other pages, and the alarm to see first. `bay`: the one that is looked at; none: the first. `alarms`: the summary, where the
- * page pulls it already, as often. @param {{session: any, bay: string|null, current: string, alarms?: any}} at
+ * page pulls it already, at the same pace. @param {{session: any, bay: string|null, current: string, alarms?: any}} at
  */
 export function Pages({ session, bay, current, alarms }) {
   const path = encodeURIComponent(bay ?? session.bays[0] ?? '');
@@ -70,14 +70,7 @@ export function ViewMenu() {
 /** `next`: where to go after a login. @param {{session: any, next?: string}} at */
 export function SessionMenu({ session, next = location.pathname + location.search }) {
   if (kiosk) return '';
-  const logout = async () => {
-    try {
-      await post('/api/logout', {}, session.csrf);
-    } finally {
-      location.assign('/login');
-    }
-  };
   if (session.name !== null)
-    return html`<${ViewMenu} /><span translate="no" title=${translated(session.role)}>${session.name}</span><button type="button" class="plain small" onClick=${logout}>Log out</button>`;
+    return html`<${ViewMenu} /><span translate="no" title=${translated(session.role)}>${session.name}</span><button type="button" class="plain small" onClick=${() => logOut(session.csrf)}>Log out</button>`;
   return session.can_login ? html`<${ViewMenu} /><a href=${`/login?next=${encodeURIComponent(next)}`}>Log in</a>` : html`<${ViewMenu} /><span class="muted">${text('no login ({0})', t(session.role))}</span>`;
 }

@@ -104,6 +104,20 @@ export function useFetched(path, key, everyMs, on = true) {
   return got;
 }
 
+/** `value`, of which a change is passed on at most every `everyMs`: the first at once, then the newest. */
+export function useAtMost(value, everyMs) {
+  const [passed, setPassed] = useState(value);
+  const atMs = useRef(-Infinity);
+  useEffect(() => {
+    const timer = setTimeout(() => {
+      atMs.current = performance.now();
+      setPassed(value);
+    }, Math.max(0, atMs.current + everyMs - performance.now()));
+    return () => clearTimeout(timer);
+  }, [value, everyMs]);
+  return passed;
+}
+
 /** A piece of state that outlives a reload of the page, where the browser keeps such things. */
 export function useKept(name, initial) {
   const [value, setValue] = useState(() => {

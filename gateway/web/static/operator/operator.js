@@ -14,7 +14,7 @@ import { Bars } from './bars.js';
 import { Decision } from './decision.js';
 import { Events } from './events.js';
 import { Health } from './health.js';
-import { useFetched, useLive, useMedia, useNow } from './hooks.js';
+import { useAtMost, useFetched, useLive, useMedia, useNow } from './hooks.js';
 import { Notice } from './notice.js';
 import { Overview } from './overview.js';
 import { LivePicture } from './picture.js';
@@ -92,7 +92,8 @@ function App({ session }) {
   const stateOf = (one) => (one && one.state && Number.isFinite(one.age_ms) && one.age_ms + ageMs <= freshness.limitMs ? one.state : null);
   const [shape, setShape] = useState(4 / 3); // of the picture
   const [asked, setAsked] = useState(0);
-  const [alarms, wrong] = useFetched('/api/alarms', `${view?.alarms.newest_change ?? ''} ${asked}`, 5000);
+  const changed = useAtMost(view?.alarms.newest_change ?? '', 1000);
+  const [alarms, wrong] = useFetched('/api/alarms', `${changed} ${asked}`, 5000);
   const list = { answer: alarms, wrong, again: () => setAsked((n) => n + 1), session };
   const byBay = view?.alarms.by_bay ?? {};
   const alarmsOf = (name) => (Object.hasOwn(byBay, name) ? byBay[name] : 0);
