@@ -8,6 +8,7 @@ ranger alone shows it (method "paper"). The driver's display: until the word BRA
 
 import argparse
 import json
+import re
 import sys
 import tempfile
 from contextlib import ExitStack
@@ -39,9 +40,11 @@ LATEST_MS = 5_000
 
 
 def rolled_ms(url: str) -> list[int]:
+    """Unix times, ms, of each time that it began to roll nearer."""
     with urlopen(f"{url}/api/events") as answer:
-        rows = json.load(answer)["events"]
-    return [row["event"]["timestamp_ms"] for row in rows if row["event"]["kind"] == "rolling"]
+        events = [row["event"] for row in json.load(answer)["events"]]
+    rolls = [(event, re.search(r"Z (\d+) mm.*-> Z (\d+) mm", event["detail"])) for event in events]
+    return [event["timestamp_ms"] for event, z in rolls if event["kind"] == "rolling" and z and int(z[2]) < int(z[1])]
 
 
 def main() -> int:
@@ -57,12 +60,13 @@ def main() -> int:
         for _ in range(args.rolls):
             pages[DRIVER].wait_for_timeout(1000 * CYCLE_S)
         rolls = rolled_ms(running.url)
-        print(f"{'page':24} rolls  median ms  longest ms")
+        print(f"{'page':24} shown  median ms  longest ms")
         for path, page in pages.items():
             shown = page.evaluate("() => window.__shown")
             waits = [min((at - roll for at in shown if at >= roll), default=LATEST_MS) for roll in rolls]
             seen = [wait for wait in waits if wait < LATEST_MS]
-            print(f"{path:24} {len(seen):5}  {median(seen):9.0f}  {max(seen):10}" if seen else f"{path:24}     0")
+            number = f"{len(seen)} of {len(waits)}"
+            print(f"{path:22} {number:>8} {median(seen):10.0f} {max(seen):11}" if seen else f"{path:22} {number:>8}")
     return 0
 
 

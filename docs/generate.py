@@ -80,6 +80,7 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
     "guidance.md": {
         "comparison": guidance_report.comparison,
         "grid": guidance_report.grid,
+        "against": guidance_report.against,
     },
     "historian.md": {"tables": historian_tables.markdown},
     "hmi-security.md": {"access": app.markdown},

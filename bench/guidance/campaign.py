@@ -1,7 +1,8 @@
 """Simulated drivers come to the bay, with the gateway's guidance and with a bell only, and what came of it.
 
     python -m bench.guidance.campaign --jobs 8                      1,000 approaches for each profile and aid
-    python -m bench.guidance.campaign --grid --approaches 20        the thresholds of SLOW and STOP against each other
+    python -m bench.guidance.campaign --grid --approaches 100       the thresholds of SLOW and STOP against each other
+    python -m bench.guidance.campaign --against slow_s=2 --approaches 500       other settings against the defaults
     python -m bench.guidance.campaign --seed 7 --profile attentive  this one, as it was at each change of the sign
 
 Each approach runs the gateway's own bay control in virtual time (bench/guidance/approach.py); equal seeds draw the same
@@ -179,9 +180,7 @@ def example(profile: Profile, seed: int) -> dict[str, Any]:
 
 
 def grid(seeds: range, processes: int, kept: Path | None = None) -> dict[str, Any]:
-    """The display alone, over the thresholds; each with the same drivers. `only_here_and_only_best`: how many of them
-    came past the tolerance with this point and not with the best one, and the other way round.
-    """
+    """The display alone, over the thresholds; each with the same drivers, compared with the best one."""
     points = [dict(zip(GRID, values, strict=True)) for values in product(*GRID.values())]
     todo = [job for point in points for job in jobs(Profile, (Aid.DISPLAY,), seeds, point)]
     results = played(todo, processes, kept)
@@ -195,9 +194,27 @@ def grid(seeds: range, processes: int, kept: Path | None = None) -> dict[str, An
         rows.append(point | of_all)
     chosen = of_points[rows.index(dict(best(rows)))]
     for row, of_point in zip(rows, of_points, strict=True):
-        past = [(a.overshoots > 0, b.overshoots > 0) for a, b in zip(of_point, chosen, strict=True)]
-        row["only_here_and_only_best"] = [past.count((True, False)), past.count((False, True))]
+        row.update(paired(of_point, chosen))
     return {"first_seed": seeds.start, "rows": rows}
+
+
+def against(changed: Mapping[str, float], seeds: range, processes: int, kept: Path | None = None) -> dict[str, Any]:
+    """The display with other settings against the defaults, driver by driver."""
+    each = [list(jobs(Profile, (Aid.DISPLAY,), seeds, settings_)) for settings_ in (changed, {})]
+    results = played([*each[0], *each[1]], processes, kept)
+    other, default = results[: len(each[0])], results[len(each[0]) :]
+    return {"first_seed": seeds.start, "settings": dict(changed), "approaches": len(other)} | paired(other, default)
+
+
+def paired(other: Sequence[Result], one: Sequence[Result]) -> dict[str, int]:
+    """Of the same drivers: how many came past the tolerance only with `other`, and only with `one`."""
+    past = [(a.overshoots > 0, b.overshoots > 0) for a, b in zip(other, one, strict=True)]
+    return {"past_only_here": past.count((True, False)), "past_only_there": past.count((False, True))}
+
+
+def key_value(text: str) -> tuple[str, float]:
+    key, _, value = text.partition("=")
+    return key, float(value)
 
 
 def best(rows: Sequence[Mapping[str, Any]], alike: float = 0.02) -> Mapping[str, Any]:
@@ -225,6 +242,13 @@ def main() -> int:
     parser.add_argument("--from", type=int, dest="first", help=f"seed of the first; default {UNSEEN}, of the grid 0")
     parser.add_argument("--jobs", type=int, default=1, help="processes; default 1")
     parser.add_argument("--grid", action="store_true", help="the grid of thresholds instead of the comparison")
+    parser.add_argument(
+        "--against",
+        type=key_value,
+        nargs="+",
+        metavar="KEY=VALUE",
+        help="other settings of [guidance] against the defaults instead, driver by driver, on seeds that chose none",
+    )
     parser.add_argument("--out", type=Path, default=RESULTS, help="the result file; default %(default)s")
     parser.add_argument("--kept", type=Path, default=KEPT, help="the single approaches; default %(default)s")
     parser.add_argument("--seed", type=int, help="play this one, and print what happens")
@@ -237,9 +261,14 @@ def main() -> int:
         return 0
     first = args.first if args.first is not None else 0 if args.grid else UNSEEN
     seeds = range(first, first + args.approaches)
-    found = (grid if args.grid else compared)(seeds, args.jobs, args.kept)
+    if args.against:
+        part, found = "against", against(dict(args.against), seeds, args.jobs, args.kept)
+    elif args.grid:
+        part, found = "grid", grid(seeds, args.jobs, args.kept)
+    else:
+        part, found = "comparison", compared(seeds, args.jobs, args.kept)
     data = json.loads(args.out.read_text(encoding="utf-8")) if args.out.exists() else {}
-    data["grid" if args.grid else "comparison"] = found
+    data[part] = found
     args.out.parent.mkdir(parents=True, exist_ok=True)
     text = re.sub(r"\[[^][{}]*\]", lambda row: " ".join(row[0].split()), json.dumps(data, indent=1))  # a row a line
     args.out.write_text(text + "\n", encoding="utf-8")

@@ -14,7 +14,7 @@ from bench.guidance.campaign import BIN_MM, BIN_S, GRID, RESULTS, best
 from bench.guidance.driver import Aid
 from gateway.vision.offline.evaluation.scoring import wilson
 
-ALIKE_P = 0.05
+TOLD_APART_P = 0.05
 IMAGES = RESULTS.parents[1] / "images"
 # Of Okabe and Ito, told apart by people with any colour vision; the bell's line is dashed as well.
 STYLES: Mapping[str, dict[str, Any]] = {
@@ -61,7 +61,9 @@ def grid() -> str:
     rows = results()["grid"]["rows"]
     chosen = best(rows)
     leads = sorted({row["stop_lead_s"] for row in rows})
-    cells = {(row["slow_mm"], row["slow_s"], row["stop_lead_s"]): _cell(row, row is chosen) for row in rows}
+    cells = {
+        (row["slow_mm"], row["slow_s"], row["stop_lead_s"]): _cell(row, row is chosen, len(rows) - 1) for row in rows
+    }
     head = " | ".join(f"stop_lead_s {lead:g}" for lead in leads)
     lines = [f"| slow_mm | slow_s | {head} |", "|---" * (2 + len(leads)) + "|"]
     for slow_mm, slow_s in sorted({(row["slow_mm"], row["slow_s"]) for row in rows}):
@@ -70,15 +72,26 @@ def grid() -> str:
     return "\n".join([*lines, "", f"{rows[0]['approaches']} approaches a cell, of all four drivers together."])
 
 
-def _cell(row: Mapping[str, Any], chosen: bool) -> str:
+def against() -> str:
+    found = results()["against"]
+    settings = ", ".join(f"`{key}` {value:g}" for key, value in found["settings"].items())
+    here, there, first = found["past_only_here"], found["past_only_there"], found["first_seed"]
+    return (
+        f"Of {found['approaches']:,} drivers whose seeds chose no threshold (from {first} on), {here} came past the "
+        f"tolerance only with {settings}, and {there} only with the defaults (p {mcnemar(here, there):.2g})."
+    )
+
+
+def _cell(row: Mapping[str, Any], chosen: bool, compared: int) -> str:
+    """`compared`: so many are compared with the chosen one (Bonferroni)."""
     text = f"{row['overshot']:.0%}, {row['time_s'][0]:.0f} s"
     if chosen:
         return f"**{text}**"
-    return text if mcnemar(*row["only_here_and_only_best"]) < ALIKE_P else f"*{text}*"
+    return text if mcnemar(row["past_only_here"], row["past_only_there"]) * compared < TOLD_APART_P else f"*{text}*"
 
 
 def mcnemar(only_one: int, only_other: int) -> float:
-    """How likely so many pairs, or fewer, differ one way, if both ways are alike (exact, two-sided)."""
+    """p-value, exact, two-sided: of a split so uneven of the pairs that differ, if both ways are as likely."""
     pairs = only_one + only_other
     tail: float = sum(math.comb(pairs, n) for n in range(min(only_one, only_other) + 1)) / 2**pairs
     return min(1.0, 2 * tail)

@@ -90,7 +90,7 @@ def test_each_point_of_the_grid_is_compared_driver_by_driver_with_the_best(monke
     monkeypatch.setattr(campaign, "played", driven)
     rows = campaign.grid(range(1), 1)["rows"]
     assert [(row["slow_mm"], row["overshot"]) for row in rows] == [(300.0, 0.75), (600.0, 0.5)]
-    assert [row["only_here_and_only_best"] for row in rows] == [[2, 1], [0, 0]]
+    assert [(row["past_only_here"], row["past_only_there"]) for row in rows] == [(2, 1), (0, 0)]
     assert [mcnemar(1, 9), mcnemar(9, 1), mcnemar(0, 0)] == pytest.approx([22 / 1024, 22 / 1024, 1])
 
 
