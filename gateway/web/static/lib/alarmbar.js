@@ -97,6 +97,7 @@ function useSummary(on) {
     if (!on) return undefined;
     let timer = 0;
     let last = '';
+    let failed = 0; // connections since the last message
     let closed = false;
     const lost = () => {
       last = '';
@@ -105,6 +106,7 @@ function useSummary(on) {
     setGot([null, false]);
     const link = open('/api/alarms/live', {
       message(text, arrival) {
+        failed = 0;
         if (text !== last) {
           try {
             setGot([JSON.parse(text).alarms ?? null, false]);
@@ -117,10 +119,18 @@ function useSummary(on) {
       },
       state(connected) {
         if (connected) return;
-        lost();
+        failed += 1;
+        if (failed === 1) {
+          lost();
+          return;
+        }
         get('/api/alarms').then(
-          ({ summary }) => closed || last !== '' || setGot([summary, false]), // with as many pages open as may be
-          (error) => error.status === 401 && !closed && toLogin(), // a login that has ended
+          ({ summary }) => closed || last !== '' || setGot([summary, false]), // as many pages are open as may be
+          (error) => {
+            if (closed || last !== '') return;
+            lost();
+            if (error.status === 401) toLogin(); // the login has ended
+          },
         );
       },
     });
