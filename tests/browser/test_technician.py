@@ -177,7 +177,7 @@ def test_a_change_is_undone_with_one_click_outside_a_function_check_and_after_th
         undo = page.get_by_role("button", name="Begin function check and undo")
         expect(undo).to_be_enabled()
         bay.process("gw-hmi").kill()
-        expect(page.get_by_text("no new data").or_(page.get_by_text("NO CONNECTION"))).to_be_visible()
+        expect(page.get_by_text("no new data").or_(page.get_by_text("NO CONNECTION", exact=True))).to_be_visible()
         expect(page.get_by_text("connected", exact=True)).to_be_visible(timeout=20_000)
         page.reload()
         expect(field).to_have_value(re.compile(r"^350"))
