@@ -15,8 +15,12 @@ from tests.browser.conftest import Visit
 from tests.browser.plant import STANDING, TO_AND_FRO, Plant, plant
 from tests.e2e.plc import Plc
 
+# Decoding fails where the page shows another picture meanwhile: that one is waited for.
 WHITE = """async (image) => {
-  await image.decode();
+  for (let source; source !== image.src;) {
+    source = image.src;
+    await image.decode().catch((error) => { if (source === image.src) throw error; });
+  }
   const canvas = new OffscreenCanvas(image.naturalWidth, image.naturalHeight);
   const g = canvas.getContext('2d');
   g.drawImage(image, 0, 0);
