@@ -28,7 +28,14 @@ def watches() -> Iterator[list[Watch]]:
 
 
 @pytest.fixture
-def visit(browser: Browser, watches: list[Watch]) -> Iterator[Visit]:
+def started() -> Iterator[ExitStack]:
+    """What a test has started and entered here ends after its pages: one whose gateway ends before it complains."""
+    with ExitStack() as running:
+        yield running
+
+
+@pytest.fixture
+def visit(browser: Browser, watches: list[Watch], started: ExitStack) -> Iterator[Visit]:
     """visit(url, ...): `chromium.visited` until the end of the test."""
     with ExitStack() as open_pages:
 

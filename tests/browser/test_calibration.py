@@ -2,6 +2,7 @@
 
 import re
 import zipfile
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -38,11 +39,13 @@ def without_new_picture(route: Route) -> None:
 
 
 @pytest.mark.timeout(300)
-def test_a_lens_from_the_board_to_the_file(visit: Visit, watches: list[Watch], tmp_path: Path) -> None:
-    with board_plant(tmp_path) as plant:
-        page = visit(f"{plant.url}/calibrate/bay1")
-        watches[0].excused = re.compile("409")  # a look may be under way when the calibration is ended
-        calibrated(page, plant.config)
+def test_a_lens_from_the_board_to_the_file(
+    visit: Visit, watches: list[Watch], tmp_path: Path, started: ExitStack
+) -> None:
+    plant = started.enter_context(board_plant(tmp_path))
+    page = visit(f"{plant.url}/calibrate/bay1")
+    watches[0].excused = re.compile("409")  # a look may be under way when the calibration is ended
+    calibrated(page, plant.config)
 
 
 def calibrated(page: Page, file: Path) -> None:
@@ -88,7 +91,6 @@ def calibrated(page: Page, file: Path) -> None:
     page.get_by_role("button", name="End this calibration").click()
     expect(page.get_by_role("button", name="Begin")).to_be_visible()
     expect(page.get_by_label("inner corners in a row")).to_have_value("8")  # remembered
-    page.close()  # before the gateway ends
 
     saved = config.load(file).bays[0]
     lens = saved.vision.intrinsics

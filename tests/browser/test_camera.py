@@ -1,6 +1,7 @@
 """The camera's own controls on the technician's page: tried on the bay's camera, put back, and saved to the file."""
 
 import re
+from contextlib import ExitStack
 from pathlib import Path
 
 from playwright.sync_api import Page, Request, Route, expect
@@ -20,37 +21,39 @@ def tried(page: Page, name: str, value: int) -> None:
     field.press("Enter")
 
 
-def test_an_answer_from_before_a_change_takes_nothing_back(visit: Visit, tmp_path: Path) -> None:
+def test_an_answer_from_before_a_change_takes_nothing_back(visit: Visit, tmp_path: Path, started: ExitStack) -> None:
     """The page asks once a second what the camera has. An answer may be on its way while a value is tried."""
-    with plant(tmp_path, STANDING) as bay:
-        page = visit(f"{bay.url}/tune/bay1#camera")
-        panel = page.locator("#camera")
-        page.get_by_role("button", name="Begin function check").click()
-        expect(panel.locator("[data-control=gain] input[type=range]")).to_be_enabled()
-        held: list[Route] = []
-        posts: list[object] = []
+    bay = started.enter_context(plant(tmp_path, STANDING))
+    page = visit(f"{bay.url}/tune/bay1#camera")
+    panel = page.locator("#camera")
+    page.get_by_role("button", name="Begin function check").click()
+    expect(panel.locator("[data-control=gain] input[type=range]")).to_be_enabled()
+    held: list[Route] = []
+    posts: list[object] = []
 
-        def note(request: Request) -> None:
-            if request.url.endswith("/camera/try"):
-                posts.append(request.post_data_json)
+    def note(request: Request) -> None:
+        if request.url.endswith("/camera/try"):
+            posts.append(request.post_data_json)
 
-        page.on("request", note)
-        before = page.evaluate("() => fetch('/api/bays/bay1/camera').then((answer) => answer.json())")
-        page.route("**/api/bays/bay1/camera", lambda route: held.append(route))  # noqa: PLW0108
-        until(page, lambda: held)  # asked before the change
-        tried(page, "gain", 5)
-        expect(panel.get_by_role("status")).to_have_text("1 tried")
-        held[0].fulfill(json=before)
-        page.wait_for_timeout(300)
-        expect(panel.get_by_role("status")).to_have_text("1 tried")
-        tried(page, "exposure_time_absolute", 20)
-        expect(panel.get_by_role("status")).to_have_text("2 tried")
-        assert posts == [{"controls": {"gain": 5}}, {"controls": {"gain": 5, "exposure_time_absolute": 20}}]
-        page.close()  # before the gateway ends
+    page.on("request", note)
+    before = page.evaluate("() => fetch('/api/bays/bay1/camera').then((answer) => answer.json())")
+    page.route("**/api/bays/bay1/camera", lambda route: held.append(route))  # noqa: PLW0108
+    until(page, lambda: held)  # asked before the change
+    tried(page, "gain", 5)
+    expect(panel.get_by_role("status")).to_have_text("1 tried")
+    held[0].fulfill(json=before)
+    page.wait_for_timeout(300)
+    expect(panel.get_by_role("status")).to_have_text("1 tried")
+    tried(page, "exposure_time_absolute", 20)
+    expect(panel.get_by_role("status")).to_have_text("2 tried")
+    assert posts == [{"controls": {"gain": 5}}, {"controls": {"gain": 5, "exposure_time_absolute": 20}}]
 
 
-def test_controls_are_tried_put_back_and_saved_with_crop_and_rotation(visit: Visit, tmp_path: Path) -> None:
-    with plant(tmp_path, STANDING) as bay, Plc(bay.modbus_port) as plc:
+def test_controls_are_tried_put_back_and_saved_with_crop_and_rotation(
+    visit: Visit, tmp_path: Path, started: ExitStack
+) -> None:
+    bay = started.enter_context(plant(tmp_path, STANDING))
+    with Plc(bay.modbus_port) as plc:
         plc.wait_for(lambda image: image["radius"] is not None, PATIENCE_S)
         page = visit(f"{bay.url}/tune/bay1#camera")
         panel = page.locator("#camera")
@@ -98,7 +101,6 @@ def test_controls_are_tried_put_back_and_saved_with_crop_and_rotation(visit: Vis
         expect(dialog).to_contain_text(re.compile(r"A restart of the gateway is needed for:.*rotation_deg", re.DOTALL))
         dialog.get_by_role("button", name="Save").click()
         expect(dialog.locator("[data-saved]")).to_be_visible()
-        page.close()  # before the gateway ends
     saved = config.load(bay.config).bays[0].camera
     assert (saved.controls.gain, saved.rotation_deg, saved.picture_px) == (5, 90, (480, 560))
     assert "# The bay of a test. This comment and the others must outlive" in bay.config.read_text()

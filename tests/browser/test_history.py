@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -177,10 +178,10 @@ def test_it_is_accessible_usable_by_keyboard_and_fits(page: Page) -> None:
         judgements.no_sideways_scroll(page)
 
 
-def test_where_nothing_is_recorded_it_says_which_key(tmp_path: Path, visit: Visit) -> None:
-    with plant(tmp_path, STANDING) as running:
-        page = visit(f"{running.url}/#bay1")
-        page.get_by_role("link", name="History").click()
-        expect(page.locator("main")).to_contain_text("Nothing is recorded")
-        expect(page.locator("main")).to_contain_text("state_dir")
-        judgements.accessible(page)
+def test_where_nothing_is_recorded_it_says_which_key(tmp_path: Path, started: ExitStack, visit: Visit) -> None:
+    running = started.enter_context(plant(tmp_path, STANDING))
+    page = visit(f"{running.url}/#bay1")
+    page.get_by_role("link", name="History").click()
+    expect(page.locator("main")).to_contain_text("Nothing is recorded")
+    expect(page.locator("main")).to_contain_text("state_dir")
+    judgements.accessible(page)

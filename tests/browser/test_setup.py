@@ -3,6 +3,7 @@
 import re
 import socket
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -168,19 +169,20 @@ def test_a_score_that_takes_long_is_waited_for_in_sight_and_may_be_cancelled(
     watches[0].complaints[:] = [each for each in watches[0].complaints if "/api/setup/save" not in each]
 
 
-def test_bays_of_the_command_line_are_named_and_the_files_kept(visit: Visit, tmp_path: Path) -> None:
-    with plant(tmp_path, STANDING, bays=2) as both:
-        page = visit(f"{both.url}/setup#bays", width_px=1280)
-        expect(page.get_by_text("This gateway was started with other bays than the file's (--bays).")).to_be_visible()
-        expect(page.get_by_role("button", name="Add")).to_have_count(0)
-        page.goto(f"{both.url}/setup#fusion")
-        page.get_by_label("radius_threshold_px", exact=True).fill("150.5")
-        look(page)
-        page.get_by_role("dialog").get_by_role("button", name="Save").click()
-        expect(page.locator("[data-saved]")).to_be_visible()
-        page.goto(f"{both.url}/setup/new-bay")
-        expect(page.locator("main")).to_contain_text("started with other bays than the file's (--bays)")
-        page.close()  # before the gateway ends
+def test_bays_of_the_command_line_are_named_and_the_files_kept(
+    visit: Visit, tmp_path: Path, started: ExitStack
+) -> None:
+    both = started.enter_context(plant(tmp_path, STANDING, bays=2))
+    page = visit(f"{both.url}/setup#bays", width_px=1280)
+    expect(page.get_by_text("This gateway was started with other bays than the file's (--bays).")).to_be_visible()
+    expect(page.get_by_role("button", name="Add")).to_have_count(0)
+    page.goto(f"{both.url}/setup#fusion")
+    page.get_by_label("radius_threshold_px", exact=True).fill("150.5")
+    look(page)
+    page.get_by_role("dialog").get_by_role("button", name="Save").click()
+    expect(page.locator("[data-saved]")).to_be_visible()
+    page.goto(f"{both.url}/setup/new-bay")
+    expect(page.locator("main")).to_contain_text("started with other bays than the file's (--bays)")
 
 
 def test_a_restart_is_confirmed_and_the_page_comes_back(running: Plant, visit: Visit, watches: list[Watch]) -> None:

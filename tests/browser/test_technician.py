@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import cv2
@@ -108,8 +109,11 @@ def test_a_slider_changes_the_mask_of_a_frozen_frame_and_nothing_else(bay: Plant
     assert bay.config.read_text() == before
 
 
-def test_save_shows_the_difference_and_changes_one_line_of_the_file(visit: Visit, tmp_path: Path) -> None:
-    with plant(tmp_path, STANDING) as bay, Plc(bay.modbus_port) as plc:
+def test_save_shows_the_difference_and_changes_one_line_of_the_file(
+    visit: Visit, tmp_path: Path, started: ExitStack
+) -> None:
+    bay = started.enter_context(plant(tmp_path, STANDING))
+    with Plc(bay.modbus_port) as plc:
         before = bay.config.read_text()
         assert in_file(bay.config) == 200.0
         plc.wait_for(lambda image: image["may_move"] == 1, PATIENCE_S)
@@ -144,86 +148,82 @@ def test_save_shows_the_difference_and_changes_one_line_of_the_file(visit: Visit
 
         page.get_by_role("button", name="End function check").click()
         plc.wait_for(lambda image: image["may_move"] == 1, PATIENCE_S)
-        page.close()  # before the gateway ends
 
 
-def test_a_second_tab_notices_what_the_first_has_changed(visit: Visit, tmp_path: Path) -> None:
-    with plant(tmp_path, STANDING) as bay:
-        first, second = tuning(bay, visit), tuning(bay, visit)
-        first.get_by_role("button", name="Begin function check").click()
-        expect(second.get_by_role("heading", name=re.compile("FUNCTION CHECK"))).to_be_visible()
-        field = first.locator(f"#k-{AREA}-n")
-        field.fill("350")
-        field.press("Enter")
-        first.get_by_role("button", name="Go live").click()
-        expect(first.get_by_role("status").filter(has_text=LIVE)).to_be_visible()
-        expect(second.locator("#why-not-live")).to_contain_text(f"by somebody else, and live: {AREA}.")
-        expect(second.locator(f"#k-{AREA}-n")).to_have_value(re.compile(r"^350"))
-        first.get_by_role("button", name="End function check").click()
-        expect(second.get_by_role("button", name="Begin function check", exact=True)).to_be_visible()
-        first.close()  # before the gateway ends
-        second.close()
+def test_a_second_tab_notices_what_the_first_has_changed(visit: Visit, tmp_path: Path, started: ExitStack) -> None:
+    bay = started.enter_context(plant(tmp_path, STANDING))
+    first, second = tuning(bay, visit), tuning(bay, visit)
+    first.get_by_role("button", name="Begin function check").click()
+    expect(second.get_by_role("heading", name=re.compile("FUNCTION CHECK"))).to_be_visible()
+    field = first.locator(f"#k-{AREA}-n")
+    field.fill("350")
+    field.press("Enter")
+    first.get_by_role("button", name="Go live").click()
+    expect(first.get_by_role("status").filter(has_text=LIVE)).to_be_visible()
+    expect(second.locator("#why-not-live")).to_contain_text(f"by somebody else, and live: {AREA}.")
+    expect(second.locator(f"#k-{AREA}-n")).to_have_value(re.compile(r"^350"))
+    first.get_by_role("button", name="End function check").click()
+    expect(second.get_by_role("button", name="Begin function check", exact=True)).to_be_visible()
+    second.close()
 
 
 def test_a_change_is_undone_with_one_click_outside_a_function_check_and_after_the_web_process_was_replaced(
-    visit: Visit, watches: list[Watch], tmp_path: Path
+    visit: Visit, watches: list[Watch], tmp_path: Path, started: ExitStack
 ) -> None:
-    with plant(tmp_path, STANDING) as bay:
-        page = tuning(bay, visit)
-        page.get_by_role("button", name="Begin function check", exact=True).click()
-        field = page.locator(f"#k-{AREA}-n")
-        field.fill("350")
-        field.press("Enter")
-        page.get_by_role("button", name="Go live").click()
-        expect(page.get_by_role("status").filter(has_text=LIVE)).to_be_visible()
-        expect(page.get_by_role("button", name="Undo live change", exact=True)).to_be_enabled()
-        page.get_by_role("button", name="End function check").click()
-        undo = page.get_by_role("button", name="Begin function check and undo")
-        expect(undo).to_be_enabled()
-        bay.process("gw-hmi").kill()
-        expect(page.get_by_text("no new data").or_(page.get_by_text("NO CONNECTION", exact=True))).to_be_visible()
-        expect(page.get_by_text("connected", exact=True)).to_be_visible(timeout=20_000)
-        page.reload()
-        expect(field).to_have_value(re.compile(r"^350"))
-        expect(page.locator("#undone")).to_have_text(f"Undo live change brings back: {AREA} = 200.")
-        undo.click()
-        expect(page.get_by_role("heading", name=re.compile("FUNCTION CHECK – may_move is OFF"))).to_be_visible()
-        expect(page.get_by_role("status").filter(has_text="What was in force before is live again.")).to_be_visible()
-        expect(field).to_have_value(re.compile(r"^200"))
-        expect(page.locator("#undone")).to_be_empty()
-        expect(page.get_by_role("button", name="Undo live change", exact=True)).to_be_disabled()
-        page.close()  # before the gateway ends
+    bay = started.enter_context(plant(tmp_path, STANDING))
+    page = tuning(bay, visit)
+    page.get_by_role("button", name="Begin function check", exact=True).click()
+    field = page.locator(f"#k-{AREA}-n")
+    field.fill("350")
+    field.press("Enter")
+    page.get_by_role("button", name="Go live").click()
+    expect(page.get_by_role("status").filter(has_text=LIVE)).to_be_visible()
+    expect(page.get_by_role("button", name="Undo live change", exact=True)).to_be_enabled()
+    page.get_by_role("button", name="End function check").click()
+    undo = page.get_by_role("button", name="Begin function check and undo")
+    expect(undo).to_be_enabled()
+    bay.process("gw-hmi").kill()
+    expect(page.get_by_text("no new data").or_(page.get_by_text("NO CONNECTION", exact=True))).to_be_visible()
+    expect(page.get_by_text("connected", exact=True)).to_be_visible(timeout=20_000)
+    page.reload()
+    expect(field).to_have_value(re.compile(r"^350"))
+    expect(page.locator("#undone")).to_have_text(f"Undo live change brings back: {AREA} = 200.")
+    undo.click()
+    expect(page.get_by_role("heading", name=re.compile("FUNCTION CHECK – may_move is OFF"))).to_be_visible()
+    expect(page.get_by_role("status").filter(has_text="What was in force before is live again.")).to_be_visible()
+    expect(field).to_have_value(re.compile(r"^200"))
+    expect(page.locator("#undone")).to_be_empty()
+    expect(page.get_by_role("button", name="Undo live change", exact=True)).to_be_disabled()
     watches[0].complaints.clear()  # of the time without a web process
 
 
 def test_settings_with_warnings_go_live_only_after_they_were_read(
-    visit: Visit, watches: list[Watch], tmp_path: Path
+    visit: Visit, watches: list[Watch], tmp_path: Path, started: ExitStack
 ) -> None:
-    with plant(tmp_path, STANDING) as bay:
-        page = tuning(bay, visit)
-        page.get_by_role("button", name="Begin function check").click()
-        field = page.locator(f"#k-{AREA}-n")
-        field.fill("90000000")  # px2: nothing is so large
-        field.press("Enter")
-        page.get_by_role("button", name="Go live", exact=True).click()
-        dialog = page.get_by_role("dialog", name=re.compile(r"These settings go live with \d+ warnings:"))
-        expect(dialog.get_by_role("listitem").filter(has_text="finds the marker less often")).to_be_visible()
-        agree = dialog.get_by_role("button", name="Go live all the same")
-        expect(agree).to_be_disabled()
-        held: list[Route] = []
-        page.route("**/bays/bay1/profile", lambda route: held.append(route), times=1)  # noqa: PLW0108
-        dialog.get_by_role("button", name="Cancel").click()
-        until(page, lambda: held)  # what is in force is read again, and no click counts meanwhile
-        unchanged = page.get_by_role("status").filter(has_text="Nothing was changed.")
-        page.wait_for_timeout(300)
-        expect(unchanged).to_have_count(0)
-        held[0].continue_()
-        expect(unchanged).to_be_visible()
-        page.get_by_role("button", name="Go live", exact=True).click()
-        dialog.get_by_role("checkbox").check()
-        agree.click()
-        expect(page.get_by_role("status").filter(has_text=LIVE)).to_be_visible()
-        page.close()  # before the gateway ends
+    bay = started.enter_context(plant(tmp_path, STANDING))
+    page = tuning(bay, visit)
+    page.get_by_role("button", name="Begin function check").click()
+    field = page.locator(f"#k-{AREA}-n")
+    field.fill("90000000")  # px2: nothing is so large
+    field.press("Enter")
+    page.get_by_role("button", name="Go live", exact=True).click()
+    dialog = page.get_by_role("dialog", name=re.compile(r"These settings go live with \d+ warnings:"))
+    expect(dialog.get_by_role("listitem").filter(has_text="finds the marker less often")).to_be_visible()
+    agree = dialog.get_by_role("button", name="Go live all the same")
+    expect(agree).to_be_disabled()
+    held: list[Route] = []
+    page.route("**/bays/bay1/profile", lambda route: held.append(route), times=1)  # noqa: PLW0108
+    dialog.get_by_role("button", name="Cancel").click()
+    until(page, lambda: held)  # what is in force is read again, and no click counts meanwhile
+    unchanged = page.get_by_role("status").filter(has_text="Nothing was changed.")
+    page.wait_for_timeout(300)
+    expect(unchanged).to_have_count(0)
+    held[0].continue_()
+    expect(unchanged).to_be_visible()
+    page.get_by_role("button", name="Go live", exact=True).click()
+    dialog.get_by_role("checkbox").check()
+    agree.click()
+    expect(page.get_by_role("status").filter(has_text=LIVE)).to_be_visible()
     refusals = watches[0].complaints
     assert len(refusals) >= 2
     assert all("409 (Conflict)" in refusal and "/profile/apply" in refusal for refusal in refusals)
@@ -271,42 +271,43 @@ SAME_FRAME = """() => {
 }"""
 
 
-def test_all_pictures_are_of_one_frame_and_a_click_samples_the_one_that_is_seen(visit: Visit, tmp_path: Path) -> None:
+def test_all_pictures_are_of_one_frame_and_a_click_samples_the_one_that_is_seen(
+    visit: Visit, tmp_path: Path, started: ExitStack
+) -> None:
     """The truck moves, and the picture itself comes late, as a large one does."""
-    with plant(tmp_path, TO_AND_FRO) as bay:
-        page = tuning(bay, visit)
+    bay = started.enter_context(plant(tmp_path, TO_AND_FRO))
+    page = tuning(bay, visit)
 
-        def late(route: Route) -> None:
-            page.wait_for_timeout(400)
-            route.continue_()
+    def late(route: Route) -> None:
+        page.wait_for_timeout(400)
+        route.continue_()
 
-        page.route("**/trial/*/picture", late)
-        page.evaluate("() => { window.__apart = []; }")
-        page.evaluate(f"() => {{ const look = {SAME_FRAME}; setInterval(look, 30); }}")
-        tiles = page.locator(".tiles")
-        first = tiles.get_attribute("data-trial")
-        until(page, lambda: tiles.get_attribute("data-trial") != first)
-        asked: list[object] = []
+    page.route("**/trial/*/picture", late)
+    page.evaluate("() => { window.__apart = []; }")
+    page.evaluate(f"() => {{ const look = {SAME_FRAME}; setInterval(look, 30); }}")
+    tiles = page.locator(".tiles")
+    first = tiles.get_attribute("data-trial")
+    until(page, lambda: tiles.get_attribute("data-trial") != first)
+    asked: list[object] = []
 
-        def note(request: Request) -> None:
-            if request.url.endswith("/freeze"):
-                asked.append(request.post_data_json)
+    def note(request: Request) -> None:
+        if request.url.endswith("/freeze"):
+            asked.append(request.post_data_json)
 
-        page.on("request", note)
-        seen = page.evaluate("""() => {
-          const picture = document.querySelector('.tile.picture');
-          const [frame, trial] = [picture.dataset.frame, document.querySelector('.tiles').dataset.trial];
-          picture.querySelector('canvas').click();
-          return [Number(frame), Number(trial)];
-        }""")
-        expect(page.locator(".eyedropper .swatch")).to_be_visible()
-        assert asked == [{"trial": seen[1]}]
-        taken = page.evaluate("() => fetch('/api/bays/bay1/captures').then((answer) => answer.json())")
-        assert [one["frame_ids"] for one in taken] == [[seen[0]]]
-        settled(page)
-        assert page.locator(".tile.picture").get_attribute("data-frame") == str(seen[0])
-        assert page.evaluate("() => window.__apart") == []
-        page.close()  # before the gateway ends
+    page.on("request", note)
+    seen = page.evaluate("""() => {
+      const picture = document.querySelector('.tile.picture');
+      const [frame, trial] = [picture.dataset.frame, document.querySelector('.tiles').dataset.trial];
+      picture.querySelector('canvas').click();
+      return [Number(frame), Number(trial)];
+    }""")
+    expect(page.locator(".eyedropper .swatch")).to_be_visible()
+    assert asked == [{"trial": seen[1]}]
+    taken = page.evaluate("() => fetch('/api/bays/bay1/captures').then((answer) => answer.json())")
+    assert [one["frame_ids"] for one in taken] == [[seen[0]]]
+    settled(page)
+    assert page.locator(".tile.picture").get_attribute("data-frame") == str(seen[0])
+    assert page.evaluate("() => window.__apart") == []
 
 
 BITMAPS = """
