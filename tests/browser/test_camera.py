@@ -49,6 +49,36 @@ def test_an_answer_from_before_a_change_takes_nothing_back(visit: Visit, tmp_pat
     assert posts == [{"controls": {"gain": 5}}, {"controls": {"gain": 5, "exposure_time_absolute": 20}}]
 
 
+def test_values_reach_the_camera_in_their_order(visit: Visit, tmp_path: Path, started: ExitStack) -> None:
+    """The first one's request is held up on its way."""
+    bay = started.enter_context(plant(tmp_path, STANDING))
+    page = visit(f"{bay.url}/tune/bay1#camera")
+    panel = page.locator("#camera")
+    page.get_by_role("button", name="Begin function check").click()
+    expect(panel.locator("[data-control=gain] input[type=range]")).to_be_enabled()
+    held: list[Route] = []
+    posts: list[object] = []
+
+    def on_its_way(route: Route) -> None:
+        if not held:
+            held.append(route)
+            return
+        posts.append(route.request.post_data_json)
+        route.continue_()
+
+    page.route("**/camera/try", on_its_way)
+    tried(page, "gain", 5)
+    until(page, lambda: held)
+    tried(page, "exposure_time_absolute", 20)
+    tried(page, "exposure_time_absolute", 30)
+    page.wait_for_timeout(300)
+    assert posts == []
+    held[0].continue_()
+    expect(panel.get_by_role("status")).to_have_text("2 tried")
+    assert posts == [{"controls": {"gain": 5, "exposure_time_absolute": 30}}]
+    expect(panel.locator("[data-control=exposure_time_absolute] input[type=number]")).to_have_value("30")
+
+
 def test_controls_are_tried_put_back_and_saved_with_crop_and_rotation(
     visit: Visit, tmp_path: Path, started: ExitStack
 ) -> None:

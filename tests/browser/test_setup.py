@@ -169,6 +169,18 @@ def test_a_score_that_takes_long_is_waited_for_in_sight_and_may_be_cancelled(
     watches[0].complaints[:] = [each for each in watches[0].complaints if "/api/setup/save" not in each]
 
 
+def test_changes_are_not_checked_beside_the_dialog_that_saves_them(running: Plant, visit: Visit) -> None:
+    page = visit(f"{running.url}/setup#bays/bay1/fusion")
+    checks: list[str] = []
+    page.on("request", lambda request: checks.extend([request.url] if request.url.endswith("/preview") else []))
+    page.get_by_label("radius_threshold_px", exact=True).fill("150.5")
+    look(page)
+    page.wait_for_timeout(1000)
+    assert len(checks) == 1  # the dialog's own
+    page.get_by_role("dialog").get_by_role("button", name="Cancel").click()
+    until(page, lambda: len(checks) == 2)
+
+
 def test_bays_of_the_command_line_are_named_and_the_files_kept(
     visit: Visit, tmp_path: Path, started: ExitStack
 ) -> None:

@@ -47,8 +47,11 @@ function Tree({ list, path, changes, faults }) {
     <li><a href=${hashOf(DOCTOR)} aria-current=${same(path, DOCTOR) ? 'page' : undefined}>Doctor</a></li></ul>`;
 }
 
-/** The faults of the changes as the gateway finds them, a moment after the last one. */
-function useFaults(file, changes, session) {
+/**
+ * The faults of the changes as the gateway finds them, a moment after the last one. With a dialog `open` it is not
+ * asked: a save makes the changes out of date.
+ */
+function useFaults(file, changes, session, open) {
   const [faults, setFaults] = useState(file.faults);
   const newest = useRef(0);
   useEffect(() => {
@@ -58,6 +61,7 @@ function useFaults(file, changes, session) {
       setFaults(file.faults);
       return undefined;
     }
+    if (open) return undefined;
     const timer = setTimeout(async () => {
       try {
         const plan = await post('/api/setup/preview', { digest: file.digest, changes }, session.csrf);
@@ -67,7 +71,7 @@ function useFaults(file, changes, session) {
       }
     }, CHECK_MS);
     return () => clearTimeout(timer);
-  }, [file, changes]);
+  }, [file, changes, open]);
   return faults;
 }
 
@@ -111,7 +115,7 @@ function Editor({ session, file, load }) {
   const [takenBack, setTakenBack] = useState(0); // how often: the fields are made anew, without what was typed into them
   const schema = file.json_schema;
   const current = useMemo(() => applied(file.written, changes), [file, changes]);
-  const faults = useFaults(file, changes, session);
+  const faults = useFaults(file, changes, session, dialog !== null);
   useEffect(() => {
     const warn = (event) => changes.length > 0 && event.preventDefault();
     addEventListener('beforeunload', warn);

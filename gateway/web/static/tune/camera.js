@@ -22,7 +22,7 @@ function Control({ one, automatic, locked, set }) {
   const act = async (wanted) => {
     setDraft(wanted);
     await set(wanted);
-    setDraft(null);
+    setDraft((now) => (now === wanted ? null : now));
   };
   const id = `c-${one.name}`;
   const name = one.name.replaceAll('_', ' ');
@@ -98,7 +98,8 @@ export function Camera({ bay, send, url, checking }) {
   const [trouble, setTrouble] = useState('');
   const [busy, setBusy] = useState(false);
   const [plan, setPlan] = useState(null);
-  const asked = useRef(null); // what is on its way to the camera, and how many requests
+  const wanted = useRef(null); // what is on its way to the camera
+  const turn = useRef(Promise.resolve()); // of the last request: the next one waits for it
   const round = useRef(0); // how often something was sent to the camera: an answer to what was asked before is old
 
   const doing = async (work) => {
@@ -115,7 +116,7 @@ export function Camera({ bay, send, url, checking }) {
   useEffect(() => {
     if (!open) return undefined;
     const load = () => {
-      if (document.hidden || asked.current !== null) return;
+      if (document.hidden || wanted.current !== null) return;
       const mine = round.current;
       get(url).then((next) => mine === round.current && took(next), (error) => setTrouble(error.message));
     };
@@ -128,18 +129,23 @@ export function Camera({ bay, send, url, checking }) {
   }, [checking]);
 
   const took = (next) => setView((was) => (next.known || !was?.controls.length ? next : { ...next, known: true, controls: was.controls }));
+  // One request at a time, as of two beside each other the first may arrive last; of those that wait, the newest.
   const tryAll = (controls) => doing(async () => {
-    asked.current = { controls, open: (asked.current?.open ?? 0) + 1 };
     round.current += 1;
     const mine = round.current;
+    const newest = () => mine === round.current;
+    wanted.current = controls;
+    const sent = turn.current.then(() => newest() && send('camera/try', { controls }));
+    turn.current = sent.catch(() => {});
     try {
-      const next = await send('camera/try', { controls });
-      if (mine === round.current) took(next);
+      const next = await sent;
+      if (newest()) took(next);
+      else await turn.current; // the newest one's answer has these values, too
     } finally {
-      asked.current = asked.current.open > 1 ? { ...asked.current, open: asked.current.open - 1 } : null;
+      if (newest()) wanted.current = null;
     }
   });
-  const latest = () => asked.current?.controls ?? view.tried;
+  const latest = () => wanted.current ?? view.tried;
   const set = (one) => (value) => {
     const next = { ...latest() };
     const ruled = view.controls.find((control) => control.automatic === one.name);
