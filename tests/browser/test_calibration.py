@@ -66,6 +66,9 @@ def calibrated(page: Page, file: Path) -> None:
 
     page.get_by_role("button", name="Remove view 1", exact=True).click()
     expect(page.locator("[data-view='1']")).to_have_count(0)
+    # Its pose is shown again, and taken: what stands below the views moves meanwhile, away from under a click.
+    expect(page.locator("[data-count]")).to_have_text("11 of 10 views", timeout=ROUND_MS)
+    expect(page.locator(".result")).to_have_attribute("aria-busy", "false")
     page.get_by_label("True radius of the marker").fill("150")
     with page.expect_download() as taken:
         page.get_by_role("link", name="Views (ZIP)").click()
