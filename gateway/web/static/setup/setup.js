@@ -139,12 +139,12 @@ function Editor({ session, file, load }) {
     load();
     document.getElementById('main').focus({ preventScroll: true }); // the button goes away
   };
-  const done = (answer) => {
+  const done = async (answer) => {
+    await load(); // before the dialog closes: what is done next is about the new text
     setDialog(null);
     setChanges([]);
     setTyping({});
     setSaved(answer);
-    load();
     if (answer.live.length > 0) setTimeout(load, RELOADED_MS);
   };
   return html`<div class="setup-page">
