@@ -4,6 +4,7 @@ import re
 from contextlib import ExitStack
 from pathlib import Path
 
+import pytest
 from playwright.sync_api import Page, Request, Route, expect
 
 from gateway import config
@@ -21,13 +22,19 @@ def tried(page: Page, name: str, value: int) -> None:
     field.press("Enter")
 
 
-def test_an_answer_from_before_a_change_takes_nothing_back(visit: Visit, tmp_path: Path, started: ExitStack) -> None:
-    """The page asks once a second what the camera has. An answer may be on its way while a value is tried."""
+@pytest.fixture
+def page(visit: Visit, tmp_path: Path, started: ExitStack) -> Page:
+    """The camera's controls, in a function check."""
     bay = started.enter_context(plant(tmp_path, STANDING))
     page = visit(f"{bay.url}/tune/bay1#camera")
-    panel = page.locator("#camera")
     page.get_by_role("button", name="Begin function check").click()
-    expect(panel.locator("[data-control=gain] input[type=range]")).to_be_enabled()
+    expect(page.locator("#camera [data-control=gain] input[type=range]")).to_be_enabled()
+    return page
+
+
+def test_an_answer_from_before_a_change_takes_nothing_back(page: Page) -> None:
+    """The page asks once a second what the camera has. An answer may be on its way while a value is tried."""
+    panel = page.locator("#camera")
     held: list[Route] = []
     posts: list[object] = []
 
@@ -49,13 +56,9 @@ def test_an_answer_from_before_a_change_takes_nothing_back(visit: Visit, tmp_pat
     assert posts == [{"controls": {"gain": 5}}, {"controls": {"gain": 5, "exposure_time_absolute": 20}}]
 
 
-def test_values_reach_the_camera_in_their_order(visit: Visit, tmp_path: Path, started: ExitStack) -> None:
+def test_values_reach_the_camera_in_their_order(page: Page) -> None:
     """The first one's request is held up on its way."""
-    bay = started.enter_context(plant(tmp_path, STANDING))
-    page = visit(f"{bay.url}/tune/bay1#camera")
     panel = page.locator("#camera")
-    page.get_by_role("button", name="Begin function check").click()
-    expect(panel.locator("[data-control=gain] input[type=range]")).to_be_enabled()
     held: list[Route] = []
     posts: list[object] = []
 

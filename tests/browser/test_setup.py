@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Locator, Page, expect
+from playwright.sync_api import Locator, Page, Route, expect
 
 from tests.browser import judgements
 from tests.browser.chromium import Watch, until
@@ -169,17 +169,41 @@ def test_a_score_that_takes_long_is_waited_for_in_sight_and_may_be_cancelled(
     watches[0].complaints[:] = [each for each in watches[0].complaints if "/api/setup/save" not in each]
 
 
-def test_changes_are_not_checked_beside_the_dialog_that_saves_them(running: Plant, visit: Visit) -> None:
+def test_a_save_can_be_undone_as_soon_as_its_dialog_has_closed(running: Plant, visit: Visit) -> None:
+    """The text that was saved is long in coming."""
+    before = running.config.read_text()
     page = visit(f"{running.url}/setup#bays/bay1/fusion")
-    checks: list[str] = []
-    page.on("request", lambda request: checks.extend([request.url] if request.url.endswith("/preview") else []))
     page.get_by_label("radius_threshold_px", exact=True).fill("150.5")
     look(page)
-    asked = len(checks)  # by the dialog, and on a busy machine before it
+    held: list[Route] = []
+    page.route("**/api/setup/settings", lambda route: held.append(route))  # noqa: PLW0108
+    dialog = page.get_by_role("dialog")
+    save = dialog.get_by_role("button", name="Save", exact=True)
+    save.click()
+    until(page, lambda: held)
+    page.wait_for_timeout(300)
+    expect(dialog).to_be_visible()
+    held[0].continue_()
+    page.unroute("**/api/setup/settings")
+    expect(page.locator("[data-saved]")).to_be_visible()
+    assert running.config.read_text() != before
+    page.get_by_role("button", name="Undo the last save").click()
+    save.click()
+    expect(dialog).to_have_count(0)
+    assert running.config.read_text() == before
+
+
+def test_changes_are_not_checked_beside_the_dialog_that_saves_them(running: Plant, visit: Visit) -> None:
+    page = visit(f"{running.url}/setup#bays/bay1/fusion")
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url.rsplit("/", 1)[1]))
+    page.get_by_label("radius_threshold_px", exact=True).fill("150.5")
+    look(page)
+    checks = asked.count("preview")  # by the dialog, and on a busy machine before it
     page.wait_for_timeout(1000)
-    assert len(checks) == asked
+    assert asked.count("preview") == checks
     page.get_by_role("dialog").get_by_role("button", name="Cancel").click()
-    until(page, lambda: len(checks) == asked + 1)
+    until(page, lambda: asked.count("preview") == checks + 1)
 
 
 def test_bays_of_the_command_line_are_named_and_the_files_kept(

@@ -164,7 +164,6 @@ def test_a_second_tab_notices_what_the_first_has_changed(visit: Visit, tmp_path:
     expect(second.locator(f"#k-{AREA}-n")).to_have_value(re.compile(r"^350"))
     first.get_by_role("button", name="End function check").click()
     expect(second.get_by_role("button", name="Begin function check", exact=True)).to_be_visible()
-    second.close()
 
 
 def test_a_change_is_undone_with_one_click_outside_a_function_check_and_after_the_web_process_was_replaced(
