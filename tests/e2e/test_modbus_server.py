@@ -302,7 +302,10 @@ def states(count: int) -> list[tuple[int, ...]]:
 
 @complete
 async def test_no_torn_read_while_the_image_changes_as_fast_as_it_can() -> None:
-    """Another image at every turn of the event loop, which is where a gateway's images change."""
+    """Another image at every turn of the event loop, which is where a gateway's images change.
+
+    How many of them a poll sees depends on the machine, so it polls until it has seen enough.
+    """
     images = states(2000)
     shown = [images[0]]
     swaps = 0
@@ -314,13 +317,13 @@ async def test_no_torn_read_while_the_image_changes_as_fast_as_it_can() -> None:
             shown[0] = images[swaps % len(images)]
             await asyncio.sleep(0)
 
-    def poll(port: int) -> tuple[int, int, int, int]:
-        torn, accepted, refused = 0, 0, 0
+    def poll(port: int) -> int:
+        torn, refused = 0, 0
         seen: set[int] = set()
         client = ModbusTcpClient("127.0.0.1", port=port)
         assert client.connect()  # type: ignore[no-untyped-call]  # pymodbus
         with closing(client):
-            for _ in range(1500):
+            while min(len(seen), refused) < 300:
                 words = tuple(client.read_holding_registers(0, count=BLOCK_WORDS).registers)
                 seen.add(words[0])
                 torn += words[0] != words[99] or words != images[words[0] // 2]
@@ -328,20 +331,15 @@ async def test_no_torn_read_while_the_image_changes_as_fast_as_it_can() -> None:
                 tail = client.read_input_registers(50, count=50).registers
                 head = client.read_input_registers(0, count=50).registers
                 if head[0] == tail[49]:
-                    accepted += 1
                     torn += (*head, *tail) != images[head[0] // 2]
                 else:
                     refused += 1
-        return torn, len(seen), accepted, refused
+        return torn
 
     async with ModbusServer(ANY_PORT, {1: Unit(lambda: shown[0])}) as server, asyncio.TaskGroup() as group:
         writer = group.create_task(swap())
         polls = [group.create_task(in_thread(lambda: poll(server.port))) for _ in range(2)]
-        for found in asyncio.as_completed(polls):
-            torn, seen, accepted, refused = await found
-            assert torn == 0
-            assert seen > 300, f"{seen} images seen, {swaps} shown"
-            assert refused > 300, f"{accepted} pairs accepted, {refused} refused"
+        assert [await poll_ended for poll_ended in polls] == [0, 0]
         writer.cancel()
 
 
