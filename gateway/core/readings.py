@@ -130,7 +130,7 @@ class VisionStats:
     """Counters since the start of the gateway, one set per bay."""
 
     frames: int = 0  # results delivered
-    skipped: int = 0  # frames replaced by a newer one before it was processed
+    skipped: int = 0  # frames replaced by a newer one before it was processed, or damaged
     lost: int = 0  # frames that ended with their process
     restarts: int = 0  # vision processes replaced
     reopens: int = 0  # sources opened again

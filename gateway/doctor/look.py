@@ -63,7 +63,7 @@ class _CameraFigures:
         look, vision = self.look, self._bay.vision
         found = self._detect(registry.given(vision, frame.image, frame.deep), frame.t_capture_ns).circle
         height_px, width_px = frame.image.shape[:2]
-        problem, remedy = sensors.pace_advice(look, self._bay.camera.fps) if len(look.arrived_ns) > 1 else ("", "")
+        problem, remedy = sensors.frames_advice(look, self._bay.camera.fps) if len(look.arrived_ns) > 1 else ("", "")
         verdict = Verdict.WARNING if problem else Verdict.OK
         return CameraSeen(
             line=Tried("camera", "", verdict, f"open {self._label}, read it", problem or "it gives pictures", remedy),

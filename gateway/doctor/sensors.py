@@ -76,6 +76,8 @@ class CameraLook:
     arrived_ns: list[int] = field(default_factory=list)
     late_ns: list[int] = field(default_factory=list)  # from capture to arrival
     fresh: int = 0  # frames that have proved to be new
+    read: int = 0
+    damaged: int = 0  # frames beside these that could not be decoded
     radius_px: list[float] = field(default_factory=list)
     detector_s: list[float] = field(default_factory=list)  # processor time
     finite: bool = False
@@ -154,6 +156,8 @@ def read(
             look.first_ns, until_ns = now_ns, now_ns + round(seconds * NS_PER_S)
             look.delivered_px = (frame.image.shape[1], frame.image.shape[0])
         look.arrived_ns.append(now_ns)
+        look.read += 1
+        look.damaged += frame.damaged
         look.late_ns.append(max(0, now_ns - frame.t_capture_ns))
         if (passed := checks.passed(frame)) is not None:
             look.fresh += 1
@@ -180,7 +184,7 @@ def _judged(bay: BayConfig, look: CameraLook, tried: str) -> Iterator[Finding]:
         f"{width_px} x {height_px} px{used}, {rate_hz:.1f} frames/s, the first after {first_s:.1f} s, "
         f"{late_ms:.0f} ms old when they arrive; {look.fresh} of {frames} proved to be new"
     )
-    problem, remedy = pace_advice(look, bay.camera.fps)
+    problem, remedy = frames_advice(look, bay.camera.fps)
     verdict = Verdict.WARNING if problem else Verdict.OK
     yield Finding("camera", bay.name, verdict, tried, f"{result}; {problem}" if problem else result, remedy)
     for line in settings.of_picture(bay, *used_px):
@@ -188,8 +192,11 @@ def _judged(bay: BayConfig, look: CameraLook, tried: str) -> Iterator[Finding]:
     yield from _marker(bay, look, rate_hz)
 
 
-def pace_advice(look: CameraLook, asked_hz: float | None) -> tuple[str, str]:
-    """What is wrong with the pace of the frames, and what to do; empty: nothing."""
+def frames_advice(look: CameraLook, asked_hz: float | None) -> tuple[str, str]:
+    """What is wrong with the frames or their pace, and what to do; empty: nothing."""
+    if look.damaged:
+        of = look.read + look.damaged
+        return f"{look.damaged} of {of} frames damaged", "check cable and connectors; no hub, another USB port"
     if len(look.arrived_ns) > 1 and not look.fresh:
         return "equal pictures", "the camera repeats one picture: check it, or its encoder"
     if asked_hz is not None and look.rate_hz < SLOW_SHARE * asked_hz:

@@ -231,7 +231,7 @@ class Capture:
         for _ in range(job.discard):
             source.read()
         checks = FrameChecks(spec.label, job.rules, self._progress.size_px(), may_repeat=source.may_repeat)
-        seq = job.first_seq - 1
+        seq, opened = job.first_seq - 1, False
         last: Image | DeepImage | None = None
         while True:
             frame = source.read()
@@ -251,8 +251,9 @@ class Capture:
             deep = None if passed.used.deep is None else passed.used.deep.view()
             if deep is not None:
                 deep.flags.writeable = False
-            seq += 1
-            if seq == job.first_seq:
+            seq += 1 + frame.damaged  # those, too, are frames without a result
+            if not opened:
+                opened = True
                 height, width = frame.image.shape[:2]
                 self._progress.set_size_px(width, height)
                 self._channel.send(Opened(source.lossless, source.finite))  # before the detector can fail on the frame

@@ -1,6 +1,7 @@
 """Cameras (V4L2) and streams (FFmpeg) through OpenCV. Imported in the vision process only."""
 
 import os
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -24,8 +25,13 @@ if TYPE_CHECKING:
 FFMPEG_OPTIONS = "rtsp_transport;tcp|fflags;nobuffer|flags;low_delay"
 
 
+MOST_DAMAGED = 10  # frames in a row that can't be decoded: the source is lost, and opened anew
+
+
 class CaptureSource(Source):
     """A live source: frames arrive at its own pace, and the newest is the one that counts.
+
+    A frame that can't be decoded is skipped and counted: no frame takes its place, so that the age grows.
 
     `stamps`: of its frames, unless the spec has the time of arrival instead. A source whose frames have been later than
     `late_s` of the spec for as long is lost. Opened again, it begins without a backlog.
@@ -42,18 +48,26 @@ class CaptureSource(Source):
         self._late_since_ns: int | None = None
 
     def read(self) -> Frame:
-        if not self._capture.grab():
-            raise LinkError(f"{self._label}: lost: it gave no further frame")
+        why = ""
+        for damaged in range(MOST_DAMAGED):
+            try:
+                return replace(self._next(), damaged=damaged)
+            except ValueError as error:
+                why = str(error)
+        raise LinkError(f"{self._label}: lost: {why}")
+
+    def _next(self) -> Frame:
+        """Raises LinkError, and ValueError for a frame that can't be used."""
+        if not self._capture.grab():  # FFmpeg decodes here, and goes on with the next frame
+            raise ValueError("it gave no further frame")
         arrival_ns = self._clock.now_ns()  # before the conversion to BGR, which takes its time
         t_capture_ns = self._frame_time.taken_ns(arrival_ns, self._capture.get(cv2.CAP_PROP_POS_MSEC))
         self._check_lateness(arrival_ns - t_capture_ns, arrival_ns)
         ok, image = self._capture.retrieve()
         if not ok or image is None:
-            raise LinkError(f"{self._label}: lost: a frame could not be decoded")
-        try:
-            return frame_of(self._decoded(image), t_capture_ns, self._label)
-        except ValueError as error:
-            raise LinkError(f"{self._label}: {error}") from error
+            raise ValueError("its frames could not be decoded")
+        decoded = self._decoded(image)
+        return Frame(bgr8(decoded), t_capture_ns, deep_of(decoded))
 
     def _decoded(self, image: NDArray[Any]) -> NDArray[Any]:
         """What the driver handed over, as colours or grey. Raises ValueError where it can't be that."""
@@ -119,14 +133,6 @@ class CameraSource(CaptureSource):
         if self._controls is not None:
             self._controls.close()
         super().close()
-
-
-def frame_of(image: NDArray[Any], t_capture_ns: int, label: str) -> Frame:
-    """What a driver handed over, as a frame. Raises LinkError for what is no picture."""
-    try:
-        return Frame(bgr8(image), t_capture_ns, deep_of(image))
-    except ValueError as error:
-        raise LinkError(f"{label}: {error}") from error
 
 
 def open_camera(spec: "CameraSpec", clock: Clock) -> CameraSource:

@@ -21,6 +21,7 @@ class Frame:
     image: Image
     t_capture_ns: int
     deep: DeepImage | None = None  # the same with more than 8 bits, where the camera gives them
+    damaged: int = 0  # frames since the one before that could not be decoded, and were skipped
 
     @property
     def pixels(self) -> Image | DeepImage:

@@ -9,8 +9,7 @@ import cv2
 from gateway.clock import NS_PER_S, Clock
 from gateway.errors import LinkError
 from gateway.vision.offline import inputs
-from gateway.vision.pixels import PICTURE_SUFFIXES, natural_key
-from gateway.vision.source.capture import frame_of
+from gateway.vision.pixels import PICTURE_SUFFIXES, bgr8, natural_key
 from gateway.vision.source.contract import Frame, Source
 
 if TYPE_CHECKING:
@@ -144,7 +143,7 @@ class VideoSource(Source):
             self._pace.wait()  # at the end, too: the last frame has its full time
         if not ok or image is None:
             raise LinkError(f"{self._label}: ended")
-        return frame_of(image, self._clock.now_ns(), self._label)
+        return Frame(bgr8(image), self._clock.now_ns())
 
     def close(self) -> None:
         self._capture.release()

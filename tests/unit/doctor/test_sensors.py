@@ -39,10 +39,16 @@ class Camera(Source):
     label = "camera 7"
 
     def __init__(
-        self, period_s: float = 0.02, late_ms: float = 5, *, frozen: bool = False, frames: int = 10**9
+        self,
+        period_s: float = 0.02,
+        late_ms: float = 5,
+        *,
+        frozen: bool = False,
+        frames: int = 10**9,
+        damaged: int = 0,  # before each frame
     ) -> None:
         self._period_s, self._late_ns, self._frozen = period_s, round(late_ms * NS_PER_MS), frozen
-        self._left = frames
+        self._left, self._damaged = frames, damaged
         self._noise = np.random.default_rng(1)
         self._clock: Clock = SystemClock()
 
@@ -57,7 +63,7 @@ class Camera(Source):
         self._clock.block(self._period_s)
         noise = np.random.default_rng(1) if self._frozen else self._noise
         image = noise.integers(90, 110, (120, 160, 3), dtype=np.uint8)
-        return Frame(image, self._clock.now_ns() - self._late_ns)
+        return Frame(image, self._clock.now_ns() - self._late_ns, damaged=self._damaged)
 
     def close(self) -> None:
         self._left = 0
@@ -109,6 +115,7 @@ def test_a_camera_that_is_well(monkeypatch: pytest.MonkeyPatch) -> None:
         (Camera(frozen=True), {}, WARNING, "0 of ", "repeats one picture"),
         (Camera(0.1), {"fps": 30}, WARNING, "camera.fps asks for 30", "shorter exposure"),
         (Camera(late_ms=300), {}, WARNING, "late", "less delay"),
+        (Camera(damaged=1), {}, WARNING, " frames damaged", "cable and connectors"),
     ],
 )
 def test_what_is_wrong_with_a_camera_is_told_with_a_remedy(
@@ -120,6 +127,11 @@ def test_what_is_wrong_with_a_camera_is_told_with_a_remedy(
     assert found.verdict is verdict
     assert result in found.result
     assert remedy in found.remedy
+
+
+def test_how_many_frames_were_damaged_of_how_many() -> None:
+    look = sensors.CameraLook(read=148, damaged=2, arrived_ns=[0, 1], fresh=148)
+    assert sensors.frames_advice(look, None)[0] == "2 of 150 frames damaged"
 
 
 def test_a_picture_that_is_too_small_for_the_threshold(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -286,7 +286,7 @@ def test_a_camera_of_12_bits_is_asked_for_them_and_gives_them(monkeypatch: pytes
     assert frame.image[6, 8].tolist() == [188] * 3
 
     mosaic = np.zeros((1, 100), np.uint8)
-    with pytest.raises(LinkError, match="camera 2: 100 bytes are no 16 x 12 px of SGRBG12"):
+    with pytest.raises(LinkError, match="camera 2: lost: 100 bytes are no 16 x 12 px of SGRBG12"):
         camera.read()
 
     monkeypatch.setattr(Driver, "set", lambda self, key, value: False)

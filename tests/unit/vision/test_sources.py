@@ -409,7 +409,7 @@ def live(driver: Driver, clock: StepClock, frame_time: FrameTime) -> CaptureSour
 
 def test_a_live_frame_is_stamped_when_it_is_handed_over_not_when_it_is_converted(clock: StepClock) -> None:
     clock.now = 5 * S
-    driver = Driver(clock, [np.full((2, 2), 0x4200, np.uint16), np.zeros((2, 2, 2), np.uint8), None])
+    driver = Driver(clock, [np.full((2, 2), 0x4200, np.uint16)])
     source = live(driver, clock, ArrivalTime())
 
     frame = source.read()
@@ -418,14 +418,22 @@ def test_a_live_frame_is_stamped_when_it_is_handed_over_not_when_it_is_converted
     assert not source.lossless
     assert not source.may_repeat
     assert not source.finite
-    with pytest.raises(LinkError, match="camera 1: 2 channels: only grey"):
-        source.read()
-    with pytest.raises(LinkError, match="camera 1: lost: a frame could not be decoded"):
-        source.read()
     with pytest.raises(LinkError, match="camera 1: lost: it gave no further frame"):
         source.read()
     source.close()
     assert driver.released == 1
+
+
+def test_a_damaged_frame_is_skipped_and_counted_and_only_many_in_a_row_are_a_lost_source(clock: StepClock) -> None:
+    two_channels = np.zeros((2, 2, 2), np.uint8)
+    driver = Driver(clock, [shade(1), None, shade(2), two_channels, *[None] * 8, shade(3), *[None] * 9, two_channels])
+    source = live(driver, clock, ArrivalTime())
+
+    frames = [source.read() for _ in range(3)]
+    assert [(int(frame.image[0, 0, 0]), frame.damaged) for frame in frames] == [(1, 0), (2, 1), (3, 9)]
+    with pytest.raises(LinkError, match=r"^camera 1: lost: 2 channels: only grey"):
+        source.read()
+    assert driver.images == []
 
 
 def test_frames_held_back_by_the_driver_are_as_old_as_their_buffers(clock: StepClock) -> None:

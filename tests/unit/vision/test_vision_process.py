@@ -47,6 +47,7 @@ class FewFrames:
     ahead_ns: int = 0
     one_buffer: bool = False
     lossless: bool = False
+    damaged: int = 0  # before each frame
     label: str = "few"
 
     def open(self, clock: Clock) -> Source:
@@ -66,7 +67,7 @@ class _Few(Source):
             raise LinkError("few: ended")
         self._left -= 1
         image = self._buffer if self._spec.one_buffer else np.zeros((4, 4, 3), np.uint8)
-        return Frame(image, self._clock.now_ns() + self._spec.ahead_ns)
+        return Frame(image, self._clock.now_ns() + self._spec.ahead_ns, damaged=self._spec.damaged)
 
     def close(self) -> None:
         pass
@@ -125,6 +126,12 @@ def test_a_source_without_controls_says_so_after_the_frame_at_hand(ring: RingSpe
     progress.close()
     assert [one for one in diary.entries if isinstance(one, ControlsReport)] == [ControlsReport((), 7)]
     assert isinstance(diary.entries[-1], SourceLost), "it goes on"
+
+
+def test_a_frame_that_could_not_be_decoded_has_a_number_so_that_it_counts_as_skipped(ring: RingSpec) -> None:
+    opened, *frames, _ = captured(FewFrames(3, damaged=2), ring)
+    assert isinstance(opened, Opened)
+    assert [frame.seq for frame in frames] == [7, 10, 13]
 
 
 @pytest.mark.parametrize("ahead_ns", [HOUR_NS, 1 << 62, -1 << 62])

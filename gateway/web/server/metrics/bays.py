@@ -153,7 +153,7 @@ BAYS: tuple[Family, ...] = (
     _gauge("range_rate_hertz", "distances a second", lambda b: b.state.range.stats.rate_hz),
     _counter("ticks", "of fusion; they must go on", lambda s: s.heartbeat),
     _counter("frames", "vision results", lambda s: s.vision.stats.frames),
-    _counter("frames_skipped", "frames replaced by newer ones", lambda s: s.vision.stats.skipped),
+    _counter("frames_skipped", "frames replaced by newer ones, or damaged", lambda s: s.vision.stats.skipped),
     _counter("frames_lost", "frames that ended with their process", lambda s: s.vision.stats.lost),
     _counter("vision_restarts", "vision processes replaced", lambda s: s.vision.stats.restarts),
     _counter("camera_reopens", "camera opened again", lambda s: s.vision.stats.reopens),
