@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from gateway.errors import ConfigError, GatewayError
 from gateway.vision.pixels import PICTURE_SUFFIXES, DeepImage, Image, bgr8, deep_of, natural_key
+from gateway.vision.source import ffmpeg
 
 MAX_PIXELS = 1 << 28  # of one picture: some 3 GB while it is worked on
 MAX_BYTES = (1 << 31) - 1  # of one file that is not a video
@@ -183,7 +184,7 @@ def open_video(path: Path) -> cv2.VideoCapture:
     except UnicodeEncodeError as error:
         raise InputError("the name of a video must be valid UTF-8") from error
     # An absolute path cannot be taken for a URL; FFmpeg by name, as OpenCV may else look for img_01.x, img_02.x, ...
-    return cv2.VideoCapture(str(path.absolute()), cv2.CAP_FFMPEG)
+    return ffmpeg.opened(str(path.absolute()), ffmpeg.FILE)
 
 
 def _video(path: Path) -> Iterator[Picture]:

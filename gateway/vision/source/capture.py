@@ -1,6 +1,5 @@
 """Cameras (V4L2) and streams (FFmpeg) through OpenCV. Imported in the vision process only."""
 
-import os
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +10,7 @@ from gateway.clock import NS_PER_S, Clock, suspended_ns
 from gateway.errors import LinkError
 from gateway.vision.exposure.settings import ExposureRules
 from gateway.vision.pixels import bgr8, deep_of
-from gateway.vision.source import raw, v4l2_controls, v4l2_exposure
+from gateway.vision.source import ffmpeg, raw, v4l2_controls, v4l2_exposure
 from gateway.vision.source.contract import Frame, Source
 from gateway.vision.source.frame_time import ArrivalTime, BufferTime, FrameTime, PresentationTime
 from gateway.vision.source.v4l2_controls import CameraControls
@@ -19,11 +18,6 @@ from gateway.vision.source.v4l2_exposure import V4l2Exposure
 
 if TYPE_CHECKING:
     from gateway.vision.source.specs import CameraSpec, StreamSpec
-
-# Read by OpenCV when a stream is opened. Setting it replaces OpenCV's own default, so TCP must be named again. Without
-# `nobuffer` and `low_delay` FFmpeg holds back several frames. An operator's own setting wins (RTSP over UDP, say).
-FFMPEG_OPTIONS = "rtsp_transport;tcp|fflags;nobuffer|flags;low_delay"
-
 
 MOST_DAMAGED = 10  # frames in a row that can't be decoded: the source is lost, and opened anew
 
@@ -167,17 +161,19 @@ def open_camera(spec: "CameraSpec", clock: Clock) -> CameraSource:
 
 
 def open_stream(spec: "StreamSpec", clock: Clock) -> CaptureSource:
-    """A stream. Raises LinkError when the server cannot be reached, refuses, or sends nothing that FFmpeg understands.
+    """A stream. Raises LinkError when the server cannot be reached, refuses, or sends what is not accepted.
 
     The process monitor's deadlines hold whatever FFmpeg does with its own time limits.
     """
-    os.environ.setdefault("OPENCV_FFMPEG_CAPTURE_OPTIONS", FFMPEG_OPTIONS)
     parameters = [
         *(cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, round(spec.open_timeout_s * 1000)),
         *(cv2.CAP_PROP_READ_TIMEOUT_MSEC, round(spec.read_timeout_s * 1000)),
         *(cv2.CAP_PROP_N_THREADS, 1),  # FFmpeg's frame threads each hold a frame back
     ]
-    capture = cv2.VideoCapture(spec.url, cv2.CAP_FFMPEG, parameters)
+    capture = ffmpeg.opened(spec.url, ffmpeg.NETWORK, parameters)
     if not capture.isOpened():
-        raise LinkError(f"{spec.label}: cannot be opened: no answer, refused, or not a video stream")
+        raise LinkError(f"{spec.label}: cannot be opened: no answer, refused, or not a video stream that is accepted")
+    if (codec := ffmpeg.codec_of(capture)) not in ffmpeg.CODECS:
+        capture.release()
+        raise LinkError(f"{spec.label}: cannot be opened: codec {codec!r}; accepted: {', '.join(ffmpeg.CODECS)}")
     return CaptureSource(capture, spec, clock, PresentationTime())

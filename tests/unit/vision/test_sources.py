@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from gateway.clock import SystemClock
 from gateway.config import CameraConfig
 from gateway.errors import ConfigError, LinkError
-from gateway.vision.source.capture import FFMPEG_OPTIONS, CaptureSource
+from gateway.vision.source.capture import CaptureSource
 from gateway.vision.source.contract import Source
 from gateway.vision.source.files import Pace
 from gateway.vision.source.frame_time import ArrivalTime, BufferTime, FrameTime, PresentationTime
@@ -529,9 +529,11 @@ class Requests:
 
     opens: bool
     made: list[Any] = field(default_factory=list)
+    options: list[str] = field(default_factory=list)
 
     def __call__(self, *args: Any) -> "Requests":
         self.made.append(args)
+        self.options.append(os.environ.get("OPENCV_FFMPEG_CAPTURE_OPTIONS", ""))
         return self
 
     def isOpened(self) -> bool:
@@ -562,19 +564,36 @@ def test_a_camera_is_asked_for_what_is_configured_and_for_nothing_else(
 def test_streams_are_opened_for_low_delay_with_time_limits(clock: StepClock, monkeypatch: pytest.MonkeyPatch) -> None:
     requests = Requests(opens=False)
     monkeypatch.setattr(cv2, "VideoCapture", requests)
-    monkeypatch.setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS", "")  # so that it is put back afterwards
-    monkeypatch.delenv("OPENCV_FFMPEG_CAPTURE_OPTIONS")
+    monkeypatch.delenv("OPENCV_FFMPEG_CAPTURE_OPTIONS", raising=False)
 
     with pytest.raises(LinkError, match=r"^rtsp://cam/1: cannot be opened"):
         StreamSpec("rtsp://a:b@cam/1", open_timeout_s=10.0, read_timeout_s=1.0).open(clock)
 
-    assert os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] == FFMPEG_OPTIONS
-    assert FFMPEG_OPTIONS == "rtsp_transport;tcp|fflags;nobuffer|flags;low_delay"
+    assert "OPENCV_FFMPEG_CAPTURE_OPTIONS" not in os.environ  # a film that is opened afterwards has its own
     ((url, backend, parameters),) = requests.made
     assert (url, backend) == ("rtsp://a:b@cam/1", cv2.CAP_FFMPEG)
+    assert requests.options == [
+        "rtsp_transport;tcp|fflags;nobuffer|flags;low_delay"
+        "|format_whitelist;rtsp,sdp,rtp,mpegts,mpjpeg,mjpeg,jpeg_pipe,h264,hevc"
+        "|protocol_whitelist;rtsp,rtsps,rtp,udp,tcp,tls,http,https|codec_whitelist;h264,hevc,mjpeg,mpeg4"
+    ]
     pairs = dict(zip(parameters[::2], parameters[1::2], strict=True))
     assert pairs == {
         cv2.CAP_PROP_OPEN_TIMEOUT_MSEC: 10_000,
         cv2.CAP_PROP_READ_TIMEOUT_MSEC: 1000,
         cv2.CAP_PROP_N_THREADS: 1,
     }
+
+
+def test_what_an_operator_sets_of_ffmpeg_wins_and_the_rest_stays_in_force(
+    clock: StepClock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    requests = Requests(opens=False)
+    monkeypatch.setattr(cv2, "VideoCapture", requests)
+    monkeypatch.setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS", "rtsp_transport;udp|flags;0")
+
+    with pytest.raises(LinkError, match="cannot be opened"):
+        StreamSpec("rtsp://cam/1", open_timeout_s=10.0, read_timeout_s=1.0).open(clock)
+
+    assert requests.options[0].startswith("rtsp_transport;udp|flags;0|fflags;nobuffer|format_whitelist;rtsp,")
+    assert os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] == "rtsp_transport;udp|flags;0"

@@ -4,6 +4,7 @@ import socketserver
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -58,3 +59,50 @@ def test_a_damaged_frame_of_a_stream_is_skipped_and_counted(damaged: bytes) -> N
         with pytest.raises(LinkError, match="lost: it gave no further frame"):
             source.read()
         source.close()
+
+
+def film(path: Path, codec: str) -> bytes:
+    writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*codec), 25.0, (64, 48))
+    assert writer.isOpened()
+    for level in range(30):
+        writer.write(np.full((48, 64, 3), 8 * level, np.uint8))
+    writer.release()
+    return path.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("name", "codec", "reason"),
+    [
+        ("a.avi", "MAGY", "not a video stream that is accepted"),
+        ("a.avi", "MJPG", "not a video stream that is accepted"),
+        ("a.mp4", "mp4v", "not a video stream that is accepted"),
+        ("a.webm", "VP80", "not a video stream that is accepted"),
+        ("a.ts", "mpg2", "codec 'mpg2'; accepted: h264, hevc, MJPG, FMP4"),
+    ],
+)
+def test_a_device_on_the_network_cannot_select_the_decoder(tmp_path: Path, name: str, codec: str, reason: str) -> None:
+    with served("video/mp2t", film(tmp_path / name, codec)) as url, pytest.raises(LinkError, match=reason):
+        source_spec(CameraConfig(url=url)).open(SystemClock())
+
+
+def test_mpeg_4_in_a_transport_stream_is_accepted(tmp_path: Path) -> None:
+    with served("video/mp2t", film(tmp_path / "a.ts", "mp4v")) as url:
+        source = source_spec(CameraConfig(url=url)).open(SystemClock())
+        assert source.read().image.shape == (48, 64, 3)
+        source.close()
+
+
+def test_a_playlist_opens_nothing_else(tmp_path: Path) -> None:
+    """Neither one that a stream sends, nor one that lies in a folder of films."""
+    film(tmp_path / "a.ts", "mp4v")
+    lists = {
+        "video/x": b"ffconcat version 1.0\nfile a.ts\n",
+        "application/x-mpegurl": b"#EXTM3U\n#EXT-X-TARGETDURATION:2\n#EXTINF:1,\na.ts\n#EXT-X-ENDLIST\n",
+    }
+    for kind, text in lists.items():
+        path = tmp_path / "list.mp4"
+        path.write_bytes(text)
+        with served(kind, text) as url, pytest.raises(LinkError, match="cannot be opened"):
+            source_spec(CameraConfig(url=url)).open(SystemClock())
+        with pytest.raises(LinkError, match="neither a video nor a picture"):
+            source_spec(CameraConfig(url=str(path))).open(SystemClock())
