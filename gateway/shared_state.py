@@ -31,7 +31,7 @@ from gateway.core.shown import valid
 from gateway.core.state import Moved, Reason, StateVector
 from gateway.errors import ConfigError, LinkError
 
-MAGIC = b"LOADBAY2"
+MAGIC = b"LOADBAY2"  # `gateway update` of one version reads the state of another: a new layout is not proven by it
 _HEAD = struct.Struct("<8sIIQ")  # magic, slot size, writer's pid, count of writes
 _BODY = struct.Struct("<QqqqqQ5dBBHb???B")  # the fields of SharedVector from `seq` on; D: -1 where it is unknown
 _CRC = struct.Struct("<I")

@@ -38,6 +38,7 @@ class BayNow(msgspec.Struct, frozen=True, kw_only=True):
     range_ns: int = 0  # when the newest distance was measured
     phase: str = "unknown"
     stop: bool = True
+    function_check: str = ""  # off, may_move_off, may_move_kept; empty: not known
 
 
 class ModbusClient(msgspec.Struct, frozen=True, kw_only=True):

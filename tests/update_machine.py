@@ -13,7 +13,10 @@ from typing import Any
 import msgspec
 
 from gateway.clock import NS_PER_S
+from gateway.core.state import FunctionCheck, Moved, StateVector, Visit, VisitPhase
 from gateway.errors import LinkError
+from gateway.modbus.registers.register_map import REGISTERS, encode
+from gateway.shared_state import SharedVector
 from gateway.status_file import BayNow, ModbusClient, ModbusPort, Status
 from gateway.update.machine import Answer, InstallPaths, Machine, Service
 
@@ -37,6 +40,10 @@ class Version(msgspec.Struct, kw_only=True):
     alarm_after_s: float = 0.0
     reads: bool = True  # the PLC comes back
     answers: bool = True  # the registers do
+    serves: dict[str, int] = {}  # by the name of a register: what it always holds, whatever was decided
+    serves_after_s: float = 0.0
+    shares: bool = True  # a state that the old version can read
+    function_check: str = "off"
     otherwise: list[dict[str, Any]] = []
     refuses: str = ""  # a key that it does not know
     install: str = ""  # why dpkg refuses it
@@ -60,6 +67,7 @@ class World(msgspec.Struct, kw_only=True):
     half_installed: bool = False
     phase: str = "empty"
     phases: dict[str, str] = {}  # from a time on
+    free_mb: float = 1000.0
     watcher_starts: int = 0
 
 
@@ -264,7 +272,11 @@ class PlayedMachine(Machine):
         for from_s, other in world.phases.items():
             phase = other if world.now_s >= float(from_s) else phase
         bay = BayNow(
-            heartbeat=round(age_s * 50) if version.ticks else 5, vision=version.vision, range=version.range, phase=phase
+            heartbeat=round(age_s * 50) if version.ticks else 5,
+            vision=version.vision,
+            range=version.range,
+            phase=phase,
+            function_check=version.function_check,
         )
         plc = ModbusClient(address="10.0.0.7", is_plc=True, quiet_s=0.1 if version.reads and age_s > 10 else 99.0)
         return Status(
@@ -276,8 +288,39 @@ class PlayedMachine(Machine):
             alarms=version.alarms if age_s >= version.alarm_after_s else {},
         )
 
-    def registers(self, host: str, port: int, unit_id: int) -> str:
-        return "" if self.played(self.world.runs).answers else "no answer"
+    def _state(self) -> StateVector:
+        bay = self.status().bays["bay1"]
+        t_ns = round(self.now_s() * NS_PER_S)
+        return StateVector(
+            "bay1",
+            t_ns=t_ns,
+            seq=t_ns // 10_000_000,
+            heartbeat=bay.heartbeat,
+            visit=Visit(VisitPhase[bay.phase.upper()]),
+            function_check=FunctionCheck[bay.function_check.upper()],
+        )
+
+    def registers(self, host: str, port: int, unit_id: int, count: int) -> tuple[int, ...]:
+        version, world = self.played(self.world.runs), self.world
+        if not version.answers:
+            raise LinkError("no answer")
+        image = list(encode(self._state(), 0, "big"))
+        if world.now_s - world.began_s >= version.serves_after_s:
+            for register in REGISTERS:
+                image[register.address] = version.serves.get(register.name, image[register.address])
+        return tuple(image[:count])
+
+    def decided(self, pid: int, bay: str) -> SharedVector:
+        if not self.played(self.world.runs).shares:
+            raise LinkError("no shared state that this version can read")
+        state, nan = self._state(), float("nan")
+        return SharedVector(
+            bay, pid, state.seq, state.t_ns, 0, 0, state.t_ns, 0, nan, nan, nan, nan, nan, state.vision.quality,
+            state.range.quality, state.reason, state.d, state.stop, state.may_move, state.in_place, Moved.NO,
+        )  # fmt: skip
+
+    def free_bytes(self, path: Path) -> tuple[int, int]:
+        return 1, round(self.world.free_mb * 1e6)
 
     # Files: each action, and what is between two of them, may be the last.
 

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from gateway.files import plain_bytes
 from gateway.update import state as states
 from gateway.update.machine import SAVED, Machine, UpdateError, scratch
-from gateway.update.package import configure, is_installed, run_dpkg
+from gateway.update.package import configure, dpkg_fault, is_installed, run_dpkg
 from gateway.update.state import Outcome, Report, Stage, UpdateState
 
 
@@ -92,7 +92,7 @@ def _complete_installation(machine: Machine, state: UpdateState, *, cut_off: boo
         again = run_dpkg(machine) if cut_off and machine.paths.package.is_file() else configure(machine)
         if is_installed(machine):
             return ""
-        fault = again.last_lines
+        fault = dpkg_fault(again)
     except UpdateError as error:
         fault = str(error)
     return (

@@ -15,6 +15,7 @@ from gateway.errors import GatewayError, LinkError, ProtocolError
 from gateway.files import sync_folder
 from gateway.modbus import client
 from gateway.net.listener import from_here
+from gateway.shared_state import SharedStateReader, SharedVector, attachable
 from gateway.status_file import Status
 
 UNIT = "loading-gateway.service"
@@ -220,15 +221,46 @@ class Machine:
             raise LinkError(f"{self.paths.status}: {age_s:.0f} s old")
         return found
 
-    def registers(self, host: str, port: int, unit_id: int) -> str:
-        """Read a register as a PLC does, over plain Modbus TCP. Why that fails; empty: it answers."""
+    def registers(self, host: str, port: int, unit_id: int, count: int) -> tuple[int, ...]:
+        """The first `count` as a PLC reads them, over plain Modbus TCP. Raises LinkError."""
         here = from_here(host)
         try:
             with client.connect(here, port) as sock:
-                client.holding_registers(sock, unit_id, 1)
+                return client.holding_registers(sock, unit_id, count)
         except (OSError, ProtocolError) as error:
-            return f"{here} port {port}, unit {unit_id}: {getattr(error, 'strerror', None) or error}"
-        return ""
+            why = getattr(error, "strerror", None) or error
+            raise LinkError(f"{here} port {port}, unit {unit_id}: {why}") from error
+
+    def decided(self, pid: int, bay: str) -> SharedVector:
+        """The shared state of a bay of that process, by this version's layout. Raises LinkError."""
+        fault = LinkError("no shared state that this version can read")
+        for instance, name in attachable():
+            if name != bay:
+                continue
+            try:
+                with SharedStateReader(instance, bay) as reader:
+                    vector = reader.read()
+            except LinkError as error:
+                fault = error
+                continue
+            if vector.pid == pid:
+                return vector
+        raise fault
+
+    # The disk.
+
+    def free_bytes(self, path: Path) -> tuple[int, int]:
+        """(file system, free bytes) where `path` is, or would be made."""
+        while not path.exists():
+            path = path.parent
+        found = os.statvfs(path)
+        return path.stat().st_dev, found.f_bavail * found.f_frsize
+
+    def size_bytes(self, path: Path) -> int:
+        """What a file, or all that is in a folder, takes."""
+        if not path.is_dir():
+            return path.stat().st_size
+        return sum(one.lstat().st_blocks * 512 for one in path.rglob("*"))
 
     # Links and files: on disk when they return.
 

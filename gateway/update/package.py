@@ -9,9 +9,33 @@ from gateway.update.machine import Answer, Machine, UpdateError
 from gateway.update.state import Report
 
 NAME = "loading-gateway"
+SHARE = "usr/share/loading-gateway"  # of the unpacked package
+SPARE_BYTES = 100_000_000  # for logs, the old files that dpkg still keeps, a package that is larger than the one before
 INSTALL_S = 1800.0  # the installation makes a virtual environment; a slow SD card takes minutes
 _GNUPG = "[GNUPG:] "
 _VERSION = re.compile(r"[0-9][A-Za-z0-9.+~]*")
+
+
+def need_space(machine: Machine, package: Path, old: str) -> None:
+    """Before anything is written: the copy, the unpacked package (of compressed parts: as large as itself), and an
+    environment, as large as that of the running version. Raises UpdateError."""
+    paths, size = machine.paths, machine.size_bytes(package)
+    wanted = (
+        (paths.folder, size),
+        (paths.root / SHARE, size),
+        (paths.versions, machine.size_bytes(paths.versions / old)),
+    )
+    needed: dict[int, list[tuple[Path, int, int]]] = {}
+    for path, count in wanted:
+        disk, free = machine.free_bytes(path)
+        needed.setdefault(disk, []).append((path, count, free))
+    for rows in needed.values():
+        total, free = sum(count for _, count, _ in rows) + SPARE_BYTES, rows[0][2]
+        if total > free:
+            raise UpdateError(
+                f"{' and '.join(str(path) for path, *_ in rows)}: {total / 1e6:.0f} MB needed, "
+                f"{free / 1e6:.0f} MB free; nothing was begun"
+            )
 
 
 def verify(machine: Machine, package: Path, report: Report, *, signature: Path, unsigned: bool) -> None:
@@ -106,6 +130,12 @@ def configure(machine: Machine) -> Answer:
     return machine.command("dpkg", "--configure", NAME, timeout_s=INSTALL_S)
 
 
+def dpkg_fault(answer: Answer) -> str:
+    """dpkg's own error, and what the package's script wrote before it; not the list of packages at its end."""
+    own = answer.err.partition("Errors were encountered while processing:")[0]
+    return Answer(answer.code, err=own).last_lines if own.strip() else answer.last_lines
+
+
 def is_installed(machine: Machine) -> bool:
     """Does dpkg have the package completely?"""
     answer = machine.command("dpkg-query", "--show", "--showformat=${db:Status-Abbrev}", NAME)
@@ -117,7 +147,7 @@ def install(machine: Machine, version: str, report: Report) -> None:
     machine.remove(machine.paths.rejected)  # it gets another try
     answer = run_dpkg(machine)
     if answer.code != 0:
-        raise UpdateError(f"dpkg --install: {answer.last_lines}")
+        raise UpdateError(f"dpkg --install: {dpkg_fault(answer)}")
     executable = machine.paths.executable(version)
     if not executable.exists():
         raise UpdateError(f"the package was installed, but has made no {executable}")

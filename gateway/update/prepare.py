@@ -120,6 +120,7 @@ def _kept_config(machine: Machine, state: UpdateState, report: Report) -> Update
 def _verified(machine: Machine, state: UpdateState, named: Path, options: UpdateOptions, report: Report) -> UpdateState:
     if not named.is_file():
         raise UpdateError(f"{named}: no such file")
+    package.need_space(machine, named, state.old)
     machine.copy(named, machine.paths.package)
     signature = options.signature or named.with_name(f"{named.name}.asc")
     package.verify(machine, machine.paths.package, report, signature=signature, unsigned=options.unsigned)

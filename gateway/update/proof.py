@@ -20,12 +20,16 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """At the service and its gateway, about once a second. `status` None: none of now, and `why`."""
+    """At the service and its gateway, about once a second. `status` None: none of now, and `why`. `registers`: what of
+    them is not what the gateway has decided, or not yet; `wrong`: what certainly is not, so that nothing is waited for.
+    """
 
     t_s: float
     service: Service
     status: Status | None = None
     why: str = ""
+    registers: tuple[str, ...] = ()
+    wrong: str = ""
 
 
 def phases_in_words(status: Status) -> str:
@@ -74,6 +78,9 @@ class Proof:
         if self._restarted(observation.service):
             self.failure = "it was started again by itself: its process has ended"
             return Verdict.FAILED
+        if observation.wrong:
+            self.failure = observation.wrong
+            return Verdict.FAILED
         self.failed_checks = self._failed(observation)
         if observation.status is not None and (self._last is None or observation.status.t_ns != self._last.t_ns):
             self._last = observation.status
@@ -97,7 +104,7 @@ class Proof:
         fault, status = self._not_there(observation), observation.status
         if fault or status is None:
             return [fault]
-        failed = self._failed_of_bays(status)
+        failed = [*self._failed_of_bays(status), *observation.registers]
         return failed if self.before is None else [*failed, *self._failed_of_gateway(status, self.before)]
 
     def _not_there(self, observation: Observation) -> str:
@@ -140,4 +147,6 @@ class Proof:
                 failed.append(f"{name}: no frames of its camera: {now.vision}")
             if was is not None and ranger_runs(was) and not ranger_runs(now):
                 failed.append(f"{name}: no distances of its ranger: {now.range}")
+            if was is not None and was.function_check not in ("", "off") and now.function_check == "off":
+                failed.append(f"{name}: its function check has ended")
         return failed

@@ -71,6 +71,7 @@ class UpdateState(msgspec.Struct, frozen=True, kw_only=True):
     new_config: bool = False  # the switch replaces the configuration
     before: Status | None = None  # of the old version, at the switch; None: it did not run
     registers: bool = False  # the registers could be read at the switch
+    known: tuple[int, ...] = ()  # their words that show the word order (images.KNOWN)
     invocation: str = ""  # of the service, at the last restart
     undone: bool = False  # the configuration is again as before the switch
     resumed: int = 0  # times that the proof was begun again

@@ -7,7 +7,9 @@ from msgspec.structs import replace
 
 from gateway.errors import LinkError
 from gateway.files import plain_bytes
+from gateway.modbus.registers.register_map import BLOCK_WORDS
 from gateway.status_file import Status
+from gateway.update import images
 from gateway.update import state as states
 from gateway.update.finish import abandon, clean, content, digest, returned, tidy, undo_files
 from gateway.update.machine import Machine
@@ -15,6 +17,8 @@ from gateway.update.proof import Observation, Proof, Verdict, is_free, phases_in
 from gateway.update.state import BEFORE_SWITCH, Report, Stage, UpdateState
 
 LOOK_S = 1.0
+AGREE_S = 3.0  # for an image and the shared state of one moment; the status file is written each second
+AGAIN_S = 0.1
 REMIND_S = 300.0  # between two lines about what it waits for
 FREE_LOOKS = 3  # one after another
 MAX_RESUMED = 1  # a proof that was cut off twice is a failure
@@ -101,12 +105,13 @@ def _switched(machine: Machine, state: UpdateState, report: Report) -> UpdateSta
     former = content(paths.config)
     if former is None or digest(former) != state.config_digest:
         return abandon(machine, state, f"{paths.config} was changed after {state.new} had examined it", report)
-    before, registers = None, False
+    before, known = None, set()
     with suppress(LinkError):
         before = machine.status()
-        registers = _registers_fault(machine, before) == ""
+        known = {_image(machine, before, bay)[images.KNOWN] for bay in before.bays}
     machine.write(paths.kept_config(state.old), former, like=paths.config)
-    state = states.write(machine, replace(state, stage=Stage.SWITCHING, before=before, registers=registers))
+    seen = replace(state, stage=Stage.SWITCHING, before=before, registers=len(known) == 1, known=(*known, ())[0])
+    state = states.write(machine, seen)
     if not state.at_once and not (found := _bays(machine))[1]:  # a truck has arrived meanwhile
         return abandon(machine, state, f"a truck has arrived at the last moment ({found[0]})", report)
     report(f"switch from {state.old} to {state.new}")
@@ -165,34 +170,60 @@ def _fault(machine: Machine, state: UpdateState, version: str, report: Report) -
     """Why `version` is not proven; empty: it is."""
     proof = Proof(version, state.before, state.invocation, state.within_s, state.steady_s, state.accepted)
     said: list[str] = []
-    while (verdict := proof.evaluate(_observed(machine))) is Verdict.PENDING:
+    while (verdict := proof.evaluate(_observed(machine, state, version))) is Verdict.PENDING:
         if proof.failed_checks != said:
             said = list(proof.failed_checks)
             report(f"  {'; '.join(said) or 'everything is there again'}")
         machine.sleep(LOOK_S)
-    if verdict is Verdict.FAILED:
-        return proof.failure
-    if not state.registers:
-        return ""
-    with suppress(LinkError):
-        return _registers_fault(machine, machine.status())
-    return "its status is gone"
+    return proof.failure if verdict is Verdict.FAILED else ""
 
 
-def _observed(machine: Machine) -> Observation:
+def _observed(machine: Machine, state: UpdateState, version: str) -> Observation:
+    service = machine.service()
     try:
-        service = machine.service()
-        return Observation(machine.now_s(), service, machine.status())
+        status = machine.status()
     except LinkError as error:
         return Observation(machine.now_s(), service, None, str(error))
+    if status.version != version or status.pid != service.pid:  # which the proof says
+        return Observation(machine.now_s(), service, status)
+    faults: list[str] = []
+    for bay in status.bays:
+        fault, certain = _image_fault(machine, state, bay, version)
+        if certain:
+            return Observation(machine.now_s(), service, status, wrong=f"{bay}: {fault}")
+        faults += [f"{bay}: {fault}"] if fault else []
+    return Observation(machine.now_s(), service, status, registers=tuple(faults))
 
 
-def _registers_fault(machine: Machine, status: Status) -> str:
-    """Reads a register of each bay, as a PLC does; empty: all answer. Over TLS it is not tried."""
+def _image_fault(machine: Machine, state: UpdateState, bay: str, version: str) -> tuple[str, bool]:
+    """What of a bay's registers is not what the gateway has decided, and whether that is certain. Empty: an image of
+    the same moment says the same, and its heartbeat runs; or they could not be read before the update either."""
+    until_s = machine.now_s() + AGREE_S
+    any_map = state.by_hand and version == state.new  # an older version may have an older map
+    first: float | None = None
+    while True:
+        try:
+            status = machine.status()
+            image = _image(machine, status, bay, images.FIRST_WORDS if any_map else BLOCK_WORDS)
+        except LinkError as error:
+            return f"its registers can't be read: {error}" if state.registers else "", False
+        try:
+            vector = machine.decided(status.pid, bay)
+        except LinkError as error:
+            return f"its registers can't be compared: {error}", False
+        found = images.compared(image, vector, status.bays[bay], known=state.known, any_map=any_map)
+        if not found.fault and first is not None and found.heartbeat != first:
+            return "", False
+        first = found.heartbeat if first is None else first
+        if found.certain or machine.now_s() >= until_s:
+            why = found.fault or "their heartbeat does not move"
+            return f"its registers are not what is decided: {why}", found.certain
+        machine.sleep(AGAIN_S)
+
+
+def _image(machine: Machine, status: Status, bay: str, count: int = BLOCK_WORDS) -> tuple[int, ...]:
+    """As a PLC reads it. Over TLS it is not tried. Raises LinkError."""
     plain = [port for port in status.modbus if not port.tls]
-    if not plain:
-        return "no plain Modbus TCP port"
-    for bay in status.bays.values():
-        if fault := machine.registers(plain[0].host, plain[0].port, bay.unit_id):
-            return fault
-    return ""
+    if not plain or bay not in status.bays:
+        raise LinkError("no plain Modbus TCP port" if not plain else "the bay is gone")
+    return machine.registers(plain[0].host, plain[0].port, status.bays[bay].unit_id, count)

@@ -33,6 +33,10 @@ ALARM = (
     "from gateway.web.host.status import StatusCollector as S; from dataclasses import replace; of = S.conditions; "
     "S.conditions = lambda self: replace(of(self), bay_file_damaged='bay1: cut off')"
 )
+LOADS = (  # stop 0, may_move 1, in_place 1 for ever, whatever is decided
+    "from gateway.modbus.registers import bay_unit; of = bay_unit.encode; "
+    "bay_unit.encode = lambda *a: (i := of(*a))[:4] + (0, 1) + i[6:36] + (1,) + i[37:]"
+)
 EXECUTABLE = """\
 #!{python} -B
 import sys
@@ -271,8 +275,9 @@ def test_back_by_hand_ends_an_update_while_it_is_proven(plant: Plant) -> None:
         (EXITS, 60, "it was started again by itself: its process has ended"),
         (NO_FRAMES, 10, "bay1: no frames of its camera: "),
         (ALARM, 10, "new alarm bay_file_damaged (bay1: cut off)"),
+        (LOADS, 60, "bay1: its registers are not what is decided: the image contradicts itself"),
     ],
-    ids=["exits", "no-frames", "alarm"],
+    ids=["exits", "no-frames", "alarm", "loads"],
 )
 def test_a_worse_version_goes_back_by_itself(plant: Plant, patch: str, within_s: int, why: str) -> None:
     state, told = plant.update("2.0", patch, within_s)

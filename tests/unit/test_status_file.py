@@ -108,6 +108,7 @@ async def test_what_a_gateway_writes_of_itself() -> None:
             range_ns=state.range.t_ns,
             phase=state.visit.phase.name.lower(),
             stop=state.stop,
+            function_check="off",
         )
         assert bay.phase in {phase.name.lower() for phase in VisitPhase}
         assert status.modbus == (

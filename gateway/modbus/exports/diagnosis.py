@@ -8,6 +8,8 @@ A condition is written in the subset that IEC 61131-3 structured text, Siemens S
 with `#` before every local name (as in SCL); it is true when the check fails. `Raw` is the decoded block.
 """
 
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 
@@ -87,6 +89,19 @@ CONTRADICTIONS: tuple[str, ...] = (
     "#Raw.position_status_held AND (#Raw.in_place = 0)",
     "(#Raw.signal_lamps_green OR #Raw.signal_lamps_amber) AND (#Raw.may_move = 0)",
 )
+_PYTHON = {"AND": "and", "OR": "or", "XOR": "!=", "=": "==", "<>": "!="}
+
+
+def contradictions(raw: Mapping[str, float | bool]) -> list[str]:
+    """Those of CONTRADICTIONS that are true of `raw`, a block by the names of the PLC programs' fields."""
+    return [claim.replace("#Raw.", "") for claim in CONTRADICTIONS if _holds(claim, raw)]
+
+
+def _holds(claim: str, raw: Mapping[str, float | bool]) -> bool:
+    text = re.sub(r"<>|\bX?OR\b|\bAND\b|=", lambda found: _PYTHON[found[0]], claim)
+    text = re.sub(r"#Raw\.(\w+)", r"raw['\1']", text)
+    return bool(eval(text, {"__builtins__": {}}, {"raw": raw}))  # of the constants above, no input
+
 
 SOUND: tuple[Check, ...] = (
     Check(

@@ -256,10 +256,11 @@ _PLANS = {
 }
 
 
-def decode(image: Sequence[int]) -> dict[str, Value]:
-    """Every register by name, in its unit; None where there is no value. Finds the word order by itself.
+def decode(image: Sequence[int], oldest: int = MAP_VERSION) -> dict[str, Value]:
+    """Every register by name, in its unit; None where there is no value. Finds the word order by itself. Of a newer map
+    version only what this one knows.
 
-    Raises ProtocolError for an image that is torn, of an older map version, or not one of ours.
+    Raises ProtocolError for an image that is torn, of a map version before `oldest`, or not one of ours.
     """
     if len(image) != BLOCK_WORDS:
         raise ProtocolError(f"an image has {BLOCK_WORDS} words, not {len(image)}")
@@ -275,8 +276,8 @@ def decode(image: Sequence[int]) -> dict[str, Value]:
         )
         for register in REGISTERS
     }
-    if (version := image[_ADDRESS["map_version"]]) < MAP_VERSION:
-        raise ProtocolError(f"map version {version} lacks registers of version {MAP_VERSION}")
+    if (version := image[_ADDRESS["map_version"]]) < oldest:
+        raise ProtocolError(f"map version {version} lacks registers of version {oldest}")
     if values["seq_begin"] != values["seq_end"]:
         raise ProtocolError(
             f"torn image: sequence number {values['seq_begin']} at the begin, {values['seq_end']} at the end"

@@ -89,6 +89,7 @@ def _bay_now(state: StateVector, unit_id: int) -> BayNow:
         range_ns=state.range.t_ns,
         phase=state.visit.phase.name.lower(),
         stop=state.stop,
+        function_check=state.function_check.name.lower(),
     )
 
 

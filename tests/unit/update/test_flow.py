@@ -177,10 +177,23 @@ def test_what_is_saved_while_the_configuration_is_examined_was_not_examined(
         ({"alarms": {"sink_lost": ""}, "alarm_after_s": 40.0}, "new alarm sink_lost"),
         ({"reads": False}, "10.0.0.7 does not read registers"),
         ({"answers": False}, "no answer"),
+        ({"serves": {"stop": 0, "may_move": 1, "in_place": 1}}, "the image contradicts itself: "),
+        ({"serves": {"reason": 22}}, "its registers are not what is decided: reason is 22, decided 10"),
+        ({"serves": {"vision_quality": 0}, "serves_after_s": 40.0}, "vision_quality is 0, decided 1"),
+        ({"serves": {"heartbeat": 7}}, "their heartbeat does not move"),
+        ({"serves": {"seq_begin": 7, "seq_end": 7}}, "image 7 is not of state"),
+        ({"serves": {"seq_end": 7}}, "torn image"),
+        ({"serves": {"visit_phase": 3}}, "visit_phase is approaching, and the status says empty"),
+        ({"serves": {"known_u32": 0x5678}}, "another word order?"),
+        ({"serves": {"map_version": 4}}, "map version 4 lacks registers of version 5"),
+        ({"serves": {"ne107_active": 0}}, "a function check is on, and ne107_active does not say so"),
+        ({"function_check": "off"}, "its function check has ended"),
+        ({"shares": False}, "its registers can't be compared: no shared state that this version can read"),
     ],
 )
 def test_a_worse_version_goes_back_by_itself(tmp_path: Path, worse: dict[str, Any], why: str) -> None:
-    old = Version(name=OLD, wants="old_key")
+    worse = {"function_check": "may_move_off"} | worse
+    old = Version(name=OLD, wants="old_key", function_check="may_move_off")
     machine = installed(tmp_path, old)
     update = Update(machine, Version(name=NEW, wants="new_key", migrates={"old_key": "new_key"}, **worse))
     state = update.run()
@@ -203,6 +216,34 @@ def test_what_did_not_work_before_need_not_work_after(tmp_path: Path) -> None:
     broken: dict[str, Any] = {"vision": "link_down", "range": "wrong_version", "reads": False, "answers": False}
     machine = installed(tmp_path, Version(name=OLD, **broken))
     assert Update(machine, Version(name=NEW, **broken), at_once=True).run().outcome is Outcome.UPDATED
+
+
+def test_what_certainly_contradicts_what_is_decided_is_not_waited_for(tmp_path: Path) -> None:
+    machine = installed(tmp_path)
+    Update(machine, Version(name=NEW, serves={"stop": 0, "may_move": 1, "in_place": 1})).run()
+    assert machine.world.began_s < 1100 + 15, "when the old version was started again"
+
+
+def test_a_version_with_a_newer_map_is_taken_and_back_by_hand_takes_the_older_one(tmp_path: Path) -> None:
+    machine = installed(tmp_path)
+    assert Update(machine, Version(name=NEW, serves={"map_version": 6})).run().outcome is Outcome.UPDATED
+    (machine.paths.versions / OLD / "version.json").write_bytes(
+        msgspec.json.encode(Version(name=OLD, serves={"map_version": 4}))
+    )
+    assert Update(machine, None).run().outcome is Outcome.UPDATED
+
+
+def test_without_room_nothing_is_begun(tmp_path: Path) -> None:
+    machine = installed(tmp_path)
+    machine.change(free_mb=99.0)
+    state = Update(machine, Version(name=NEW)).run()
+    assert (state.outcome, state.stage) == (Outcome.ABANDONED, Stage.ENDED)
+    assert "100 MB needed, 99 MB free; nothing was begun" in state.why
+    for path in (machine.paths.folder, machine.paths.versions):
+        assert str(path) in state.why
+    assert "dpkg begins" not in machine.actions
+    assert not any(one.startswith("copy") for one in machine.actions)
+    is_tidy(machine)
 
 
 def test_an_old_version_that_cannot_be_proven_either_is_told(tmp_path: Path) -> None:

@@ -50,6 +50,16 @@ def machine(tmp_path: Path) -> PlayedMachine:
     return made
 
 
+def test_dpkgs_own_error_is_quoted() -> None:
+    out = "(Reading database ... 9 files)\nPreparing to unpack ...\nUnpacking loading-gateway ...\n"
+    failed = "dpkg: error processing archive p.deb (--install):\n cannot copy extracted data: No space left on device\n"
+    err = f"{failed}Errors were encountered while processing:\n p.deb\n"
+    assert package.dpkg_fault(Answer(1, out, err)) == (
+        "dpkg: error processing archive p.deb (--install):; cannot copy extracted data: No space left on device"
+    )
+    assert package.dpkg_fault(Answer(1, "only this\n")) == "only this"
+
+
 def verified(machine: PlayedMachine, path: Path, *, unsigned: bool = False) -> str:
     lines: list[str] = []
     signature = path.with_name(f"{path.name}.asc")
