@@ -209,6 +209,7 @@ class Visit:
     covered: bool = False  # the marker was, while in place, for hold_grace_s: the spout may be down, or it is loaded
     seen_moving: bool = False  # the camera has seen the marker while the truck rolled off its place
     ended: str = ""  # why in_place ended last, in words
+    checked: bool = False  # since a function check D was not 0 yet: a truck that stood there meanwhile is not in place
     reference: ReferencePosition | None = None  # of a truck that is in place, or has left its place without release
 
     @property

@@ -72,6 +72,9 @@ def step(
         visit = replace(visit, clear_since_ns=clear_since_ns, usable_since_ns=usable_since_ns)
     if has_ended(visit, state, limits):
         visit = _after_visit(visit)
+    checked = state.function_check is not FunctionCheck.OFF or (visit.checked and not _d_is_zero(state))
+    if checked != visit.checked:
+        visit = replace(visit, checked=checked)
     if visit.place is not None and not visit.off_mark and _is_off_mark(state, limits):
         visit = replace(visit, off_mark=True)
     if visit.released:
@@ -192,6 +195,11 @@ def _is_off_mark(state: StateVector, limits: Limits) -> bool:
     return state.d is False and state.may_move and distance_mm is not None and distance_mm > limits.off_mark_mm
 
 
+def _d_is_zero(state: StateVector) -> bool:
+    """By both sensors, which fit each other."""
+    return state.d is False and state.memory.disagree_since_ns is None
+
+
 def _settled(visit: Visit, state: StateVector, speed_mm_s: float | None, limits: Limits) -> Visit:
     """In place, once both sensors have confirmed it for settle_s, at the same place."""
     circle, distance_mm = state.vision.circle, state.range.distance_mm
@@ -203,6 +211,7 @@ def _settled(visit: Visit, state: StateVector, speed_mm_s: float | None, limits:
         circle is None
         or distance_mm is None
         or doubtful
+        or visit.checked
         or not _stands_at_mark(state, circle, distance_mm, speed_mm_s, limits)
     ):
         return visit if visit.candidate is None else replace(visit, still_since_ns=None, candidate=None)
@@ -223,7 +232,7 @@ def _settled(visit: Visit, state: StateVector, speed_mm_s: float | None, limits:
 def _stands_at_mark(
     state: StateVector, circle: Circle, distance_mm: float, speed_mm_s: float | None, limits: Limits
 ) -> bool:
-    """D = 1, standing, aligned where an aim is set, not too far in, nothing contradicts, no function check."""
+    """D = 1, standing, aligned where an aim is set, not too far in, and nothing contradicts."""
     fusion, guidance = limits.fusion, limits.guidance
     # D may be held at a circle that is not the marker, so that both values must be those of a truck at the mark.
     large = circle.radius_px >= fusion.radius_threshold_px - max(fusion.radius_hysteresis_px, fusion.away_px)
@@ -232,8 +241,7 @@ def _stands_at_mark(
     aligned = guidance.aim_u_px is None or abs(circle.u_px - guidance.aim_u_px) <= guidance.tolerance_px
     not_past = to_go_mm(circle.radius_px, distance_mm, fusion) >= -guidance.overshoot_mm
     sure = not state.memory.disagree and state.memory.disagree_since_ns is None
-    working = state.function_check is not FunctionCheck.OFF
-    return state.d is True and large and near and still and aligned and not_past and sure and not working
+    return state.d is True and large and near and still and aligned and not_past and sure
 
 
 def _monitored(visit: Visit, place: TruckPosition, state: StateVector, limits: Limits) -> Visit:

@@ -913,11 +913,14 @@ def test_a_release_that_ends_before_d_was_0_for_long_brings_the_stop_back(end: s
 
 
 def lost_and_seen_again() -> Bench:
-    """Was in place until a function check began; has stood before both sensors for 0.5 s of settle_s since its end."""
+    """Was in place until its echo was lost; has stood before both sensors again for 0.5 s of settle_s."""
     bench = in_place()
-    bench.check_function(FunctionCheck.MAY_MOVE_KEPT)
-    bench.check_function(FunctionCheck.OFF)
     Levels(bench)
+    bench.range_fault = Quality.NO_ECHO
+    bench.run(bench.t_s + 0.7)
+    assert bench.state.visit.ended == "no distance"
+    bench.range_fault = None
+    bench.run_until(lambda state: state.visit.still_since_ns is not None, 3)
     bench.run(bench.t_s + 0.5)
     assert bench.state.visit.still_since_ns is not None
     assert not bench.state.in_place
@@ -1131,8 +1134,22 @@ def test_a_function_check_ends_in_place_at_once_and_keeps_it_off(phase: str, che
     bench.run(bench.t_s + 3)
     assert not any(moment.state.in_place for moment in bench.moments[begun:])
     bench.check_function(FunctionCheck.OFF)
+    bench.run(bench.t_s + 5)
+    assert not bench.state.in_place, "the truck that stands there was not seen to come"
+
+
+def test_after_a_function_check_in_place_needs_an_approach_that_was_seen() -> None:
+    bench = in_place()
+    bench.check_function(FunctionCheck.MAY_MOVE_OFF)
+    bench.run(bench.t_s + 1)
+    bench.check_function(FunctionCheck.OFF)
     bench.run(bench.t_s + 2)
-    assert bench.state.in_place == (phase == "in_place")
+    assert (bench.state.visit.checked, bench.state.visit.phase.name) == (True, "AT_MARK")
+    now_ns = bench.now_ns
+    bench.step(VisionReading(now_ns, Quality.GOOD, Circle(320, 240, 159)))
+    away = bench.step(RangeReading(now_ns, Quality.GOOD, 340.0))
+    assert (away.d, away.visit.checked) == (False, False)
+    assert bench.run_until(lambda state: state.in_place, 8).visit.phase.name == "IN_PLACE"
 
 
 # Chatter.
