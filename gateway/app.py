@@ -166,7 +166,7 @@ async def run(
         }
         for bay in config.bays:
             tasks += _bay_tasks(bay, controls[bay.name], visions[bay.name], ports.ranger[bay.name], clock)
-        units = {bay.unit_id: unit_of(controls[bay.name], config.modbus, config.site, clock) for bay in config.bays}
+        units = {bay.unit_id: unit_of(controls[bay.name], config, clock) for bay in config.bays}
         alarm_monitor = AlarmMonitor(
             {bay.name: bay.fusion for bay in config.bays},
             lambda bay: controls[bay].state(),

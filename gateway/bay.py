@@ -165,7 +165,7 @@ class BayControl:
             return
         old = self._hub.state(self.name)
         new = interlock.step(old, observation, self._clock.now_ns(), self._rules)
-        written = events.of_write(old, new, observation.writer) if isinstance(observation, PlcWrite) else []
+        written = events.of_write(old, new, observation) if isinstance(observation, PlcWrite) else []
         happened = events.diff(old, new)
         if by is not None:
             happened = [replace(e, detail=str(by)) if e.kind in CHECK_EVENTS else e for e in happened]

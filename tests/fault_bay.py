@@ -229,7 +229,7 @@ class Bay:
 
     def _serve(self) -> None:
         """The Modbus server's part that answers complete frames."""
-        unit = unit_of(self.control, self.config.modbus, "site1", self.clock)
+        unit = unit_of(self.control, self.config, self.clock)
         self.handler = RequestHandler({1: unit}, RequestStats(), lambda error: self.errors.append(repr(error)))
 
     def __getstate__(self) -> dict[str, Any]:

@@ -6,8 +6,13 @@ from typing import Any
 from gateway.core.plc import Acquired, Handshake, Outcome, PlcLink, TriggerPhase
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import Reason, StateVector, Visit
+from gateway.modbus.exports.structured_text import FUNCTION_BLOCK
+from gateway.modbus.exports.target import Target
 from gateway.modbus.registers.register_map import REGISTERS, encode
 from tests.permitted import permitted, standing
+from tests.structured_text import Instance, Program
+
+BAY = Target().identity
 
 ADDRESS = {register.name: register.address for register in REGISTERS}
 _WATCHED = (
@@ -22,6 +27,10 @@ _WATCHED = (
         "position_status",
         "d",
         "signal_lamps",
+        "unit_id",
+        "bay_identity",
+        "handshake_status",
+        "plc_heartbeat",
     ),
 )
 _CHANGES: tuple[dict[str, Any], ...] = (
@@ -34,7 +43,14 @@ _CHANGES: tuple[dict[str, Any], ...] = (
 
 
 def words(state: StateVector) -> list[int]:
-    return list(encode(state, 1_763_640_000_123_456_789, "big"))
+    return list(encode(state, 1_763_640_000_123_456_789, "big", BAY))
+
+
+def block_of(program: Program) -> Instance:
+    """A function block that is told which bay it reads, as every exported program does."""
+    made = program.instance(FUNCTION_BLOCK)
+    made.values |= {"UnitId": BAY.unit_id, "BayIdentity": BAY.number}
+    return made
 
 
 def torn(state: StateVector, seq_end: int) -> list[int]:
@@ -65,11 +81,13 @@ def answered(
     number: int = 0,
     ack: bool = False,
     timed_out: bool = False,
+    echo: int = 0,
 ) -> list[int]:
     """The image of a gateway with writes on, as its handshake stands."""
     result = Acquired(number, 0, Outcome.IN_PLACE, 320.0, 240.0, 190.0, 281.0) if phase is TriggerPhase.VALID else None
     plc = Handshake(
         PlcLink.ALIVE,
+        heartbeat=echo,
         control=control,
         phase=phase,
         acquisition=number,

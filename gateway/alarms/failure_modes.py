@@ -236,6 +236,15 @@ MODES: Mapping[str, tuple[FailureMode, ...]] = {
         FailureMode("P10", "the PLC's `release` bit is always 1", "every truck is sent away from the mark",
                     "only a rising edge counts, and only for a truck that was in place", None, UNCHANGED_APPROACHING,
                     UNCHANGED_IN_PLACE),
+        FailureMode("P11", "the PLC polls the unit id of another bay", "a spout is opened over another bay's truck",
+                    "the function block compares `unit_id` and `bay_identity`: `Diagnostic` 13", None, SILENT, SILENT),
+        FailureMode("P12", "the addresses of two gateways are swapped", "a spout is opened over another bay's truck",
+                    "the function block compares `bay_identity`: `Diagnostic` 13", None, SILENT, SILENT),
+        _same("P13", "two programs of one PLC write to one bay", "a truck is released by a program of another bay",
+              "a heartbeat is taken from one connection at a time; refused, counted, in a register"),
+        FailureMode("P14", "something between serves recorded images in turn", "old values in the PLC",
+                    "the function block: the heartbeat goes back; where writes are on, `plc_heartbeat` does not return "
+                    "the block's own numbers: `Diagnostic` 6, 14", 500, SILENT, SILENT),
     ),
     "MQTT": (
         _same("Q1", "broker dead, hung, or unreachable", "the registers wait for the broker; events are lost",

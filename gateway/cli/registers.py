@@ -1,14 +1,14 @@
 """Print the Modbus register table, or export it for the tools of PLC and SCADA engineers.
 
 gateway registers                               for reading in a terminal
-gateway registers --format ignition --host 10.1.2.3 --out tags.json
-gateway registers --format st --bay bay2 --unit-id 2 --out plc/
-gateway registers --format tcpou --bay bay1:1 --bay bay2:2 --host 10.1.2.3 --out plc/
-gateway registers --format openplc --host 10.1.2.3 --writes --out openplc/
+gateway registers --format tcpou --config gateway.toml --host 10.1.2.3 --out plc/
+gateway registers --format ignition --config gateway.toml --bay bay2 --host 10.1.2.3 --out tags.json
+gateway registers --format st --site north --instance gateway --bay bay1:1 --bay bay2:2 --host 10.1.2.3 --out plc/
 
-Every export is made from the same table and so fits the gateway that makes it. Give the bay's unit id and the word
-order as in the gateway's configuration ([modbus] word_order, [[bays]] unit_id). docs/plc-integration.md describes the
-commissioning.
+Every export is made from the same table and so fits the gateway that makes it. Programs also compare which bay answers:
+unit id, and a number made of site, instance and bay name. --config takes all that from the gateway's configuration;
+without it, give them as they are there ([modbus] word_order and writes, [[bays]] name and unit_id, site, instance), or
+the program reports the wrong bay (Diagnostic 13). docs/plc-integration.md describes the commissioning.
 """
 
 import argparse
@@ -37,28 +37,25 @@ def configure(parser: argparse.ArgumentParser) -> None:
     for name in TEXT_FORMS:
         form.add_argument(f"--{name}", dest="format", action="store_const", const=name, help=f"--format {name}")
     parser.add_argument(
+        "--config", type=Path, metavar="CONFIG.toml", help="the gateway's configuration; all of its bays, or each --bay"
+    )
+    parser.add_argument(
         "--bay",
         action="append",
         metavar="NAME[:UNIT]",
         help=f"of the bay (default: {default.bay}), and its unit id; several times for several bays",
     )
+    parser.add_argument("--site", metavar="NAME", help=f"default: {default.site}, as in a configuration without it")
+    parser.add_argument("--instance", metavar="NAME", help=f"default: {default.gateway}, as in one without it")
     parser.add_argument(
         "--host",
         default=default.host,
         metavar="ADDRESS",
         help=f"of the gateway, as the PLC reaches it (default: {default.host}, reserved for examples)",
     )
-    parser.add_argument("--port", type=int, default=default.port, metavar="N", help=f"default: {default.port}")
-    parser.add_argument(
-        "--unit-id",
-        type=int,
-        default=default.unit_id,
-        metavar="N",
-        help=f"of a --bay without one (default: {default.unit_id})",
-    )
-    parser.add_argument(
-        "--word-order", choices=("big", "little"), default=default.word_order, help="[modbus] word_order (default: big)"
-    )
+    parser.add_argument("--port", type=int, metavar="N", help=f"default: {default.port}")
+    parser.add_argument("--unit-id", type=int, metavar="N", help=f"of a --bay without one (default: {default.unit_id})")
+    parser.add_argument("--word-order", choices=("big", "little"), help="[modbus] word_order (default: big)")
     parser.add_argument(
         "--writes",
         action="store_true",
@@ -90,16 +87,34 @@ def main(args: argparse.Namespace) -> int:
 
 
 def _targets(args: argparse.Namespace) -> "tuple[Target, ...]":
-    """One target a --bay. ConfigError for what no PLC could use, and for two that are alike."""
+    """One target a bay. ConfigError for what no PLC could use, for two that are alike, and for a --bay that the
+    configuration does not have."""
+    from gateway import config
     from gateway.modbus.exports.target import Target, distinct
 
+    settings = config.GatewayConfig() if args.config is None else config.load(args.config)
+    known = {bay.name: bay.unit_id for bay in settings.bays}
+    modbus = settings.modbus
     targets = []
-    for text in args.bay or [Target().bay]:
+    for text in args.bay or known:
         name, colon, unit = text.partition(":")
         if colon and not unit.isdecimal():
             raise ConfigError(f"--bay: {text!r}: NAME or NAME:UNIT, where UNIT is 1 to 247")
-        unit_id = int(unit) if colon else args.unit_id
-        targets.append(Target(name, args.host, args.port, unit_id, args.word_order, args.writes))
+        if args.config is not None and name not in known:
+            raise ConfigError(f"--bay: {name!r}: {args.config} has {', '.join(known)}")
+        fallback = known[name] if args.config is not None else Target().unit_id
+        targets.append(
+            Target(
+                bay=name,
+                host=args.host,
+                port=args.port if args.port is not None else modbus.port,
+                unit_id=int(unit) if colon else args.unit_id or fallback,
+                word_order=args.word_order or modbus.word_order,
+                writes=args.writes or modbus.writes,
+                site=args.site or settings.site,
+                gateway=args.instance or settings.instance,
+            )
+        )
     return distinct(tuple(targets))
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from gateway.core.detection import Circle
-from gateway.core.plc import Change, Handshake, PlcLink, RecipeVerdict, ResetVerdict, Writer
+from gateway.core.plc import Change, Handshake, PlcLink, PlcWrite, RecipeVerdict, ResetVerdict, Writer
 from gateway.core.readings import RANGE_FINE, VISION_FINE, Quality
 from gateway.core.state import MOVED_MEANING, Moved, StateVector
 from gateway.core.visit_summary import VisitSummary
@@ -74,10 +74,16 @@ def diff(old: StateVector, new: StateVector) -> list[Event]:
     ]
 
 
-def of_write(old: StateVector, new: StateVector, writer: Writer) -> list[Event]:
-    """What a write of `writer`, which made `new` of `old`, has changed; or that it was refused."""
+def of_write(old: StateVector, new: StateVector, write: PlcWrite) -> list[Event]:
+    """What `write`, which made `new` of `old`, has changed; or that it was refused."""
+    writer, owner = write.writer, new.plc.owner
     if new.plc.conflicts != old.plc.conflicts:
-        detail = f"{writer}: {new.plc.owner} owns the handshake block until its heartbeat is lost"
+        detail = f"{writer}: {owner} owns the handshake block until its heartbeat is lost"
+        if owner is not None and owner.identity == writer.identity:
+            detail = (
+                f"{writer}, connection {write.connection}: its heartbeat arrives on connection "
+                f"{new.plc.owner_connection} already; two of its programs write to this bay"
+            )
         return [Event(EventKind.WRITE_REFUSED, new.bay, new.t_ns, new, detail=detail, writer=writer)]
     return [
         Event(EventKind.PLC_WRITE, new.bay, new.t_ns, new, detail=f"{writer}: {change}", writer=writer, change=change)

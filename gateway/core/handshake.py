@@ -1,7 +1,8 @@
 """The PLC's heartbeat, recipe and triggered measurement: (block, write, state, time) -> block. Pure.
 
 One writer at a time: the first one owns the block (`claim`) until its heartbeat is lost, and only what the owner writes
-takes effect. Its next owner begins with a block in which nothing is set.
+takes effect. Its next owner begins with a block in which nothing is set. A heartbeat comes from one connection at a
+time: two programs of one PLC that write to the same bay are two writers.
 
 A triggered measurement is the state machine TRANSITIONS, in the manner of industrial vision sensors: a rising
 `trigger` takes the next acquisition id; the first frame and distance younger than it are the result, which is held with
@@ -24,7 +25,6 @@ from gateway.core.plc import (
     PlcWrite,
     RecipeVerdict,
     TriggerPhase,
-    Writer,
 )
 from gateway.core.readings import Quality
 from gateway.core.state import StateVector
@@ -114,23 +114,33 @@ def owned(plc: Handshake, now_ns: int, config: HandshakeConfig) -> bool:
     return not quiet or not (config.heartbeat_required or plc.owner_gone)
 
 
-def claim(plc: Handshake, writer: Writer, state: StateVector, now_ns: int, config: HandshakeConfig) -> Handshake:
-    """The block as `writer` finds it, which owns it now; or, where it belongs to another, with one more conflict."""
+def beats_elsewhere(plc: Handshake, write: PlcWrite) -> bool:
+    """Does `write` bring a heartbeat, while that of the owner is alive on another connection that is open?"""
+    here = write.connection in (0, plc.owner_connection)
+    return write.heartbeat is not None and plc.link is PlcLink.ALIVE and plc.owner_connection != 0 and not here
+
+
+def claim(plc: Handshake, write: PlcWrite, state: StateVector, now_ns: int, config: HandshakeConfig) -> Handshake:
+    """The block as the writer finds it, which owns it now; or, where it belongs to another, with one more conflict."""
+    writer = write.writer
     if plc.owner is not None and plc.owner.identity == writer.identity:
+        if beats_elsewhere(plc, write):
+            return replace(plc, conflicts=plc.conflicts + 1)
         return plc if config.heartbeat_required else replace(plc, owner_ns=now_ns, owner_gone=False)
     if owned(plc, now_ns, config):
         return replace(plc, conflicts=plc.conflicts + 1)
     if plc.owner is not None:  # its requests must not take effect under another's heartbeat
         plc = replace(_signalled(plc, Signal.PLC_LOST, state), control=0, control_known=False)
         plc = replace(plc, truck_left=False, trigger_ack=False)
-    return replace(plc, owner=writer, owner_ns=now_ns, owner_beats=False, owner_gone=False)
+    return replace(plc, owner=writer, owner_ns=now_ns, owner_beats=False, owner_gone=False, owner_connection=0)
 
 
 def connected(plc: Handshake, change: PlcConnection) -> Handshake:
     """The block after its owner has connected or disconnected; others' connections change nothing."""
     if plc.owner is None or plc.owner.identity != change.writer.identity:
         return plc
-    return replace(plc, owner_gone=not change.open)
+    ended = change.ended != 0 and change.ended == plc.owner_connection
+    return replace(plc, owner_gone=not change.open, owner_connection=0 if ended else plc.owner_connection)
 
 
 def merged(old: int, new: int, mask: int) -> int:
@@ -220,6 +230,7 @@ def _written(plc: Handshake, write: PlcWrite, now_ns: int) -> Handshake:
         link=link,
         beat_ns=beat_ns,
         owner_beats=plc.owner_beats or write.heartbeat is not None,
+        owner_connection=plc.owner_connection if write.heartbeat is None else write.connection,
         control=plc.control if write.control is None else merged(plc.control, write.control, write.mask),
         control_known=plc.control_known or write.control is not None,
     )

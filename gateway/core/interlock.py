@@ -166,7 +166,7 @@ def _accepted_write(
     """The block as its writer finds it, and the write; None: there is none, or another writer owns the block."""
     match observation:
         case PlcWrite() if config is not None:
-            plc = handshake.claim(state.plc, observation.writer, state, now_ns, config)
+            plc = handshake.claim(state.plc, observation, state, now_ns, config)
             return plc, observation if plc.conflicts == state.plc.conflicts else None
         case PlcConnection():
             return handshake.connected(state.plc, observation), None

@@ -130,7 +130,8 @@ class Writer:
 class PlcWrite:
     """One write to the handshake block. None: that register was not part of the request.
 
-    `mask`: only these bits of the registers are written, the others stay as they are.
+    `mask`: only these bits of the registers are written, the others stay as they are. `connection`: its number, which
+    no other has while it is open; 0: not known.
     """
 
     writer: Writer
@@ -138,14 +139,16 @@ class PlcWrite:
     control: int | None = None
     recipe: int | None = None
     mask: int = 0xFFFF
+    connection: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class PlcConnection:
-    """The first connection of one who may write was made, or its last one has ended."""
+    """A connection of one who may write was made or has ended. `open`: it has one now."""
 
     writer: Writer
     open: bool
+    ended: int = 0  # number of the one that has ended; 0: one was made
 
 
 class WriteVerdict(Enum):
@@ -208,6 +211,7 @@ class Handshake:
     owner_ns: int = 0  # it became the owner then; where no heartbeat is required: it last wrote then
     owner_beats: bool = False  # it has written a heartbeat since
     owner_gone: bool = False  # its last connection has ended
+    owner_connection: int = 0  # number of the connection that its heartbeat comes from; 0: none, or it has ended
     conflicts: int = 0  # requests refused since the start, because the block belonged to another
 
     def withdrawn(self) -> "Handshake":

@@ -13,6 +13,7 @@ from gateway.core.fusion import Observation
 from gateway.core.readings import VisionReading
 from gateway.core.state import StateVector
 from gateway.core.visit_summary import VisitSummary
+from gateway.modbus.registers.bay_identity import NO_BAY, BayIdentity
 from gateway.modbus.registers.register import WordOrder
 from gateway.records.record import (
     Checkpoint,
@@ -51,6 +52,7 @@ class Collector:
 
     wall_ns: Callable[[], int]
     word_order: WordOrder = "big"
+    identity: BayIdentity = NO_BAY
     open_visit: Callable[[], VisitSummary | None] = lambda: None  # as it is known after the newest state
     dropped: int = 0  # records since the start
     _newest: StateVector | None = None
@@ -103,7 +105,7 @@ class Collector:
                 self._add(VisitRecord(t_ns=t_ns, visit=visit))
         if t_ns - self._image_ns >= IMAGE_NS:
             self._image_ns = t_ns
-            self._add(RegisterImage.of(state, self.wall_ns(), self.word_order))
+            self._add(RegisterImage.of(state, self.wall_ns(), self.word_order, self.identity))
         if t_ns - self._checkpoint_ns >= CHECKPOINT_NS:
             self._checkpoint(state, follows=True)
 

@@ -13,6 +13,7 @@ from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import FunctionCheck, GuidanceCode, Moved, Reason, StateVector, VisitPhase
 from gateway.core.visit_summary import VisitSummary
 from gateway.errors import ProtocolError
+from gateway.modbus.registers.bay_identity import BayIdentity
 from gateway.modbus.registers.register import WordOrder
 from gateway.modbus.registers.register_map import encode
 
@@ -97,8 +98,8 @@ class RegisterImage(Record, frozen=True, tag="registers"):
     words: bytes
 
     @staticmethod
-    def of(state: StateVector, unix_ns: int, word_order: WordOrder) -> "RegisterImage":
-        words = encode(state, unix_ns, word_order)
+    def of(state: StateVector, unix_ns: int, word_order: WordOrder, bay: BayIdentity) -> "RegisterImage":
+        words = encode(state, unix_ns, word_order, bay)
         return RegisterImage(
             t_ns=state.t_ns, unix_ns=unix_ns, words=b"".join(word.to_bytes(2, "big") for word in words)
         )

@@ -14,6 +14,7 @@ from gateway.core import interlock
 from gateway.core.fusion import Observation
 from gateway.core.interlock import Rules
 from gateway.core.state import StateVector, Tick
+from gateway.modbus.registers.bay_identity import NO_BAY
 from gateway.modbus.registers.register import WordOrder
 from gateway.modbus.registers.register_map import MAP_VERSION, REGISTERS
 from gateway.records.record import (
@@ -165,16 +166,18 @@ def _map_version(record: RegisterImage) -> int:
 
 
 def _register_changes(record: RegisterImage, state: StateVector, order: WordOrder) -> dict[str, Change]:
-    now = RegisterImage.of(state, record.unix_ns, order).words
-    if now == record.words:
+    now = RegisterImage.of(state, record.unix_ns, order, NO_BAY).words
+    if now[:_DECIDED_BYTES] == record.words[:_DECIDED_BYTES]:
         return {}
     changed: dict[str, Change] = {}
     for register in REGISTERS:
         part = slice(2 * register.address, 2 * (register.address + register.words))
-        if record.words[part] != now[part]:
+        if part.stop <= _DECIDED_BYTES and record.words[part] != now[part]:
             changed[f"register {register.address} {register.name}"] = (record.words[part].hex(), now[part].hex())
     return changed
 
 
 _BIG: WordOrder = "big"
-_MAP_VERSION_AT = next(register.address for register in REGISTERS if register.name == "map_version")
+_ADDRESS = {register.name: register.address for register in REGISTERS}
+_MAP_VERSION_AT = _ADDRESS["map_version"]
+_DECIDED_BYTES = 2 * _ADDRESS["unit_id"]  # behind them the words name the bay

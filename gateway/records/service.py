@@ -26,6 +26,7 @@ from gateway.config.strict.errors import without_passwords
 from gateway.core.events import Event, EventKind
 from gateway.core.visit_summary import VisitSummary
 from gateway.errors import LinkError
+from gateway.modbus.registers.bay_identity import identities
 from gateway.processes.channel import Failed, Gone
 from gateway.processes.slot import ProcessSlot
 from gateway.processes.start import Role
@@ -123,8 +124,9 @@ class RecorderService:
 
     def __post_init__(self) -> None:
         self.folder = folder_of(self.config)
-        bays = self.config.bays if self.folder is not None else ()
-        self.collectors = {bay.name: Collector(self.clock.wall_ns, self.config.modbus.word_order) for bay in bays}
+        bays = {} if self.folder is None else identities(self.config)
+        order = self.config.modbus.word_order
+        self.collectors = {bay: Collector(self.clock.wall_ns, order, identity) for bay, identity in bays.items()}
 
     @property
     def tasks(self) -> list[Task]:

@@ -36,7 +36,7 @@ class ServedBay:
 
     @asynccontextmanager
     async def open(self) -> AsyncIterator[Listening]:
-        unit = unit_of(self.bay, self.config.modbus, self.config.site, self.clock)
+        unit = unit_of(self.bay, self.config, self.clock)
         async with serving(self.config.modbus, {1: unit}, self.clock) as listening, asyncio.TaskGroup() as group:
             tasks = [group.create_task(self.bay.run()), group.create_task(self._measure())]
             yield listening

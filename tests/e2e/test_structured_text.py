@@ -38,6 +38,7 @@ CYCLE_MS = 20
 # A busy machine may not schedule the gateway for a while; that is not what is tested here.
 TIMEOUT_MS = 5000
 LIMIT_S = 40.0
+SIMULATED = Target(site="simulated", gateway="simulate").identity
 ADDRESS = {register.name: register.address for register in REGISTERS}
 PAIRS = [register.address for register in REGISTERS if register.words == 2]
 
@@ -67,7 +68,8 @@ class SoftPlc:
 
     def call(self, words: list[int], *, ok: bool = True, after_ms: int = CYCLE_MS) -> Diagnosis:
         self._now_ms += after_ms
-        self.block.call(self._now_ms, PollOk=ok, Words=list(words), HeartbeatTimeout=TIMEOUT_MS)
+        known = {"UnitId": SIMULATED.unit_id, "BayIdentity": SIMULATED.number}
+        self.block.call(self._now_ms, PollOk=ok, Words=list(words), HeartbeatTimeout=TIMEOUT_MS, **known)
         found = Diagnosis(self.block["Diagnostic"])
         said = tuple(words[ADDRESS[name]] for name in ("stop", "may_move", "in_place"))
         # Whatever comes: no output that the image does not name, and no running truck without an image to believe in.

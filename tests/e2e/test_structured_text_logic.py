@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from gateway.core.detection import Circle
-from gateway.core.plc import TriggerPhase
+from gateway.core.plc import Handshake, PlcLink, TriggerPhase
 from gateway.core.readings import FRESH_FRAME, Quality, RangeReading, VisionReading
 from gateway.core.shown import withdrawn
 from gateway.core.state import Guidance, GuidanceCode, Moved, Reason, StateVector, Visit, VisitPhase
@@ -23,10 +23,11 @@ from gateway.modbus.exports.fields import fields
 from gateway.modbus.exports.interface import INPUTS, OUTPUTS, STEP_TIMEOUT_MS
 from gateway.modbus.exports.structured_text import FUNCTION_BLOCK
 from gateway.modbus.exports.target import Target
+from gateway.modbus.registers.bay_identity import BayIdentity
 from gateway.modbus.registers.register_map import BLOCK_WORDS, REGISTERS, decode, encode
 from tests.node_function import run_function
 from tests.permitted import permitted, standing
-from tests.plc_images import ADDRESS, answered, doubtful, torn, words
+from tests.plc_images import ADDRESS, BAY, answered, block_of, doubtful, torn, words
 from tests.structured_text import Instance, Program, RefusedError, parse
 
 pytestmark = [pytest.mark.xdist_group("structured text"), pytest.mark.timeout(300)]  # the parser takes its time
@@ -82,7 +83,7 @@ class Scan:
 
 @pytest.fixture
 def scan(program: Program) -> Scan:
-    return Scan(program.instance(FUNCTION_BLOCK))
+    return Scan(block_of(program))
 
 
 def test_every_register_is_decoded_as_the_gateway_encodes_it(scan: Scan) -> None:
@@ -199,7 +200,7 @@ def test_a_frozen_image_never_gives_an_output(
     program: Program, before: list[list[int]], good: bool, state: Callable[[int], StateVector]
 ) -> None:
     """Whatever stood in the words before the first poll, and whatever the input says of it."""
-    scan = Scan(program.instance(FUNCTION_BLOCK))
+    scan = Scan(block_of(program))
     for image in before:
         assert scan.run(image, ok=good, cycles=3) is not Diagnosis.OK
     for _ in range(100):
@@ -243,6 +244,8 @@ def test_an_unsound_image_takes_the_outputs_away_at_once_and_three_sound_ones_gi
 # Each doubt: what a word becomes, what is found in the image of a truck that may move, and in that of one in place.
 DOUBTS: dict[str, tuple[dict[str, int], Diagnosis, Diagnosis]] = {
     "torn": ({"seq_end": 3}, Diagnosis.TORN, Diagnosis.TORN),
+    "another unit": ({"unit_id": 2}, Diagnosis.WRONG_BAY, Diagnosis.WRONG_BAY),
+    "another gateway": ({"bay_identity": 1}, Diagnosis.WRONG_BAY, Diagnosis.WRONG_BAY),
     "old": ({"map_version": 3}, Diagnosis.OLD_MAP, Diagnosis.OLD_MAP),
     "foreign": ({"known_u32": 1}, Diagnosis.FOREIGN, Diagnosis.FOREIGN),
     "swapped float": ({"known_f32": 1}, Diagnosis.WORD_ORDER, Diagnosis.WORD_ORDER),
@@ -348,6 +351,86 @@ def test_every_diagnosis_has_its_check_and_no_check_counts_a_heartbeat_of_an_uns
     assert text.index("Sound := Diagnostic = 0;") < text.index("IF Sound THEN") < text.index("LastHeartbeat := Raw")
 
 
+# ---- Which bay, and whose answer
+
+
+def writable(heartbeat: int, echo: int) -> list[int]:
+    """A truck in place, at a gateway with writes on, which has `echo` in plc_heartbeat."""
+    return words(standing(heartbeat, plc=Handshake(PlcLink.ALIVE, heartbeat=echo & 0xFFFF)))
+
+
+@pytest.mark.failure_mode("P11")
+@pytest.mark.failure_mode("P12")
+@pytest.mark.parametrize("other", [BayIdentity(2, BAY.number), BayIdentity(1, BAY.number + 1)], ids=["unit", "gateway"])
+def test_another_bay_gives_no_output_and_gets_no_request(scan: Scan, other: BayIdentity) -> None:
+    """A unit id or an address mixed up: that truck is in place, but not under this spout."""
+    scan.block.values |= {"Release": True, "Recipe": 7}
+    for n in range(20):
+        state = standing(n, plc=Handshake(PlcLink.ALIVE))
+        assert scan.run(encode(state, 0, "big", other)) is Diagnosis.WRONG_BAY
+    written = [scan.block[name] for name in ("MayWrite", "PlcHeartbeat", "PlcControl", "RecipeSelect")]
+    assert written == [False, 0, 0, 0]
+    assert (scan.block["Alive"], scan.block["MustStop"], scan.block["Data"]["in_place"]) == (False, True, 0)
+
+
+def test_a_program_that_was_not_told_its_bay_accepts_none(program: Program) -> None:
+    scan = Scan(program.instance(FUNCTION_BLOCK))
+    assert [scan.run(encode(standing(n), 0, "big")) for n in (5, 6, 7)] == [
+        Diagnosis.HEARTBEAT, Diagnosis.HEARTBEAT, Diagnosis.OK,
+    ]  # fmt: skip
+    assert scan.run(words(standing(8))) is Diagnosis.WRONG_BAY
+
+
+@pytest.mark.parametrize("writes", [True, False], ids=["writes on", "writes off"])
+@pytest.mark.failure_mode("P14")
+def test_two_recorded_images_in_turn_give_no_output(scan: Scan, writes: bool) -> None:
+    images = [writable(n, 3) if writes else words(standing(n)) for n in (6, 7)]
+    found = [scan.run(images[n % 2]) for n in range(600)]
+    assert found.count(Diagnosis.OK) == 0
+
+
+@pytest.mark.failure_mode("P14")
+def test_a_recording_that_goes_on_gives_no_output_where_the_gateway_accepts_writes(scan: Scan) -> None:
+    for n in range(300):
+        assert scan.run(writable(n, 5000 + n)) in (Diagnosis.HEARTBEAT, Diagnosis.NO_ECHO)
+    assert not scan.block["Alive"]
+
+
+def test_outputs_need_two_answers_to_what_this_block_has_written(scan: Scan) -> None:
+    """From the start on, over a restart of the gateway, and until nothing that was written arrives any more."""
+    assert scan.run(writable(5, 0)) is Diagnosis.HEARTBEAT
+    assert scan.block["MayWrite"], "it must write before it is answered"
+    written = scan.block["PlcHeartbeat"]
+    assert scan.run(writable(6, written)) is Diagnosis.HEARTBEAT
+    assert scan.run(writable(7, written)) is Diagnosis.NO_ECHO, "the same one again is no second answer"
+    assert scan.run(writable(8, scan.block["PlcHeartbeat"] + 1)) is Diagnosis.NO_ECHO, "it is not written yet"
+    for n in range(40):
+        late = scan.block["PlcHeartbeat"] - 5  # as many cycles lie between the write and the poll that returns it
+        found = scan.run(writable(9 + n, late))
+        assert (found is Diagnosis.OK) is (n >= 3), n
+    answered = scan.now_ms - 30  # every sixth cycle
+    last = scan.block["PlcHeartbeat"]
+    while scan.run(writable(scan.now_ms, last - 5)) is Diagnosis.OK:
+        assert scan.now_ms - answered <= HEARTBEAT_TIMEOUT_MS + 60
+    assert scan.now_ms - answered > HEARTBEAT_TIMEOUT_MS - 60
+    assert scan.block["MayWrite"], "and it goes on writing: that is the way back"
+    for _ in range(3):
+        found = scan.run(writable(scan.now_ms, scan.block["PlcHeartbeat"]))
+    assert found is Diagnosis.OK
+
+
+def test_the_answer_wraps_with_the_number(scan: Scan) -> None:
+    scan.block.values |= {"PlcHeartbeat": 0xFFF0, "Challenge": 0xFFF0}
+    found = [scan.run(writable(n, scan.block["PlcHeartbeat"])) for n in range(40)]
+    assert found == [Diagnosis.HEARTBEAT] * 2 + [Diagnosis.OK] * 38
+
+
+def test_a_program_that_only_reads_needs_no_answer(scan: Scan) -> None:
+    scan.block.values["Writes"] = False
+    assert [scan.run(writable(n, 77)) for n in (5, 6, 7)][-1] is Diagnosis.OK
+    assert not scan.block["MayWrite"]
+
+
 def test_the_plcs_own_heartbeat_beats_whatever_comes_and_wraps(scan: Scan) -> None:
     scan.run([0] * BLOCK_WORDS, ok=False, cycles=3)
     assert scan.block["PlcHeartbeat"] == 3
@@ -358,7 +441,7 @@ def test_the_plcs_own_heartbeat_beats_whatever_comes_and_wraps(scan: Scan) -> No
 @pytest.mark.failure_mode("P4")
 def test_swapped_words_are_called_so(scan: Scan) -> None:
     for heartbeat in (5, 6, 7):
-        found = scan.run(encode(permitted(heartbeat), 0, "little"))
+        found = scan.run(encode(permitted(heartbeat), 0, "little", BAY))
     assert found is Diagnosis.WORD_ORDER
 
 
@@ -387,7 +470,7 @@ def test_the_export_for_the_other_word_order_differs_in_the_words_places_alone()
 
 def test_a_dead_gateway_and_a_doubtful_image_leave_no_good_looking_value(scan: Scan) -> None:
     scan.start()
-    assert scan.run(encode(withdrawn(permitted(8), 6_000_000_000), 0, "big")) is Diagnosis.STOP
+    assert scan.run(encode(withdrawn(permitted(8), 6_000_000_000), 0, "big", BAY)) is Diagnosis.STOP
     assert scan.block["Reason"] == int(Reason.GATEWAY_FAULT)
     scan.run(words(permitted(9)))
     assert scan.run([0] * BLOCK_WORDS) is Diagnosis.FOREIGN
@@ -424,7 +507,7 @@ states = st.builds(
 @given(state=states)
 def test_each_output_is_on_for_what_it_says_and_for_nothing_else(program: Program, state: StateVector) -> None:
     """Any state at all, also such as no gateway makes."""
-    scan = Scan(program.instance(FUNCTION_BLOCK)).start()
+    scan = Scan(block_of(program)).start()
     scan.run(words(state))
     good = state.range.quality is Quality.GOOD and not (state.may_move and state.in_place)
     moves = state.may_move and not state.stop and state.reason is Reason.NONE and state.vision.quality is Quality.GOOD
@@ -445,6 +528,7 @@ def test_noise_never_gives_an_output_and_never_stops_the_program(scan: Scan) -> 
 
 def test_node_red_gives_the_same_verdicts(scan: Scan) -> None:
     """400 images of a live bay with up to three words changed, 10 ms apart; silence is Node-RED's own affair."""
+    scan.block.values["Writes"] = False  # as the flow before its first command
     images = doubtful(400)
     ran = run_function(node_red_function.code(Target()), [(10, image) for image in images])
     verdicts, mine, on, mine_on = [], [], [False, False], []
@@ -525,7 +609,8 @@ class Measurement:
     def see(self, phase: TriggerPhase = TriggerPhase.READY, **how: object) -> tuple[int, bool, bool, bool]:
         """(bits 3 and 4 of PlcControl, Measuring, ResultReady, TriggerFailed) after that image."""
         self.heartbeat += 1
-        self.scan.run(answered(self.heartbeat, phase, **how))  # type: ignore[arg-type]
+        echo = self.scan.block["PlcHeartbeat"]  # written in the cycle before
+        self.scan.run(answered(self.heartbeat, phase, echo=echo, **how))  # type: ignore[arg-type]
         block = self.scan.block
         return block["PlcControl"] & 24, block["Measuring"], block["ResultReady"], block["TriggerFailed"]
 
@@ -580,7 +665,11 @@ def test_a_gateway_that_does_not_take_the_trigger_fails_it_in_time(scan: Scan, w
     plc = Measurement(scan)
     plc.put(Trigger=True)
     for n in range(STEP_TIMEOUT_MS // 10 + 2):
-        image = words(permitted(100 + n)) if writes_off else answered(100 + n, control=TRIGGER * (n > 0))
+        image = (
+            words(permitted(100 + n))
+            if writes_off
+            else answered(100 + n, control=TRIGGER * (n > 0), echo=scan.block["PlcHeartbeat"])
+        )
         scan.run(image)
     assert (scan.block["TriggerFailed"], scan.block["Measuring"], scan.block["PlcControl"]) == (True, False, 0)
 

@@ -16,11 +16,10 @@ from gateway.core.plc import Outcome, PlcWrite, Writer
 from gateway.core.readings import Quality
 from gateway.core.state import Tick
 from gateway.modbus.exports import structured_text
-from gateway.modbus.exports.structured_text import FUNCTION_BLOCK
 from gateway.modbus.exports.target import Target
 from gateway.modbus.reference.situations import Scene
 from gateway.modbus.registers.register_map import BLOCK_WORDS
-from tests.plc_images import words
+from tests.plc_images import block_of, words
 from tests.structured_text import Program
 
 pytestmark = [pytest.mark.xdist_group("structured text"), pytest.mark.timeout(300)]  # the parser takes its time
@@ -36,7 +35,7 @@ class Loop:
     """A bay, and a PLC that runs the exported block."""
 
     def __init__(self) -> None:
-        self.block = Program(structured_text.declarations((Target(),))).instance(FUNCTION_BLOCK)
+        self.block = block_of(Program(structured_text.declarations((Target(),))))
         self.state = interlock.initial("bay1", 0, RULES)
         self.words = [0] * BLOCK_WORDS
         self.now_ms = 0

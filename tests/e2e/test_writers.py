@@ -57,7 +57,7 @@ async def test_whoever_is_none_of_plc_addresses_reads_and_does_not_write() -> No
     bay = bay_with()
 
     async with bay.open() as listening, client(listening.first, STRANGER) as stranger:
-        assert (await image(stranger))["map_version"] == 5
+        assert (await image(stranger))["map_version"] == 6
         tries = [
             await stranger.write_register(80, 1),
             await stranger.write_registers(80, [1, 2, 3]),
@@ -99,6 +99,28 @@ async def test_of_two_masters_the_second_is_refused_and_the_registers_say_so() -
         seen = await image(second)
         assert (seen["write_conflicts"], seen["plc_control"], seen["plc_heartbeat"]) == (120, 1, 41)
     assert f"{SECOND}: {PLC} owns the handshake block until its heartbeat is lost" in bay.refused()
+
+
+@on_gateway_loop
+@pytest.mark.failure_mode("P13")
+async def test_of_two_programs_of_one_plc_the_second_is_refused_until_the_first_has_disconnected() -> None:
+    bay = bay_with(heartbeat_deadline_s=20.0)
+
+    async with bay.open() as listening, client(listening.first, PLC) as first:
+        async with client(listening.first, PLC) as earlier:
+            assert not (await earlier.write_registers(80, [1, 2])).isError()
+            assert (await first.write_registers(80, [500, 0])).exception_code == BUSY
+            assert not (await first.write_coil(CONTROL + Control.ENABLE, True)).isError(), "without a heartbeat"
+            seen = await image(first)
+            assert (seen["write_conflicts"], seen["plc_control"], seen["plc_heartbeat"]) == (1, 3, 1)
+
+        async def accepted() -> bool:
+            return not (await first.write_registers(80, [501, 0])).isError()
+
+        await until(accepted)
+        assert (await image(first))["plc_heartbeat"] == 501
+    why = "its heartbeat arrives on connection 2 already; two of its programs write to this bay"
+    assert f"{PLC}, connection 1: {why}" in bay.refused()
 
 
 async def _has(asked: AsyncModbusTcpClient, register: str, value: float) -> bool:

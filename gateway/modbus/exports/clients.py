@@ -23,7 +23,7 @@ _AFTER_THE_READ = """\
   END_IF;
   {name}_Stage := 3;
 ELSIF {name}_Stage = 3 THEN
-  IF {name}_PollOk AND {name}.Data.handshake_status_writes_on THEN
+  IF {name}_PollOk AND {name}.MayWrite THEN
     {name}_Stage := 4;
   ELSE
     {name}_Stage := 0;
@@ -127,7 +127,7 @@ def _program(
             first=FIRST_WRITTEN,
             written=len(WRITTEN),
             pause=PAUSE_MS,
-            call=called(target.instance),
+            call=called(target),
         )
         for target in targets
     )

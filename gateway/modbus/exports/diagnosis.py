@@ -18,6 +18,7 @@ from gateway.modbus.registers.register_map import BLOCK_WORDS, KNOWN_FLOAT32, KN
 
 HEARTBEAT_TIMEOUT_MS = 500
 HEARTBEAT_CHANGES = 2  # an image left over from before and one frozen image make one change, never two
+HALF_CIRCLE = 32768  # of the numbers of 16 bits: a heartbeat that went farther has gone back
 SWAPPED_UINT32 = (KNOWN_UINT32 & 0xFFFF) << 16 | KNOWN_UINT32 >> 16
 
 
@@ -37,6 +38,8 @@ class Diagnosis(IntEnum):
     RANGER = 10
     NO_MAY_MOVE = 11
     CAMERA = 12
+    WRONG_BAY = 13
+    NO_ECHO = 14
 
 
 class Needs(Enum):
@@ -136,6 +139,13 @@ SOUND: tuple[Check, ...] = (
         "update the gateway, or export from the version that runs",
     ),
     Check(
+        Diagnosis.WRONG_BAY,
+        "(#Raw.unit_id <> #UnitId) OR (#Raw.bay_identity <> #BayIdentity)",
+        "this is another bay than the one that this program was made for",
+        "compare registers 101 to 103 with the head of the export: another unit id or address is polled, or site,"
+        " instance or bay were renamed: export again with --config",
+    ),
+    Check(
         Diagnosis.CONTRADICTION,
         "\n    OR ".join(f"({claim})" for claim in CONTRADICTIONS),
         "stop, may_move, in_place, moved, reason and the status words contradict each other",
@@ -149,6 +159,13 @@ ALIVE: tuple[Check, ...] = (
         "NOT #Beating",
         "the heartbeat does not change, or no change was seen yet",
         "normal for a moment after the start; else restart the gateway and keep its log",
+    ),
+    Check(
+        Diagnosis.NO_ECHO,
+        "#Writes AND #Raw.handshake_status_writes_on AND (NOT #Answering)",
+        "plc_heartbeat does not return the numbers of this block: its writes do not arrive, or the image is no answer",
+        "write_conflicts that counts: another program writes to this bay; else the writes; a program that only reads"
+        " beside a PLC that writes: Writes FALSE",
     ),
 )
 
@@ -190,8 +207,8 @@ VALUES: tuple[Check, ...] = (
 )
 
 CHECKS: tuple[Check, ...] = (*SOUND, *ALIVE, *VALUES)
-"""In the order in which they are made. From FIRST_ALIVE on the gateway is alive, and its image is handed on."""
-FIRST_ALIVE = min(int(check.diagnosis) for check in VALUES)
+"""In the order in which they are made. FIRST_ALIVE to LAST_ALIVE: a live gateway, whose image is handed on."""
+FIRST_ALIVE, LAST_ALIVE = (find(int(check.diagnosis) for check in VALUES) for find in (min, max))
 
 MEANING: dict[int, tuple[str, str]] = {
     int(Diagnosis.OK): ("ok", "all checks passed: MayMove or InPlace is on"),

@@ -37,6 +37,7 @@ def text(target: Target) -> str:
             tags.append(_expression(register))
         if register.bits is not None:
             tags.append(_bits(register, target))
+    tags.append(_right_bay(target))
     tags.append({"name": RAW, "tagType": "Folder", "tags": raw})
     folder = {"name": target.bay, "tagType": "Folder", "tags": tags}
     return json.dumps({"name": "", "tagType": "Provider", "tags": [folder]}, indent=2, ensure_ascii=False) + "\n"
@@ -80,6 +81,20 @@ def _expression(register: Register) -> dict[str, Any]:
         "readOnly": True,
     }
     return tag | {"engUnit": register.unit} if register.unit else tag
+
+
+def _right_bay(target: Target) -> dict[str, Any]:
+    """False: the device reads another bay than this one, by its unit id or address."""
+    bay = target.identity
+    return {
+        "name": "right_bay",
+        "tagType": "AtomicTag",
+        "valueSource": "expr",
+        "expression": f"{{[.]unit_id}} = {bay.unit_id} && {{[.]bay_identity}} = {bay.number}",
+        "dataType": "Boolean",
+        "documentation": f"false: this is not {target.site}/{target.gateway}/{target.bay}; use no tag then",
+        "readOnly": True,
+    }
 
 
 def _none(register: Register) -> str:

@@ -33,7 +33,15 @@ BLOCK, DATA, TIMER = "BLOCK", "DATA", "TIMER"  # the polled words; the decoded b
 INPUTS: tuple[Var, ...] = (
     Var("PollOk", "BOOL", "the last completed poll had no error; TRUE where your client does not report it"),
     Var("Words", BLOCK, f"registers 0 to {BLOCK_WORDS - 1}, of one request"),
-    Var("HeartbeatTimeout", "TIME", "the heartbeat must change within this time", f"T#{HEARTBEAT_TIMEOUT_MS}ms"),
+    Var("UnitId", "UINT", "unit id of this bay, as the gateway has it in register 101; 0 fits no bay"),
+    Var("BayIdentity", "UDINT", "number of this bay, as the gateway has it in registers 102 and 103; 0 fits no bay"),
+    Var(
+        "HeartbeatTimeout",
+        "TIME",
+        "the gateway's heartbeat must change within this time, and where it accepts writes return this block's own",
+        f"T#{HEARTBEAT_TIMEOUT_MS}ms",
+    ),
+    Var("Writes", "BOOL", "FALSE only in a program that reads beside a PLC that writes", "TRUE"),
     Var("EnableRequest", "BOOL", "the bay is wanted in use"),
     Var("TruckPresent", "BOOL", "a truck is in the bay; back to FALSE: it has left"),
     Var("Reset", "BOOL", "rising: end the latched stop, or that of a truck that moved, if its cause is gone"),
@@ -60,8 +68,9 @@ OUTPUTS: tuple[Var, ...] = (
     Var("Measuring", "BOOL", "TRUE: a triggered measurement runs"),
     Var("ResultReady", "BOOL", "TRUE: Data.result_... hold the result of the trigger; acknowledge it"),
     Var("TriggerFailed", "BOOL", "TRUE: the newest trigger gave no result; until the next one"),
+    Var("MayWrite", "BOOL", "TRUE: this bay's gateway accepts writes"),
     *(
-        Var(name, "UINT", f"write it to register {FIRST_WRITTEN + place}, where [modbus] writes is on")
+        Var(name, "UINT", f"write it to register {FIRST_WRITTEN + place} while MayWrite")
         for place, name in enumerate(WRITTEN)
     ),
     Var("Data", DATA, "the block in engineering units; a dead gateway's while not Alive"),
@@ -77,6 +86,13 @@ MEMORY: tuple[Var, ...] = (
     Var("Changed", "BOOL", ""),
     Var("Changes", "UINT", "how often the heartbeat was seen to change"),
     Var("Beating", "BOOL", ""),
+    Var("Steps", "UINT", "how far a number is ahead of another"),
+    Var("Written", "UINT", "how many numbers this block has made since Challenge"),
+    Var("Challenge", "UINT", "PlcHeartbeat when the newest answer arrived: the next one must be newer"),
+    Var("Answered", "BOOL", "the newest image holds such a number"),
+    Var("Answers", "UINT", "how often"),
+    Var("Answering", "BOOL", ""),
+    Var("AnswerTimer", TIMER, ""),
     Var("TriggerWas", "BOOL", ""),
     Var("TriggerBit", "BOOL", "as it is written"),
     Var("AcknowledgeBit", "BOOL", "as it is written"),

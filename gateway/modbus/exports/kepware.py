@@ -60,7 +60,9 @@ def _rows(register: Register, target: Target) -> list[Row]:
         ]
     counted = measured(register) and not register.kind.is_float
     tag = f"{register.name}_raw" if counted else register.name
-    row = _row(tag, f"{400001 + register.address}", _TYPES[register.kind.name], _description(register, counted=counted))
+    row = _row(
+        tag, f"{400001 + register.address}", _TYPES[register.kind.name], _description(register, target, counted=counted)
+    )
     row["Eng Units"] = "" if counted else register.unit
     if register.writable:
         row["Client Access"] = "R/W"
@@ -74,8 +76,11 @@ def _rows(register: Register, target: Target) -> list[Row]:
     ]
 
 
-def _description(register: Register, *, counted: bool) -> str:
-    """The meaning, what an unscaled register counts, and the number that means no value."""
+def _description(register: Register, target: Target, *, counted: bool) -> str:
+    """The meaning, what an unscaled register counts, and the number that means no value, or this bay."""
+    known = {"unit_id": target.identity.unit_id, "bay_identity": target.identity.number}
+    if register.name in known:
+        return f"must be {known[register.name]}. {describe(register)}"
     if register.kind.no_value is None:
         return describe(register)
     none = "NaN" if register.kind.is_float else str(register.kind.sentinel)

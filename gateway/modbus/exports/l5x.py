@@ -15,13 +15,14 @@ from gateway.modbus.exports.logic import ascii_only
 from gateway.modbus.exports.logix import body, off
 from gateway.modbus.exports.structured_text import about
 from gateway.modbus.exports.target import Target, one_file
+from gateway.modbus.registers.bay_identity import NO_BAY
 from gateway.modbus.registers.register_map import BLOCK_WORDS, MAP_VERSION
 
 INSTRUCTION = "LoadingGateway"
 DATA = "LoadingGateway_Data"
 # A fixed date, not the clock's: the same table gives the same file.
 _EDITED = "2026-01-01T00:00:00.000Z"
-_PARAMETERS = {"BOOL": "BOOL", "UINT": "DINT"}
+_PARAMETERS = {"BOOL": "BOOL", "UINT": "DINT", "UDINT": "DINT"}
 _TYPES = {"UINT": "DINT", "INT": "DINT", "UDINT": "DINT", "REAL": "REAL", "BOOL": "BIT"}
 
 
@@ -77,6 +78,8 @@ def _member(field: Field, attributes: str) -> list[str]:
 
 
 def _instruction(targets: tuple[Target, ...]) -> list[str]:
+    bay = targets[0].identity if len(targets) == 1 else NO_BAY  # of several, each instance is told its own
+    known = {"UnitId": bay.unit_id, "BayIdentity": bay.number}
     return [
         f'<AddOnInstructionDefinition Use="Target" Name="{INSTRUCTION}" Revision="1.{MAP_VERSION}"'
         ' ExecutePrescan="true" ExecutePostscan="false" ExecuteEnableInFalse="true"'
@@ -92,7 +95,7 @@ def _instruction(targets: tuple[Target, ...]) -> list[str]:
         "<Parameters>",
         *_parameter("EnableIn", "Input", "BOOL", "Enable Input - System Defined Parameter", system=True),
         *_parameter("EnableOut", "Output", "BOOL", "Enable Output - System Defined Parameter", system=True),
-        *(line for var in INPUTS for line in _input(var)),
+        *(line for var in INPUTS for line in _input(var, known)),
         *(line for var in OUTPUTS for line in _output(var)),
         "</Parameters>",
         "<LocalTags>",
@@ -109,19 +112,22 @@ def _instruction(targets: tuple[Target, ...]) -> list[str]:
     ]
 
 
-def _input(var: Var) -> list[str]:
+def _input(var: Var, known: dict[str, int]) -> list[str]:
     if var.kind == interface.BLOCK:
         return _in_out(var.name, "INT", var.comment, BLOCK_WORDS)
     if var.kind == "TIME":
         return _parameter(f"{var.name}Ms", "Input", "DINT", f"{var.comment}, ms", HEARTBEAT_TIMEOUT_MS)
-    return _parameter(var.name, "Input", _PARAMETERS[var.kind], var.comment)
+    return _parameter(var.name, "Input", _PARAMETERS[var.kind], var.comment, known.get(var.name, _start(var)))
 
 
 def _output(var: Var) -> list[str]:
     if var.kind == interface.DATA:
         return _in_out(var.name, DATA, var.comment)
-    start = 1 if var.start == "TRUE" else int(var.start or 0)
-    return _parameter(var.name, "Output", _PARAMETERS[var.kind], var.comment, start)
+    return _parameter(var.name, "Output", _PARAMETERS[var.kind], var.comment, _start(var))
+
+
+def _start(var: Var) -> int:
+    return 1 if var.start == "TRUE" else int(var.start or 0)
 
 
 def _memory(var: Var) -> str:

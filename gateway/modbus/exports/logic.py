@@ -11,19 +11,45 @@ from collections.abc import Iterator, Sequence
 from gateway.core.shown import withdrawn
 from gateway.core.state import StateVector
 from gateway.modbus.exports.decode import decode
-from gateway.modbus.exports.diagnosis import ALIVE, FIRST_ALIVE, HEARTBEAT_CHANGES, SOUND, VALUES, Check
+from gateway.modbus.exports.diagnosis import (
+    ALIVE,
+    FIRST_ALIVE,
+    HALF_CIRCLE,
+    HEARTBEAT_CHANGES,
+    LAST_ALIVE,
+    SOUND,
+    VALUES,
+    Check,
+    Diagnosis,
+)
 from gateway.modbus.exports.fields import fields
 from gateway.modbus.exports.interface import REQUESTS, STEP_TIMEOUT_MS
 from gateway.modbus.exports.target import Target
 from gateway.modbus.registers.register_map import encode
 
 _PLAIN = {"×": "x", "–": "-", "°": "deg", "±": "+-", "µ": "u"}
+
+
+def _forward(steps: str, since: str, now: str) -> str:
+    """`steps` becomes how far `now` is ahead of `since`, modulo 65536: no language's own overflow is needed."""
+    return f"""\
+  IF {now} >= {since} THEN
+    {steps} := {now} - {since};
+  ELSE
+    {steps} := (65535 - {since}) + {now} + 1;
+  END_IF;
+"""
+
+
 _HEARTBEAT = f"""\
-(* The heartbeat counts in valid images only: {HEARTBEAT_CHANGES} changes, with no invalid image between.
-   An image left over from before and one frozen image make a single change. *)
+(* The heartbeat counts in valid images only: {HEARTBEAT_CHANGES} changes forward, with no invalid image between.
+   An image left over from before and one frozen image make a single change; one that goes back was seen before. *)
 #Changed := FALSE;
 IF #Sound THEN
-  IF #Seen AND (#Raw.heartbeat <> #LastHeartbeat) THEN
+{_forward("#Steps", "#LastHeartbeat", "#Raw.heartbeat")}\
+  IF #Seen AND (#Steps >= {HALF_CIRCLE}) THEN
+    #Changes := 0;
+  ELSIF #Seen AND (#Steps > 0) THEN
     #Changed := TRUE;
     IF #Changes < {HEARTBEAT_CHANGES} THEN
       #Changes := #Changes + 1;
@@ -40,12 +66,33 @@ IF #HeartbeatTimer.Q THEN
   #Changes := 0;
 END_IF;
 #Beating := #Changes >= {HEARTBEAT_CHANGES};
+
+(* Where the gateway accepts writes, its plc_heartbeat returns what this block wrote. A number newer than Challenge, but
+   not newer than this block's own, proves that the image answers this block: {HEARTBEAT_CHANGES} such answers. *)
+#Answered := FALSE;
+#MayWrite := #Sound AND #Writes AND #Raw.handshake_status_writes_on;
+IF #MayWrite THEN
+{_forward("#Steps", "#Challenge", "#Raw.plc_heartbeat")}\
+{_forward("#Written", "#Challenge", "#PlcHeartbeat")}\
+  #Answered := (#Steps > 0) AND (#Steps <= #Written);
+END_IF;
+IF #Answered THEN
+  #Challenge := #PlcHeartbeat;
+  IF #Answers < {HEARTBEAT_CHANGES} THEN
+    #Answers := #Answers + 1;
+  END_IF;
+END_IF;
+#AnswerTimer(IN := NOT #Answered, PT := #HeartbeatTimeout);
+IF #AnswerTimer.Q THEN
+  #Answers := 0;
+END_IF;
+#Answering := #Answers >= {HEARTBEAT_CHANGES};
 """
 
 _OUTPUTS = """\
 (* Whatever is not known to be right turns both outputs off. Nothing of a doubtful image is passed on: Data then reads
    as that of a gateway that has stopped deciding. *)
-#Alive := (#Diagnostic = 0) OR (#Diagnostic >= {first_alive});
+#Alive := (#Diagnostic = 0) OR ((#Diagnostic >= {first_alive}) AND (#Diagnostic <= {last_alive}));
 IF #Alive THEN
   #Data := #Raw;
 ELSE
@@ -123,8 +170,7 @@ IF #PlcHeartbeat >= 65535 THEN
   #PlcHeartbeat := 0;
 ELSE
   #PlcHeartbeat := #PlcHeartbeat + 1;
-END_IF;
-"""
+END_IF;"""
 
 
 def body(target: Target) -> str:
@@ -134,7 +180,7 @@ def body(target: Target) -> str:
 
 def logic() -> str:
     """All after the decoding: the same in every language of IEC 61131-3 and at Rockwell."""
-    outputs = _OUTPUTS.format(first_alive=FIRST_ALIVE, nothing=indented(nothing()))
+    outputs = _OUTPUTS.format(first_alive=FIRST_ALIVE, last_alive=LAST_ALIVE, nothing=indented(nothing()))
     trigger = _TRIGGER.format(limit=f"T#{STEP_TIMEOUT_MS}ms")
     return "\n".join((judgement(), outputs, trigger, _requests()))
 
@@ -192,10 +238,15 @@ def _chain(checks: Sequence[Check]) -> Iterator[str]:
 
 def _requests() -> str:
     """What is written to the gateway: its bits are put together by adding, which every language can."""
-    lines = ["(* What is written to the gateway, where it accepts writes. *)", "#PlcControl := 0;"]
+    lines = ["#PlcControl := 0;"]
     for name, bit in REQUESTS:
         lines.append(f"IF #{name} THEN\n  #PlcControl := #PlcControl + {1 << bit};\nEND_IF;")
-    return "\n".join([*lines, _HEARTBEAT_OUT])
+    return f"""\
+(* What is written to the gateway, where it accepts writes. Another bay gets no request of this one, no heartbeat. *)
+IF #Diagnostic <> {int(Diagnosis.WRONG_BAY)} THEN
+{indented(chr(10).join([*lines, _HEARTBEAT_OUT]))}
+END_IF;
+"""
 
 
 def iec(text: str) -> str:

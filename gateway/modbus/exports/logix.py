@@ -49,7 +49,8 @@ def off() -> str:
     started = {"MustStop": "1", "Alive": "0", "Diagnostic": f"{int(Diagnosis.POLL_FAILED)}", "Reason": reason}
     kept = {"PlcHeartbeat", "PlcControl", "RecipeSelect", "Data"}
     lines = [f"{var.name} := {started.get(var.name, '0')};" for var in OUTPUTS if var.name not in kept]
-    memory = ("Sound", "Seen", "Changed", "Changes", "Beating", "TriggerWas", "TriggerBit", "AcknowledgeBit", "Stage")
+    memory = ["Sound", "Seen", "Changed", "Changes", "Beating", "Answers", "Answering"]
+    memory += ["TriggerWas", "TriggerBit", "AcknowledgeBit", "Stage"]
     lines += [f"{name} := 0;" for name in memory]
     lines.append(f"PlcControl := PlcControl AND {1 << Control.TRUCK_PRESENT};")
     return translated("\n".join([nothing(), *lines, ""]))

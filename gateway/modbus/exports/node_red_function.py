@@ -5,7 +5,7 @@ import re
 from textwrap import indent
 from typing import Any
 
-from gateway.modbus.exports.diagnosis import FIRST_ALIVE, HEARTBEAT_TIMEOUT_MS, MEANING, Diagnosis
+from gateway.modbus.exports.diagnosis import FIRST_ALIVE, HEARTBEAT_TIMEOUT_MS, LAST_ALIVE, MEANING, Diagnosis
 from gateway.modbus.exports.interface import REQUESTS
 from gateway.modbus.exports.logic import judgement
 from gateway.modbus.exports.target import Target
@@ -28,6 +28,7 @@ const MAP = @MAP@;
 const MEANING = @MEANING@;
 const TIMEOUT_MS = @TIMEOUT_MS@;
 const COMMANDS = @COMMANDS@;
+const BAY = { UnitId: @UNIT_ID@, BayIdentity: @IDENTITY@ };   // what registers 101 to 103 must hold
 
 function raw(words, row) {
     const part = words.slice(row.address, row.address + row.words);
@@ -80,16 +81,19 @@ const now = Date.now();
 const state = context.get('state') || {
     Diagnostic: null, Sound: false, PollOk: false, HeartbeatTimeout: TIMEOUT_MS, HeartbeatTimer: { Q: true, off: null },
     LastHeartbeat: 0, Seen: false, Changed: false, Changes: 0, Beating: false,
-    mayMove: false, inPlace: false, raw: null, poll: null, now, command: {}, plcHeartbeat: 0,
+    Challenge: 0, Answers: 0, Answering: false, AnswerTimer: { Q: true, off: null }, PlcHeartbeat: 0, Writes: false,
+    mayMove: false, inPlace: false, raw: null, poll: null, now, command: {},
 };
+Object.assign(state, BAY);
 // A clock that was set back proves nothing any more.
 if (now < state.now) {
-    state.HeartbeatTimer.off = null;
+    state.HeartbeatTimer.off = state.AnswerTimer.off = null;
     state.poll = null;
 }
 state.now = now;
 if (msg.topic === 'command') {
     if (msg.payload !== null && typeof msg.payload === 'object') Object.assign(state.command, msg.payload);
+    state.Writes = true;   // from the first command on; without one it only reads, beside whatever writes
     context.set('state', state);
     return null;
 }
@@ -105,14 +109,14 @@ if (msg.topic !== 'tick') {
     judge(state.raw);
 }
 const code = state.Diagnostic, first = before === null, changed = code !== before;
-const alive = code === @OK@ || code >= @FIRST_ALIVE@;
+const alive = code === @OK@ || (code >= @FIRST_ALIVE@ && code <= @LAST_ALIVE@);
 state.mayMove = code === @OK@ && state.raw.may_move === 1 && state.raw.stop === 0;
 state.inPlace = code === @OK@ && state.raw.in_place === 1 && state.raw.stop === 1;
 let write = null;
-if (data !== null && alive && data.handshake_status_writes_on) {
-    state.plcHeartbeat = (state.plcHeartbeat + 1) & 0xFFFF;
+if (data !== null && state.MayWrite) {
+    state.PlcHeartbeat = (state.PlcHeartbeat + 1) & 0xFFFF;
     const recipe = Number(state.command.recipe) & 0xFFFF;
-    write = { topic: 'write', payload: [state.plcHeartbeat, control(state.command), recipe] };
+    write = { topic: 'write', payload: [state.PlcHeartbeat, control(state.command), recipe] };
 }
 context.set('state', state);
 const text = state.mayMove ? 'may move' : state.inPlace ? 'in place' : MEANING[code][0];
@@ -138,6 +142,9 @@ def code(target: Target) -> str:
         "LOGIC": indent(javascript(judgement()), "    "),
         "COMMANDS": json.dumps(COMMANDS),
         "FIRST_ALIVE": FIRST_ALIVE,
+        "LAST_ALIVE": LAST_ALIVE,
+        "UNIT_ID": target.identity.unit_id,
+        "IDENTITY": target.identity.number,
         "WORDS": BLOCK_WORDS,
     }
     made = _CODE

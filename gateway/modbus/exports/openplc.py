@@ -76,7 +76,10 @@ def _calls(target: Target) -> list[str]:
     bay = target.instance
     lines = [f"{bay}_Words[{word}] := {bay}_w{word};" for word in range(BLOCK_WORDS)]
     given = "".join(f",\n  {name} := {bay}_{name}" for name in (*INPUTS, "Recipe"))
-    lines.append(f"{bay}(PollOk := TRUE, Words := {bay}_Words{given});")
+    # Without --writes it can't be answered: it reads beside whatever writes.
+    writes = "TRUE" if target.writes else "FALSE"
+    known = structured_text.right_bay(target)
+    lines.append(f"{bay}(PollOk := TRUE, Words := {bay}_Words,\n  {known},\n  Writes := {writes}{given});")
     return lines + [f"{bay}_{name} := {bay}.{name};" for name in (*OUTPUTS, "Diagnostic", "Reason", *WRITTEN)]
 
 

@@ -202,12 +202,13 @@ ELSE
   IF #{bay}_Client.DONE OR #{bay}_Client.ERROR THEN
     #{bay}_PollOk := #{bay}_Client.DONE;
     #{bay}_Stage := 0;
-    IF #{bay}_PollOk AND #{bay}.Data.handshake_status_writes_on THEN
+    IF #{bay}_PollOk AND #{bay}.MayWrite THEN
       #{bay}_Stage := 2;
     END_IF;
   END_IF;
 END_IF;
-#{bay}(PollOk := #{bay}_PollOk, Words := {buffers}_Words);
+#{bay}(PollOk := #{bay}_PollOk, Words := {buffers}_Words,
+  {structured_text.right_bay(target)});
 {given}
 
 """

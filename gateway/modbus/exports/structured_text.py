@@ -85,7 +85,7 @@ def program(targets: tuple[Target, ...]) -> Pou:
         "PROGRAM",
         PROGRAM,
         tuple(("VAR", _mapped(target.instance)) for target in targets),
-        "\n".join(called(target.instance) for target in targets),
+        "\n".join(called(target) for target in targets),
         comment="Map each bay's channels to its variables. Set the inputs of its instance, and use its outputs,"
         f" anywhere:\n   {PROGRAM}.{targets[0].instance}.InPlace is the only condition for loading.",
     )
@@ -104,9 +104,15 @@ def instance(bay: str) -> tuple[Var, ...]:
     )
 
 
-def called(bay: str) -> str:
+def right_bay(target: Target) -> str:
+    """The inputs by which the function block knows its bay."""
+    return f"UnitId := {target.identity.unit_id}, BayIdentity := UDINT#{target.identity.number}"
+
+
+def called(target: Target) -> str:
     """The call of a bay's instance, and what is to be written after it."""
-    lines = [f"{bay}(PollOk := {bay}_PollOk, Words := {bay}_Words);"]
+    bay = target.instance
+    lines = [f"{bay}(PollOk := {bay}_PollOk, Words := {bay}_Words,\n  {right_bay(target)});"]
     lines += [f"{bay}_Write[{place}] := UINT_TO_WORD({bay}.{name});" for place, name in enumerate(WRITTEN)]
     return "\n".join(lines) + "\n"
 
@@ -164,7 +170,9 @@ def about(targets: tuple[Target, ...]) -> str:
     """The head of every program of this kind: which gateway, what to poll, what the outputs are for."""
     first = targets[0]
     bays = "\n".join(
-        f"     {target.bay}: {target.host}, port {target.port}, unit id {target.unit_id}" for target in targets
+        f"     {target.bay}: {target.host}, port {target.port}, unit id {target.unit_id},"
+        f" identity {target.identity.number} ({target.site}/{target.gateway}/{target.bay})"
+        for target in targets
     )
     codes = "\n".join(f"   {code:>2}  {meaning}" for code, (_, meaning) in MEANING.items())
     return f"""\
@@ -176,7 +184,7 @@ Loading gateway: map version {MAP_VERSION}, word order "{first.word_order}".
 {codes}
 
    Read {BLOCK_WORDS} registers from address 0, function code 3 or 4, in ONE request, every 50 to 100 ms, and call the
-   function block in every cycle. Where [modbus] writes is on, write {", ".join(WRITTEN)}
+   function block in every cycle. While MayWrite, write {", ".join(WRITTEN)}
    to the registers from {FIRST_WRITTEN} on, together, function code 16, as often."""
 
 

@@ -9,7 +9,7 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from gateway.modbus.exports.target import one_file
+from gateway.modbus.exports.target import Target, one_file
 from gateway.modbus.registers.register_map import BLOCK_WORDS, MAP_VERSION, REGISTERS, RESERVED, Register
 
 COLUMNS = ("name", "address", "words", "type", "scale", "unit", "meaning")
@@ -17,11 +17,15 @@ COLUMNS = ("name", "address", "words", "type", "scale", "unit", "meaning")
 Row = dict[str, Any]
 
 
-def rows() -> list[Row]:
+def rows(targets: Sequence[Target] = ()) -> list[Row]:
     """One plain record per register, in the order of COLUMNS, with `codes` or `bits` where values have names.
 
-    `address` counts from 0; value = register * `scale` in `unit`.
+    `address` counts from 0; value = register * `scale` in `unit`. `targets`: the bays whose identity is stated.
     """
+    known = {
+        "unit_id": "".join(f"; {target.bay}: {target.identity.unit_id}" for target in targets),
+        "bay_identity": "".join(f"; {target.bay}: {target.identity.number}" for target in targets),
+    }
     made: list[Row] = []
     for register in REGISTERS:
         row: Row = {
@@ -31,7 +35,7 @@ def rows() -> list[Row]:
             "type": register.kind.name,
             "scale": register.scale,
             "unit": register.unit,
-            "meaning": register.meaning + _limits(register),
+            "meaning": register.meaning + _limits(register) + known.get(register.name, ""),
         }
         for key, names in (("codes", register.codes), ("bits", register.bits)):
             if names is not None:
@@ -41,18 +45,18 @@ def rows() -> list[Row]:
     return made
 
 
-def csv_text() -> str:
+def csv_text(targets: Sequence[Target] = ()) -> str:
     """COLUMNS as the header, one line per register."""
     out = io.StringIO()
     writer = csv.DictWriter(out, COLUMNS, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()
-    writer.writerows(rows())
+    writer.writerows(rows(targets))
     return out.getvalue()
 
 
-def plain_text() -> str:
+def plain_text(targets: Sequence[Target] = ()) -> str:
     """Aligned columns for a terminal, then the code tables."""
-    table = [("addr", "name", "type", "scale", "unit", "meaning"), *_table()]
+    table = [("addr", "name", "type", "scale", "unit", "meaning"), *_table(targets)]
     widths = [max(len(line[column]) for line in table) for column in range(5)]
     lines = [_headline(), ""]
     for cells in table:
@@ -63,9 +67,9 @@ def plain_text() -> str:
     return "\n".join(lines) + "\n"
 
 
-def markdown() -> str:
+def markdown(targets: Sequence[Target] = ()) -> str:
     """The same as Markdown tables."""
-    parts = [_headline() + "\n", markdown_table(("addr", "name", "type", "scale", "unit", "meaning"), _table())]
+    parts = [_headline() + "\n", markdown_table(("addr", "name", "type", "scale", "unit", "meaning"), _table(targets))]
     for title, key, names in _code_tables():
         cells = ((str(number), f"`{name}`", meaning) for number, (name, meaning) in names.items())
         parts += [f"### {title[0].upper()}{title[1:]}\n", markdown_table((key, "name", "meaning"), cells)]
@@ -90,7 +94,7 @@ def _limits(register: Register) -> str:
     return f"{sentinel}; limited to {low}..{kind.high * scale:.{0 if scale == 1 else 1}f}"
 
 
-def _table() -> list[tuple[str, ...]]:
+def _table(targets: Sequence[Target]) -> list[tuple[str, ...]]:
     """Address range, name, type, scale, unit, meaning; reserved places included, in order of address."""
     cells = [
         (
@@ -104,7 +108,7 @@ def _table() -> list[tuple[str, ...]]:
                 row["meaning"],
             ),
         )
-        for row in rows()
+        for row in rows(targets)
     ]
     cells += [
         (place.address, (_span(place.address, place.words), "-", "-", "", "", f"reserved, reads 0: {place.purpose}"))
@@ -139,7 +143,7 @@ def markdown_table(header: Sequence[str], lines: Iterable[Sequence[str]]) -> str
     return f"| {' | '.join(header)} |\n|{'---|' * len(header)}\n{''.join(rows)}"
 
 
-csv_files = one_file("registers.csv", lambda _: csv_text())
-json_files = one_file("registers.json", lambda _: json.dumps(rows(), indent=2, ensure_ascii=False) + "\n")
-markdown_files = one_file("registers.md", lambda _: markdown())
-text_files = one_file("registers.txt", lambda _: plain_text())
+csv_files = one_file("registers.csv", csv_text)
+json_files = one_file("registers.json", lambda targets: json.dumps(rows(targets), indent=2, ensure_ascii=False) + "\n")
+markdown_files = one_file("registers.md", markdown)
+text_files = one_file("registers.txt", plain_text)

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from gateway.errors import ConfigError
+from gateway.modbus.registers.bay_identity import BayIdentity
 from gateway.modbus.registers.register import WordOrder
 
 # 192.0.2.0/24 is set aside for documentation: an address that no plant can have.
@@ -16,6 +17,7 @@ class Target:
     """One bay as its PLC sees it: where to connect, and under which unit id and word order it answers.
 
     `writes`: the gateway's [modbus] writes is on. Used only by tools that write whether they are answered or not.
+    `site` and `gateway` (its `instance`) are the names in its configuration; with the bay's they make its identity.
     """
 
     bay: str = "bay1"
@@ -24,6 +26,8 @@ class Target:
     unit_id: int = 1
     word_order: WordOrder = "big"
     writes: bool = False
+    site: str = "site1"
+    gateway: str = "gateway"
 
     def __post_init__(self) -> None:
         """Raises ConfigError for what no PLC could be given."""
@@ -35,6 +39,11 @@ class Target:
             raise ConfigError(f"--port: {self.port}: 1 to 65535")
         if not 1 <= self.unit_id <= 247:
             raise ConfigError(f"--unit-id: {self.unit_id}: 1 to 247")
+
+    @property
+    def identity(self) -> BayIdentity:
+        """What the image of this bay has in its registers 101 to 103."""
+        return BayIdentity.of(self.unit_id, self.site, self.gateway, self.bay)
 
     @property
     def identifier(self) -> str:

@@ -49,6 +49,7 @@ class Peer:
     role: str | None = None
     subject: str = ""  # of the certificate, for the audit
     certificate: Validity | None = None
+    connection: int = 0  # its number; 0: not known
 
 
 ReadImage = Callable[[], Sequence[int]]
@@ -72,7 +73,8 @@ class Unit:
     write: Write | None = None
     identity: Mapping[int, bytes] = field(default_factory=identity.objects)  # FC 43/14, by object id
     refused: Callable[[Peer, str], None] = lambda peer, why: None  # called for writes that the peer may not make
-    connection: Callable[[Peer, bool], None] = lambda peer, here: None  # called for a writer's first (True) and last
+    # Called for each connection of a writer: whether it has one now, and the number of the one that has ended, or 0.
+    connection: Callable[[Peer, bool, int], None] = lambda peer, here, ended: None
     words: int | None = None  # of each image; None: it must be read to know
 
 

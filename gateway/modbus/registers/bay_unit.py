@@ -4,12 +4,13 @@ from collections.abc import Callable, Sequence
 
 from gateway.bay import BayControl
 from gateway.clock import Clock
-from gateway.config import ModbusConfig
+from gateway.config import GatewayConfig
 from gateway.core.plc import CONTROL_BITS, PlcConnection, PlcWrite, Writer, WriteVerdict
 from gateway.core.state import Reason, StateVector
 from gateway.modbus.protocol import identity
 from gateway.modbus.protocol.adu import ModbusException
 from gateway.modbus.protocol.answers import Peer, ReadImage, Unit, Write
+from gateway.modbus.registers.bay_identity import NO_BAY, BayIdentity, identities
 from gateway.modbus.registers.handshake import HANDSHAKE
 from gateway.modbus.registers.register import WordOrder
 from gateway.modbus.registers.register_map import BLOCK_WORDS, Image, encode
@@ -23,18 +24,21 @@ _EXCEPTION = {
 }
 
 
-def unit_of(bay: BayControl, config: ModbusConfig, site: str, clock: Clock) -> Unit:
+def unit_of(bay: BayControl, config: GatewayConfig, clock: Clock) -> Unit:
+    modbus = config.modbus
     return Unit(
-        image_of(bay.state, config.word_order, clock),
-        writer(bay.on_write, bay.on_refused) if config.writes else None,
-        identity.objects(f"{site}/{bay.name}"),
+        image_of(bay.state, modbus.word_order, clock, identities(config)[bay.name]),
+        writer(bay.on_write, bay.on_refused) if modbus.writes else None,
+        identity.objects(f"{config.site}/{bay.name}"),
         lambda peer, why: bay.on_refused(writer_of(peer), why),
-        lambda peer, here: bay.on_connection(PlcConnection(writer_of(peer), here)),
+        lambda peer, here, ended: bay.on_connection(PlcConnection(writer_of(peer), here, ended)),
         BLOCK_WORDS,
     )
 
 
-def image_of(state_now: Callable[[], StateVector], word_order: WordOrder, clock: Clock) -> ReadImage:
+def image_of(
+    state_now: Callable[[], StateVector], word_order: WordOrder, clock: Clock, bay: BayIdentity = NO_BAY
+) -> ReadImage:
     """Reads a bay's state at every call, so that a dead one shows as dead; encodes when there is another state.
 
     The state of a dead bay is a new one at every call, which differs only in its time: the first one's image is kept.
@@ -50,7 +54,7 @@ def image_of(state_now: Callable[[], StateVector], word_order: WordOrder, clock:
             last = state
             if key != (state.seq, state.reason):
                 key = state.seq, state.reason
-                image = encode(state, clock.wall_ns() - (clock.now_ns() - state.t_ns), word_order)
+                image = encode(state, clock.wall_ns() - (clock.now_ns() - state.t_ns), word_order, bay)
         return image
 
     return read
@@ -60,7 +64,7 @@ def writer(take: Callable[[PlcWrite], WriteVerdict], refused: Callable[[Writer, 
     """What a Modbus server calls to write: all of the words or none.
 
     An address that is not the PLC's to write is exception 02, a control bit without a meaning 03; both are reported to
-    `refused`. What `take` does not take is exception 06 (another PLC's block) or 04 (the control task does not run).
+    `refused`. What `take` does not take is exception 06 (another owns the block) or 04 (the control task does not run).
     """
 
     def write(address: int, words: Sequence[int], peer: Peer, mask: int = 0xFFFF) -> ModbusException | None:
@@ -75,7 +79,7 @@ def writer(take: Callable[[PlcWrite], WriteVerdict], refused: Callable[[Writer, 
                 refused(who, f"plc_control has no bit {unknown.bit_length() - 1}")
                 return ModbusException.ILLEGAL_VALUE
             fields[field] = word
-        return _EXCEPTION[take(PlcWrite(who, **fields, mask=mask))]
+        return _EXCEPTION[take(PlcWrite(who, **fields, mask=mask, connection=peer.connection))]
 
     return write
 

@@ -86,6 +86,6 @@ HANDSHAKE: tuple[Register, ...] = (
     Register(94, "plc_age", MEASURED_UINT16, 1, "ms", "since plc_heartbeat last changed", _age_ms),
     Register(95, "plc_writes", UINT16, 1, "", "writes accepted since the start of the gateway, modulo 65536",
              lambda s, _: s.plc.writes & 0xFFFF),
-    Register(96, "write_conflicts", UINT16, 1, "", "writes refused because another PLC owns the block: count since the "
-             "start of the gateway, modulo 65536", lambda s, _: s.plc.conflicts & 0xFFFF),
+    Register(96, "write_conflicts", UINT16, 1, "", "writes refused because another program owns the block: count since "
+             "the start of the gateway, modulo 65536", lambda s, _: s.plc.conflicts & 0xFFFF),
 )  # fmt: skip

@@ -15,6 +15,7 @@ from gateway.core.detection import TRACKING_MEANING, Circle, Ellipse
 from gateway.core.readings import FRESH_FRAME, QUALITY_MEANING, RANGE_FINE, VISION_FINE, Quality, VisionReading
 from gateway.core.state import REASON_MEANING, Reason, StateVector
 from gateway.errors import ProtocolError
+from gateway.modbus.registers.bay_identity import NO_BAY, BayIdentity
 from gateway.modbus.registers.handshake import HANDSHAKE
 from gateway.modbus.registers.health import HEALTH, PICTURE
 from gateway.modbus.registers.lamps import SIGNAL_LAMPS
@@ -39,7 +40,7 @@ from gateway.modbus.registers.register import (
 from gateway.modbus.registers.register import Register as Register  # noqa: PLC0414 - for those who read the table
 from gateway.modbus.registers.register import Value as Value  # noqa: PLC0414
 
-MAP_VERSION = 5
+MAP_VERSION = 6
 BLOCK_WORDS = 110  # a request takes 125 at most, some clients 120
 KNOWN_UINT32 = 0x12345678  # 305419896; four different bytes, so every wrong order reads as another number
 _KNOWN_WORDS = (KNOWN_UINT32 >> 16, KNOWN_UINT32 & 0xFFFF)
@@ -214,19 +215,25 @@ REGISTERS: tuple[Register, ...] = (
     *PICTURE[5:],
     Register(99, "seq_end", UINT16, 1, "", "sequence number of the image, again", _sequence),
     SIGNAL_LAMPS,
+    # `encode` sets both: they are the bay's own, whatever its state.
+    Register(101, "unit_id", UINT16, 1, "", "unit id of this bay: compare it with the one that you poll",
+             lambda s, _: 0),
+    Register(102, "bay_identity", UINT32, 1, "", "made of site, instance and bay name; never 0: "
+             "compare it with the exported one", lambda s, _: 0),
 )  # fmt: skip
 
-RESERVED: tuple[Reserved, ...] = (Reserved(101, 9, "for later map versions"),)
+RESERVED: tuple[Reserved, ...] = (Reserved(104, 6, "for later map versions"),)
 
 _ADDRESS = {register.name: register.address for register in REGISTERS}
 STATUS_ADDRESS = _ADDRESS["status"]
 _CLAMPED = STATUS.mask("clamped")
+_UNIT_ID, _IDENTITY = _ADDRESS["unit_id"], _ADDRESS["bay_identity"]
 
 
-def encode(state: StateVector, unix_ns: int, word_order: WordOrder) -> Image:
+def encode(state: StateVector, unix_ns: int, word_order: WordOrder, bay: BayIdentity = NO_BAY) -> Image:
     """The image of one state: BLOCK_WORDS words, each 0..65535. Never raises on any numbers.
 
-    `unix_ns`: wall time of `state.t_ns`. Equal arguments give equal images.
+    `unix_ns`: wall time of `state.t_ns`. Equal arguments give equal images. Without `bay` no program accepts it.
     """
     image = [0] * BLOCK_WORDS
     clamped = False
@@ -235,6 +242,9 @@ def encode(state: StateVector, unix_ns: int, word_order: WordOrder) -> Image:
         clamped |= cut and reported
     if clamped:
         image[STATUS_ADDRESS] |= _CLAMPED
+    image[_UNIT_ID] = bay.unit_id
+    high, low = divmod(bay.number, 0x1_0000)
+    image[_IDENTITY : _IDENTITY + 2] = (high, low) if word_order == "big" else (low, high)
     return tuple(image)
 
 

@@ -107,26 +107,25 @@ class Limits:
 
 
 class ConnectedWriters:
-    """Reports to the units the first connection of each peer that may write, and the end of its last."""
+    """Reports to the units each connection of a peer that may write, and its end."""
 
     def __init__(self, units: Iterable[Unit]) -> None:
         self._report = [unit.connection for unit in units]
         self._open: Counter[tuple[str, str]] = Counter()  # connections by address and subject
 
     def opened(self, peer: Peer) -> None:
-        self._count(peer, 1, changed_at=1)
+        self._count(peer, 1)
 
     def closed(self, peer: Peer) -> None:
-        self._count(peer, -1, changed_at=0)
+        self._count(peer, -1)
 
-    def _count(self, peer: Peer, step: int, changed_at: int) -> None:
+    def _count(self, peer: Peer, step: int) -> None:
         if peer.access is not Access.WRITE:
             return
         key = (peer.address, peer.subject)
         self._open[key] += step
-        if self._open[key] == changed_at:
-            for report in self._report:
-                report(peer, step > 0)
+        for report in self._report:
+            report(peer, self._open[key] > 0, 0 if step > 0 else peer.connection)
         if self._open[key] == 0:
             del self._open[key]
 

@@ -9,7 +9,7 @@ import logging
 import socket
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from types import TracebackType
 from typing import Self, cast
@@ -177,8 +177,9 @@ class ModbusServer:
             self._forget(leaving)  # its place is free now, not when the event loop closes it
         connection.is_plc = self._limits.is_plc(address)
         self._connections[connection] = 0
-        self._writers.opened(connection.peer)
         self.stats.connections += 1
+        connection.peer = replace(connection.peer, connection=self.stats.connections)
+        self._writers.opened(connection.peer)
         self.stats.open += 1
         return True
 

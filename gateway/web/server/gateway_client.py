@@ -18,6 +18,7 @@ from gateway.core.plc import Writer
 from gateway.core.shown import shown
 from gateway.errors import ConfigError, GatewayError, LinkError
 from gateway.modbus.registers import register_map as registers
+from gateway.modbus.registers.bay_identity import identities
 from gateway.processes.channel import Channel, Failed
 from gateway.vision.transport.ring import Ring, Snapshot
 from gateway.web.ipc.messages import (
@@ -136,7 +137,8 @@ class GatewayClient:
         if state is report.now.state:
             return report
         state = replace(state, t_ns=report.now.state.t_ns)  # as old as it is
-        image = registers.encode(state, report.wall_ns, self.about.config.modbus.word_order)
+        config = self.about.config
+        image = registers.encode(state, report.wall_ns, config.modbus.word_order, identities(config)[bay])
         return replace(report, now=replace(report.now, state=state, image=image))
 
     @contextmanager

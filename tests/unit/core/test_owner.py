@@ -236,6 +236,37 @@ def test_a_truck_that_left_for_one_has_not_left_for_the_next() -> None:
     assert bay.state.memory.latched
 
 
+@pytest.mark.failure_mode("P13")
+def test_two_programs_of_one_plc_are_two_writers() -> None:
+    """Each with a connection of its own: the heartbeat of the first is the owner's."""
+    bay = Bay(enable_required=True)
+    for n in range(20):
+        bay.wait(60)
+        assert bay.write(A, 100 + n, ENABLE, connection=1)
+        assert not bay.write(A, 7000 + n, 0, connection=2)
+    plc = bay.state.plc
+    assert (plc.conflicts, plc.control, plc.heartbeat, plc.owner_connection) == (20, ENABLE, 119, 1)
+    assert bay.write(A, control=ENABLE | TRUCK, connection=2), "without a heartbeat it is the owner's own business"
+
+
+def test_a_plc_that_connects_again_continues_at_once_or_once_its_old_connection_is_silent() -> None:
+    bay = Bay()
+    bay.write(A, 1, 0, connection=1)
+    bay.step(PlcConnection(A, open=True))
+    bay.step(PlcConnection(A, open=True, ended=1))
+    assert bay.write(A, 2, connection=2), "the old one was closed"
+    bay.step(PlcConnection(A, open=True))
+    for _ in range(9):  # its cable was pulled: the old connection looks open still
+        bay.wait(100)
+        assert not bay.write(A, 3, connection=3)
+    bay.wait(120)
+    assert bay.write(A, 4, connection=3), "heartbeat_deadline_s after the newest heartbeat of the old one"
+    bay.step(PlcConnection(A, open=True, ended=2))
+    assert bay.state.plc.owner_connection == 3
+    bay.wait(20)
+    assert bay.write(A, 5, connection=3)
+
+
 def test_an_owner_that_returns_before_another_took_over_continues() -> None:
     bay = Bay(enable_required=True)
     bay.wait(100)

@@ -8,6 +8,7 @@ import math
 import re
 import struct
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
@@ -42,18 +43,19 @@ from tests.node_function import Messages, run_each, run_function
 from tests.permitted import permitted, standing
 
 TARGET = Target(bay="bay-2", host="10.1.2.3", port=5020, unit_id=7)
-LITTLE = Target(word_order="little")
+LITTLE = replace(TARGET, word_order="little")
 SECOND = Target(bay="bay-3", host="10.1.2.3", port=5020, unit_id=8)
+IDENTITY = {"bay_2": 1227809674, "bay_3": 1042928412}  # CRC-32 of site1/gateway/bay-2, without its highest bit
 BY_NAME = {register.name: register for register in REGISTERS}
 
 
 def image(heartbeat: int = 7, order: Any = "big") -> list[int]:
-    return list(encode(permitted(heartbeat), 1_763_640_000_123_456_789, order))
+    return list(encode(permitted(heartbeat), 1_763_640_000_123_456_789, order, TARGET.identity))
 
 
 def empty(order: Any = "big") -> list[int]:
     """Every register that may hold no value holds none."""
-    return list(encode(withdrawn(StateVector(""), 0), 0, order))
+    return list(encode(withdrawn(StateVector(""), 0), 0, order, TARGET.identity))
 
 
 # What plants wire to spouts and lights: an output that is on while the truck may move is no condition for loading.
@@ -122,6 +124,8 @@ def ignition_reads(target: Target, words: list[int]) -> tuple[dict[str, Any], di
             read[path] = unpack(words[address : address + size], letter)
             assert "scaleMode" not in leaf
             assert "engUnit" not in leaf
+    right = re.sub(r"\{\[\.\](\S+?)\}", r"read['\1']", expressions.pop("right_bay")["expression"])
+    bits["right_bay"] = eval(right.replace(" = ", " == ").replace("&&", "and"), {"read": read})  # our own
     for name, leaf in expressions.items():
         found = EXPRESSION.fullmatch(leaf["expression"])
         assert found, leaf
@@ -140,6 +144,7 @@ def test_ignition_reads_the_image_through_its_own_addresses() -> None:
     for name, value in expected.items():
         assert read[name] == (None if value is None else pytest.approx(value, abs=1e-3)), name
     assert (bits["may_move"], bits["stop"], bits["healthy"], bits["in_place"]) == (True, False, True, False)
+    assert (bits["right_bay"], ignition_reads(SECOND, words)[1]["right_bay"]) == (True, False)
 
 
 @pytest.mark.parametrize("order", ["big", "little"])
@@ -269,7 +274,8 @@ def test_scl_calls_mb_client_for_every_bay_by_itself() -> None:
         ]
         assert {p["CONNECT"] for p in parameters} == {f'"LoadingGateway_IO".{bay}_Connection'}
         assert f"#{bay}_Client.MB_Unit_ID := {unit};" in cycle
-        assert f'#{bay}(PollOk := #{bay}_PollOk, Words := "LoadingGateway_IO".{bay}_Words);' in cycle
+        assert f'#{bay}(PollOk := #{bay}_PollOk, Words := "LoadingGateway_IO".{bay}_Words,' in cycle
+        assert f"UnitId := {unit}, BayIdentity := UDINT#{IDENTITY[bay]});" in cycle
         assert f"{bay}_Connection.ID := {number};" in siemens
         for n, octet in enumerate((10, 1, 2, 3), 1):
             assert f"{bay}_Connection.RemoteAddress.ADDR[{n}] := {octet};" in siemens
@@ -334,7 +340,8 @@ def test_codesys_polls_and_writes_every_bay_by_itself() -> None:
             f"{bay}_Send(rClient := {bay}_Client, xExecute := {bay}_Stage = 4, uiUnitId := {unit}, uiStartItem := 80,"
             in code
         )
-        assert f"{bay}(PollOk := {bay}_PollOk, Words := {bay}_Words);" in code
+        known = f"UnitId := {unit}, BayIdentity := UDINT#{IDENTITY[bay]}"
+        assert f"{bay}(PollOk := {bay}_PollOk, Words := {bay}_Words,\n  {known});" in code
         address = root.find(f".//p:variable[@name='{bay}_Address']/p:initialValue/p:arrayValue", NS)
         assert address is not None
         assert [v.get("value") for v in address.iterfind("p:value/p:simpleValue", NS)] == ["10", "1", "2", "3"]
@@ -365,7 +372,8 @@ def test_twincat_has_one_file_an_object_with_the_text_that_was_parsed_and_run() 
         where = f"sIPAddr := '10.1.2.3', nTCPPort := 5020, nUnitID := {unit_id}"
         assert f"{bay}_Read({where}, nQuantity := 110, nMBAddr := 0," in code
         assert f"{bay}_Send({where}, nQuantity := 3, nMBAddr := 80," in code
-        assert f"{bay}(PollOk := {bay}_PollOk, Words := {bay}_Words);" in code
+        known = f"UnitId := {unit_id}, BayIdentity := UDINT#{IDENTITY[bay]}"
+        assert f"{bay}(PollOk := {bay}_PollOk, Words := {bay}_Words,\n  {known});" in code
 
 
 # ---- Rockwell
@@ -577,7 +585,7 @@ def test_node_red_decodes_and_reports_may_move_or_in_place() -> None:
 
 
 def placed(heartbeat: int, **changes: Any) -> list[int]:
-    return list(encode(standing(heartbeat, **changes), 1_763_640_000_123_456_789, "big"))
+    return list(encode(standing(heartbeat, **changes), 1_763_640_000_123_456_789, "big", TARGET.identity))
 
 
 def test_node_red_shows_no_sentinel_as_a_value() -> None:
@@ -600,6 +608,8 @@ FINDINGS: list[tuple[dict[str, int], Diagnosis]] = [
     ({"seq_end": 3}, Diagnosis.TORN),
     ({"map_version": 0}, Diagnosis.OLD_MAP),
     ({"known_u32": 1}, Diagnosis.FOREIGN),
+    ({"unit_id": 8}, Diagnosis.WRONG_BAY),
+    ({"bay_identity": 1}, Diagnosis.WRONG_BAY),
     ({"stop": 1}, Diagnosis.CONTRADICTION),
     ({"may_move": 0}, Diagnosis.CONTRADICTION),
     ({"in_place": 1}, Diagnosis.CONTRADICTION),
@@ -621,7 +631,7 @@ def test_node_red_finds_what_structured_text_finds() -> None:
         outputs, status = ran[-1]
         assert status == found.name.lower(), changes
         assert outputs[0] == {"topic": "may_move", "payload": False}, changes
-        assert (outputs[2] is None) is (found < Diagnosis.STOP), changes
+        assert (outputs[2] is None) is (found not in {Diagnosis.VISION, Diagnosis.RANGER}), changes
 
 
 def test_node_red_turns_off_on_silence_on_a_frozen_heartbeat_and_on_a_clock_set_back() -> None:
@@ -656,17 +666,24 @@ def test_node_red_gives_no_output_for_a_frozen_image() -> None:
         assert [out["payload"] for outputs, _ in ran for out in outputs[:2] if out] == [False, False]
 
 
-def test_node_red_writes_what_is_requested_while_the_gateway_accepts_it() -> None:
-    plc = Handshake(PlcLink.ALIVE)
+def test_node_red_writes_what_is_requested_from_the_first_command_on_and_wants_an_answer() -> None:
+    def alive(n: int, echo: int) -> list[int]:
+        return placed(n, plc=Handshake(PlcLink.ALIVE, heartbeat=echo))
+
     command: dict[str, Any] = {"topic": "command", "payload": {"truck_present": True, "release": True, "recipe": 7}}
     less: dict[str, Any] = {"topic": "command", "payload": {"release": False, "unheard_of": True}}
-    alive = [(100, placed(n, plc=plc)) for n in (5, 6, 7)]
-    ran = function_node([*alive, (10, command), (100, placed(8, plc=plc)), (10, less), (100, placed(9, plc=plc))])
-    assert ran[2][0][4] == {"topic": "write", "payload": [1, 0, 0]}
+    reading: Messages = [(100, alive(n, 77)) for n in (5, 6, 7)]  # beside a PLC that writes
+    commanding = [(10, command), (100, alive(8, 77)), (10, less), (100, alive(9, 1)), (100, alive(10, 2))]
+    ran = function_node([*reading, *commanding, *((100, alive(11 + n, 77)) for n in range(6))])
+    assert [outputs[4] for outputs, _ in ran[:3]] == [None] * 3
+    assert ran[2][1] == "in place"
     assert ran[3][0] is None
-    assert ran[4][0][4]["payload"] == [2, 1 << Control.TRUCK_PRESENT | 1 << Control.RELEASE, 7]
-    assert ran[6][0][4]["payload"] == [3, 1 << Control.TRUCK_PRESENT, 7]
-    *_, (outputs, _) = function_node([*alive, (100, placed(8))])
+    written = [outputs[4]["payload"] for outputs, _ in ran[4:] if outputs is not None]
+    both = 1 << Control.TRUCK_PRESENT | 1 << Control.RELEASE
+    assert written == [[1, both, 7], *([n, 1 << Control.TRUCK_PRESENT, 7] for n in range(2, 10))]
+    # Once it writes, its own numbers must return: the PLC's 77 is no answer.
+    assert [status for _, status in ran[4:]] == ["no_echo"] * 3 + ["in place"] * 5 + ["no_echo"] * 2
+    *_, (outputs, _) = function_node([(10, command), *reading, (100, placed(8))])
     assert outputs[4] is None
 
 
@@ -697,7 +714,7 @@ def test_the_command_writes_each_format(name: str, tmp_path: Path, capsys: pytes
 
 def test_without_a_format_it_is_text(capsys: pytest.CaptureFixture[str]) -> None:
     assert run() == 0
-    assert capsys.readouterr().out == export("text", (TARGET,))["registers.txt"]
+    assert capsys.readouterr().out == export("text", (Target(),))["registers.txt"]
 
 
 def test_two_files_need_a_folder() -> None:
@@ -716,6 +733,22 @@ def test_several_bays_are_given_by_name_and_unit_id(tmp_path: Path) -> None:
     assert '"80"' in (tmp_path / openplc.DEVICES).read_text()
 
 
+def test_the_configuration_says_which_bays_there_are_and_who_they_are(tmp_path: Path) -> None:
+    config = tmp_path / "plant.toml"
+    config.write_text(
+        'site = "north"\ninstance = "gw2"\n[modbus]\nport = 5020\nword_order = "little"\nwrites = true\n'
+        'plc_addresses = ["10.1.2.9"]\n[[bays]]\nname = "a"\nunit_id = 3\n[[bays]]\nname = "b"\nunit_id = 4\n'
+    )
+    a = Target("a", "10.1.2.3", 5020, 3, "little", writes=True, site="north", gateway="gw2")
+    argv = ["--format", "openplc", "--config", str(config), "--host", "10.1.2.3", "--out", f"{tmp_path}/"]
+    for more, targets in (((), (a, replace(a, bay="b", unit_id=4))), (("--bay", "a"), (a,))):
+        assert run(*argv, *more) == 0
+        for file, text in export("openplc", targets).items():
+            assert (tmp_path / file).read_text() == text
+    others = replace(a, bay="x"), replace(a, site="x"), replace(a, gateway="x")
+    assert len({target.identity.number for target in (a, *others)}) == 4, "each name counts"
+
+
 @pytest.mark.parametrize(
     ("argv", "message"),
     [
@@ -727,6 +760,7 @@ def test_several_bays_are_given_by_name_and_unit_id(tmp_path: Path) -> None:
         (("--bay", "bay1:0"), "--unit-id: 0: 1 to 247"),
         (("--bay", "bay1:1", "--bay", "bay2:1"), "--bay: two bays have the same unit id: 1, 1"),
         (("--bay", "bay-1:1", "--bay", "bay_1:2"), "--bay: two bays have the same name: bay_1, bay_1"),
+        (("--config", "config/simulate.toml", "--bay", "bay7"), "--bay: 'bay7': config/simulate.toml has bay1"),
         (("--out", "/dev/null/x"), "--out /dev/null/x: Not a directory"),
     ],
 )

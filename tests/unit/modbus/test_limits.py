@@ -1,6 +1,7 @@
 """The connection policy: which clients may connect, and which connections are closed. Time is an argument."""
 
 import resource
+from dataclasses import replace
 
 import pytest
 
@@ -187,20 +188,20 @@ def test_open_files(monkeypatch: pytest.MonkeyPatch) -> None:
 WRITER = Peer("10.0.0.9")
 
 
-def connected_writers() -> tuple[ConnectedWriters, list[tuple[str, str, bool]]]:
-    reported: list[tuple[str, str, bool]] = []
-    unit = Unit(list, connection=lambda peer, here: reported.append((peer.address, peer.subject, here)))
+def connected_writers() -> tuple[ConnectedWriters, list[tuple[str, str, bool, int]]]:
+    reported: list[tuple[str, str, bool, int]] = []
+    unit = Unit(list, connection=lambda peer, here, ended: reported.append((peer.address, peer.subject, here, ended)))
     return ConnectedWriters([unit, Unit(list)]), reported
 
 
-def test_the_first_and_the_last_connection_of_a_writer_are_reported() -> None:
+def test_each_connection_of_a_writer_is_reported_and_whether_it_has_one_still() -> None:
     watched, reported = connected_writers()
-    for _ in range(3):
-        watched.opened(WRITER)
-    assert reported == [("10.0.0.9", "", True)]
-    for _ in range(3):
-        watched.closed(WRITER)
-    assert reported == [("10.0.0.9", "", True), ("10.0.0.9", "", False)]
+    for number in (1, 2):
+        watched.opened(replace(WRITER, connection=number))
+    assert [now for *_, now in reported] == [0, 0]
+    for number in (1, 2):
+        watched.closed(replace(WRITER, connection=number))
+    assert reported[2:] == [("10.0.0.9", "", True, 1), ("10.0.0.9", "", False, 2)]
     assert not watched._open
 
 
@@ -209,7 +210,7 @@ def test_each_address_and_subject_is_another_writer() -> None:
     watched.opened(Peer("10.0.0.9", subject="plc1"))
     watched.opened(Peer("10.0.0.9", subject="plc2"))
     watched.closed(Peer("10.0.0.9", subject="plc1"))
-    assert reported[-1] == ("10.0.0.9", "plc1", False)
+    assert reported[-1] == ("10.0.0.9", "plc1", False, 0)
     assert len(reported) == 3
 
 

@@ -13,6 +13,7 @@ from gateway.core.readings import PictureHealth, Quality, RangeReading, RangeSta
 from gateway.core.shown import withdrawn
 from gateway.core.state import FusionMemory, Moved, Reason, StateVector, Visit, VisitPhase
 from gateway.errors import ProtocolError
+from gateway.modbus.registers.bay_identity import BayIdentity
 from gateway.modbus.registers.bay_unit import image_of
 from gateway.modbus.registers.register import WordOrder
 from gateway.modbus.registers.register_map import (
@@ -66,9 +67,10 @@ STATE = StateVector(
 )  # fmt: skip
 
 # address: word, high word first
+BAY = BayIdentity(9, 0x3456789A)
 EXPECTED: dict[int, int] = {
     0: 0x468A,  # 2 * 0x12345 modulo 65536
-    1: 5,
+    1: 6,
     2: 0xABCD,
     3: 0b0000_0000_0111_0101,  # healthy, range good, vision good, D, stop
     4: 1,
@@ -147,6 +149,9 @@ EXPECTED: dict[int, int] = {
     94: 0xFFFF,
     99: 0x468A,
     100: 0b1,  # red
+    101: 9,
+    102: 0x3456,
+    103: 0x789A,
 }
 
 
@@ -159,7 +164,7 @@ def bits(state: StateVector) -> set[str]:
 
 
 def test_every_word_of_the_image() -> None:
-    assert encode(STATE, UNIX_NS, "big") == tuple(EXPECTED.get(address, 0) for address in range(BLOCK_WORDS))
+    assert encode(STATE, UNIX_NS, "big", BAY) == tuple(EXPECTED.get(address, 0) for address in range(BLOCK_WORDS))
 
 
 PICTURE = (
@@ -197,9 +202,9 @@ def test_what_is_not_known_of_a_picture_has_no_value() -> None:
 
 
 def test_little_word_order_swaps_words_and_nothing_else() -> None:
-    little = encode(STATE, UNIX_NS, "little")
+    little = encode(STATE, UNIX_NS, "little", BAY)
     swapped = dict(EXPECTED)
-    for first in (20, 40, 42, 44, 46, 48, 50, 52, 54, 56):
+    for first in (20, 40, 42, 44, 46, 48, 50, 52, 54, 56, 102):
         swapped[first], swapped[first + 1] = EXPECTED[first + 1], EXPECTED[first]
     for place in range(4):
         swapped[22 + place] = EXPECTED[25 - place]
@@ -238,6 +243,7 @@ def test_addresses_are_never_renumbered() -> None:
     )
     assert tracking_of_version_2 in ", ".join(rows)
     assert "100 signal_lamps uint16" in rows
+    assert {"101 unit_id uint16", "102 bay_identity uint32"} <= set(rows)
 
 
 def test_a_prediction_has_its_own_registers_and_only_while_the_marker_is_coasted() -> None:

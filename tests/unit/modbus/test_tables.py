@@ -15,6 +15,7 @@ from gateway.core.detection import Circle
 from gateway.core.readings import QUALITY_MEANING, Quality, RangeReading, VisionReading
 from gateway.core.state import REASON_MEANING, StateVector
 from gateway.modbus.exports import tables
+from gateway.modbus.exports.target import Target
 from gateway.modbus.registers.register_map import REGISTERS, RESERVED, encode
 
 PAGE = Path(__file__).parents[3] / "docs" / "registers.md"
@@ -82,7 +83,7 @@ def test_an_image_can_be_decoded_with_the_json_alone() -> None:
 def test_csv_has_the_same_rows(capsys: pytest.CaptureFixture[str]) -> None:
     lines = list(csv.DictReader(io.StringIO(run(capsys, "--csv"))))
     assert tuple(lines[0]) == tables.COLUMNS
-    rows = [{column: str(row[column]) for column in tables.COLUMNS} for row in tables.rows()]
+    rows = [{column: str(row[column]) for column in tables.COLUMNS} for row in tables.rows((Target(),))]
     assert lines == rows
 
 
