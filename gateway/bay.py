@@ -60,6 +60,7 @@ class BayControl:
         self._rules = interlock.Rules.of(config, gateway)
         self._buckets = {kind: rate_limit.Bucket() for kind in WRITE_EVENTS}
         self._visits = VisitProgress()  # read by nothing that decides
+        self._waiting: dict[type, VisionReading | RangeReading] = {}  # came while the control task did not run
         state = interlock.initial(self.name, clock.now_ns(), self._rules, retained)
         kept = {"a function check on": bool(state.function_check), "a truck that was in place": state.visit.restored}
         detail = " and ".join(what for what, so in kept.items() if so)
@@ -67,10 +68,17 @@ class BayControl:
         self._publish(state, [started])
 
     def on_vision(self, reading: VisionReading) -> None:
-        self._step(reading)
+        self._on_reading(reading)
 
     def on_range(self, reading: RangeReading) -> None:
-        self._step(reading)
+        self._on_reading(reading)
+
+    def _on_reading(self, reading: VisionReading | RangeReading) -> None:
+        """While the control task does not run, the newest of each sensor waits for it: numbers and counters stand."""
+        if valid(self._hub.state(self.name), self._clock.now_ns()):
+            self._step(reading)
+        else:
+            self._waiting[type(reading)] = reading
 
     def on_write(self, write: PlcWrite) -> WriteVerdict:
         """Take a write to the handshake block, if it is its writer's to make.
@@ -130,6 +138,9 @@ class BayControl:
         due_ns = self._clock.now_ns()
         while True:
             self._step(Tick())
+            waiting, self._waiting = self._waiting, {}
+            for reading in waiting.values():
+                self._step(reading)
             if not self._shut_down:
                 self._ticked(self.name)
             now_ns = self._clock.now_ns()
@@ -157,7 +168,8 @@ class BayControl:
         self._shut_down = True
         old = self._hub.state(self.name)
         new = fusion.forced_stop(old, Reason.SHUTDOWN, self._clock.now_ns())
-        stop_raised = [event for event in events.diff(old, new) if event.kind is EventKind.STOP_RAISED]
+        kinds = (EventKind.OUTPUTS_WITHDRAWN, EventKind.STOP_RAISED)
+        stop_raised = [event for event in events.diff(old, new) if event.kind in kinds]
         self._publish(new, [*stop_raised, Event(EventKind.SHUTDOWN, self.name, new.t_ns, new)])
 
     def _step(self, observation: fusion.Observation, by: Writer | None = None) -> None:

@@ -51,7 +51,7 @@ OUTPUTS_ONLY = frozenset(
         "visit.phase", "visit.ended", "visit.in_place_since_ns",
         "guidance.code", "guidance.amount_mm", "guidance.offset_u_px", "guidance.offset_v_px", "guidance.offset_mm",
         "guidance.to_go_mm",
-        # every tick sets it anew; `shown` is judged at each state
+        # as old as the newest tick, which the judge knows; `shown` is judged at each state
         "valid_until_ns",
         # the writes of the moves have a changed heartbeat or the same one, whatever its number
         "plc.heartbeat",
@@ -132,6 +132,7 @@ class Space:
             "plc.beat_ns": plc.heartbeat_deadline_s,
             "plc.owner_ns": plc.heartbeat_deadline_s,
             "beat_ns": plc.heartbeat_deadline_s,
+            "tick_ns": self.rules.valid_for_ns / (1000 * MS),
         }
         limits = {name: round(s * 1000) * MS for name, s in reached.items()}
         return limits | {name: round(s * 1000) * MS + 1 for name, s in exceeded.items()}
@@ -450,7 +451,7 @@ def _config(heartbeat: bool = True, **sections: Any) -> GatewayConfig:
         "modbus": {"writes": True, "plc_addresses": [PLC.address, OTHER.address], "handshake": plc},
         "fusion": {
             "vision_deadline_s": 0.3, "range_deadline_s": 0.3, "start_grace_s": 0.3, "clear_hold_s": 0.3,
-            "recovery_s": 0.3, "scale_lasting_s": 0.3, "latch_leave_s": 0.3,
+            "recovery_s": 0.3, "scale_lasting_s": 0.3, "latch_leave_s": 0.3, "period_s": 0.2,
         },
         "visit": {"settle_s": 0.3, "hold_limit_s": 0.6, "hold_grace_s": 0.3, "leave_s": 0.3},
     }  # fmt: skip
@@ -463,6 +464,7 @@ CHECKED = {"cross_check": {"focal_px": 600.0, "marker_radius_mm": 90.0, "lasting
 _IDLE, _RELEASE, _RESET = _plc("idle"), _plc("release", Control.RELEASE), _plc("reset", Control.RESET)
 _STUCK = _plc("stuck-release", Control.RELEASE, alive=False)
 _OTHER = _plc("other-release", Control.RELEASE, who=OTHER)
+_STILL = Move("late-tick", lambda *_: Tick(), 260)  # the readings are fresh then, the decision was not valid
 _GONE = Move("plc:disconnected", lambda *_: PlcConnection(PLC, open=False))
 
 
@@ -525,9 +527,9 @@ def spaces() -> dict[str, Space]:
         ),
         Space(
             "shipped",
-            "as visit, with the time constants as shipped and steps of 100 ms",
+            "as visit, with the time constants as shipped and steps of 100 ms, and a control task that stands still",
             parse({"modbus": {"writes": True, "plc_addresses": [PLC.address, OTHER.address]}, "fusion": CHECKED}),
-            _moves(100, every, "mark rolled away NO_ECHO UNSTABLE STUCK", (_IDLE, _RELEASE, _RESET, _STUCK),
+            _moves(100, every, "mark rolled away NO_ECHO UNSTABLE STUCK", (_IDLE, _RELEASE, _RESET, _STUCK, _STILL),
                    "OFF MAY_MOVE_OFF MAY_MOVE_KEPT"),
             100,
         ),

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 CLOSE = "close"  # the connection can't go on
 NOTHING = "nothing"  # no answer
-BIT_REGISTERS = (3, 35, 81, 100)  # status, position_status, plc_control, signal_lamps
+BIT_REGISTERS = (3, 35, 81, 100, 2)  # status, position_status, plc_control, signal_lamps, heartbeat
 NOT_DECIDING = 0x3000  # in register 3: gateway fault, shutdown
 WRITING = (5, 6, 15, 16, 22, 23)
 

@@ -129,6 +129,7 @@ PLANTED: Mapping[str, Planted] = {
         Planted("a PLC is never lost", handshake, "_aged", _always_alive),
         Planted("a heartbeat that stands still counts", handshake, "_written", _same_number_counts),
         Planted("a state is valid for ever", shown, "valid", _constant(True)),
+        Planted("what was shown withdrawn comes back by itself", shown, "resumed", _first),
         Planted("a restart forgets the truck in place", RetainedState, "of", _without_truck),
         Planted("a place of before the restart is one of now", RetainedState, "visit", _as_of_now),
         Planted("off the mark is as good as released", Visit, "unreleased", _moved_only),

@@ -18,7 +18,7 @@ from gateway.core.detection import Circle
 from gateway.core.fusion import Observation
 from gateway.core.plc import PlcWrite
 from gateway.core.readings import Quality, RangeReading, VisionReading
-from gateway.core.state import FunctionCheck, StateVector
+from gateway.core.state import FunctionCheck, StateVector, Tick
 
 S = 1_000_000_000
 NEARER = frozenset({"FORWARD", "SLOW", "LEFT", "RIGHT", "DRIVE_UP"})  # the driver is directed nearer
@@ -73,6 +73,7 @@ class Known:
     farthest_mm: float = 0.0  # since the release
     latched: bool = False
     in_place: bool = False  # as the gateway had it before
+    tick_ns: int = 0  # of the newest tick; the start
 
 
 class StatedConditions:
@@ -85,6 +86,7 @@ class StatedConditions:
         self.range_ns = round(self.fusion.range_deadline_s * S)
         self.start_ns = round(self.fusion.start_grace_s * S)
         self.beat_ns = round(self.handshake.heartbeat_deadline_s * S)
+        self.valid_ns = round(max(0.25, 2 * self.fusion.period_s) * S)
         self.plain = self.fusion.decision == "plain"
         self.hold_ns = 0 if self.plain else round(self.fusion.clear_hold_s * S)
 
@@ -92,7 +94,14 @@ class StatedConditions:
         """Nothing is known but whether a function check is on, and a latch is assumed."""
         silent = Sensor(t_ns=now_ns)
         return Known(
-            silent, silent, check, beat_ns=now_ns, cause_ns=now_ns, doubt_ns=now_ns, latched=self.fusion.latch_stop
+            silent,
+            silent,
+            check,
+            beat_ns=now_ns,
+            cause_ns=now_ns,
+            doubt_ns=now_ns,
+            latched=self.fusion.latch_stop,
+            tick_ns=now_ns,
         )
 
     def restarted(self, known: Known, now_ns: int) -> Known:
@@ -103,12 +112,40 @@ class StatedConditions:
         fresh = replace(fresh, place=known.place, kept=known.watched, watched=known.watched)
         return replace(fresh, left=known.left, perhaps=known.perhaps)
 
+    def interrupted(self, known: Known, now_ns: int) -> Known:
+        """No tick for too long: every output has shown a fault of the gateway, and goes on as after a restart. What the
+        sensors have reported is as old as it is."""
+        monitored = known.place is not None and not known.released
+        return replace(
+            known,
+            vision=replace(known.vision, alive_ns=None),
+            range=replace(known.range, alive_ns=None),
+            cause_ns=now_ns,
+            doubt_ns=now_ns,
+            stood_ns=None,
+            stood_at=None,
+            place=known.place if monitored else None,
+            left=known.left and monitored,
+            perhaps=known.perhaps and monitored,
+            kept=known.kept or (known.watched and monitored),
+            blind_ns=None,
+            unseen_ns=None,
+            clear_ns=None,
+            released=False,
+            latched=known.latched or self.fusion.latch_stop,
+            in_place=False,
+        )
+
     # -- what happened -------------------------------------------------------------------------------------------
 
     def after(self, known: Known, seen: Observation, state: StateVector, now_ns: int) -> Known:
         """`known` after `seen`. Of the new `state` only the output in_place is read."""
+        if now_ns - known.tick_ns > self.valid_ns:
+            known = self.interrupted(known, now_ns)
         vision, rng, reset, release = known.vision, known.range, False, False
         match seen:
+            case Tick():
+                known = replace(known, tick_ns=now_ns)
             case VisionReading():
                 vision = _newest(vision, seen.quality.name, seen.t_ns, None, seen.circle)
             case RangeReading():
@@ -313,12 +350,15 @@ class StatedConditions:
     def complaints(self, known: Known, state: StateVector, now_ns: int) -> Iterator[str]:
         """Each stated condition that fails."""
         stop, may_move, in_place = state.stop, state.may_move, state.in_place
-        if may_move and stop:
-            yield "may_move beside stop"
-        if in_place and may_move:
-            yield "in_place beside may_move"
-        if in_place and not stop:
-            yield "in_place without stop"
+        for what, on in (
+            ("something else than stop without a tick in time",
+             now_ns - known.tick_ns > self.valid_ns and (may_move or in_place or not stop)),
+            ("may_move beside stop", may_move and stop),
+            ("in_place beside may_move", in_place and may_move),
+            ("in_place without stop", in_place and not stop),
+        ):  # fmt: skip
+            if on:
+                yield what
         if stop and state.guidance.code.name in NEARER:
             yield f"stop is on, and the guidance is {state.guidance.code.name}"
         if may_move or (not stop and self.fusion.fail_safe):

@@ -20,6 +20,7 @@ from gateway.core.interlock import Rules
 from gateway.core.plc import Control, PlcWrite, Writer
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.retained import RetainedState
+from gateway.core.shown import shown
 from gateway.core.state import FunctionCheck, StateVector, Tick
 from gateway.core.visit_progress import VisitProgress
 from gateway.core.visit_summary import VisitSummary
@@ -83,6 +84,7 @@ class Bench:
         self.plc: Plc | None = None
         self.vision_fault: Quality | None = None
         self.range_fault: Quality | None = None
+        self.ticking = True  # False: the control task does not run, and the sensors do
         self.moments: list[Moment] = []
         self.events: list[Event] = []
         self.visits: list[VisitSummary] = []
@@ -151,14 +153,15 @@ class Bench:
             self._ticks += 1
             self._range()
             self._camera()
-            if self._ticks % 2 == 0:
+            if self._ticks % 2 == 0 and self.ticking:
                 self.step(Tick())
             if self.plc is not None and self._ticks % 5 == 0 and (write := self.plc(self.t_s, self.state)) is not None:
                 self.step(write)
             if self._ticks % 2 == 0 and self.t_s >= 0:
                 truth = self.world.truth(self.t_s, image_speed=False)
                 echo_mm = faults_of(self.scenario, self.t_s).get(RangerFault.ECHO, truth.distance_mm)
-                self.moments.append(Moment(self.t_s, self.state, truth, min(truth.distance_mm, echo_mm)))
+                said = shown(self.state, self.now_ns)
+                self.moments.append(Moment(self.t_s, said, truth, min(truth.distance_mm, echo_mm)))
         return self.state
 
     def run_until(self, wanted: Callable[[StateVector], bool], within_s: float = 60.0) -> StateVector:

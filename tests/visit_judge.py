@@ -35,6 +35,7 @@ class Row:
     guidance: str
     good: bool  # both sensors are
     starting: bool  # the gateway has just begun, and remembers nothing
+    silent: bool  # the control task does not run, and every value is withdrawn
     z_mm: float
     u_px: float
     v_px: float
@@ -57,6 +58,7 @@ class Row:
             state.guidance.code.name.lower(),
             state.vision.quality is Quality.GOOD and state.range.quality is Quality.GOOD,
             state.reason is Reason.STARTING,
+            state.reason is Reason.GATEWAY_FAULT,
             truth.distance_mm,
             truth.u_px,
             truth.v_px,
@@ -82,6 +84,7 @@ class Row:
             row["guidance"],
             row["vision"] == "good" and row["range"] == "good",
             row["reason"] == "starting",
+            row["reason"] == "gateway_fault",
             truth["z_mm"],
             truth["u"],
             truth["v"],
@@ -96,7 +99,7 @@ class Row:
 def complaints(rows: Iterable[Row], config: GatewayConfig, *, late_s: float = LATE_S) -> list[str]:
     """Everything that must not be, with the world time at which it was said; empty: all is well."""
     known = list(rows)
-    checks = (_of_one_row, _of_stop, _of_in_place, _of_moved, _of_release)
+    checks = (_of_one_row, _of_stop, _of_silence, _of_in_place, _of_moved, _of_release)
     return [line for check in checks for line in check(known, config, late_s)]
 
 
@@ -130,6 +133,24 @@ def _of_stop(rows: list[Row], config: GatewayConfig, late_s: float) -> Iterator[
         since_s = (row.t_s if since_s is None else since_s) if surely else None
         if since_s is not None and row.t_s - since_s > late_s and not row.stop and not row.released:
             yield f"{row.t_s:.2f}: no stop, though the truck stands at {row.z_mm:.0f} mm"
+
+
+def _of_silence(rows: list[Row], config: GatewayConfig, late_s: float) -> Iterator[str]:
+    """What was withdrawn does not come back by itself: in_place needs both sensors again, for settle_s."""
+    del late_s
+    settle_s = config.bays[0].visit.settle_s
+    withdrawn, good_s = False, None
+    for before, row in pairwise(rows):
+        if row.silent and (row.in_place or row.released or row.may_move or not row.stop):
+            yield f"{row.t_s:.2f}: something else than stop while the control task does not run"
+        if before.silent and row.released:
+            yield f"{row.t_s:.2f}: still released, though that was withdrawn"
+        withdrawn = withdrawn or row.silent
+        good_s = None if row.silent or not row.good else row.t_s if good_s is None else good_s
+        if withdrawn and row.in_place:
+            if good_s is None or row.t_s - good_s < settle_s - 0.02:
+                yield f"{row.t_s:.2f}: in place again, and not by both sensors for {settle_s:g} s"
+            withdrawn = False
 
 
 def _of_in_place(rows: list[Row], config: GatewayConfig, late_s: float) -> Iterator[str]:

@@ -22,7 +22,7 @@ from tests.visit_judge import SENSOR_MM, SENSOR_PX, Row, complaints
 SEQ_BEGIN, VERSION, HEARTBEAT, STOP, MAY_MOVE = 0, 1, 2, 4, 5
 REASON, VISION_QUALITY, RANGE_QUALITY, D = 6, 7, 8, 9
 POSITION, IN_PLACE, MOVED, PHASE, GUIDANCE, SEQ_END = 35, 36, 37, 39, 62, 99
-RELEASED_BIT, STARTING_REASON, UNKNOWN_D, MAP_VERSION = 4, 10, 0xFFFF, 3
+RELEASED_BIT, STARTING_REASON, SILENT_REASON, UNKNOWN_D, MAP_VERSION = 4, 10, 40, 0xFFFF, 3
 MOVED_NAMES = {0: "no", 1: "distance", 2: "marker"}
 GUIDANCE_NAMES = {
     0: "wait", 1: "forward", 2: "back", 3: "left", 4: "right", 5: "slow", 6: "stop", 7: "ok", 8: "too_far",
@@ -208,6 +208,7 @@ class Judge:
             GUIDANCE_NAMES.get(words[GUIDANCE], "unknown") if alive else "",
             alive and words[VISION_QUALITY] == 0 and words[RANGE_QUALITY] == 0,
             not alive or words[REASON] == STARTING_REASON,
+            alive and words[REASON] == SILENT_REASON,
             truth.distance_mm,
             truth.u_px,
             truth.v_px,

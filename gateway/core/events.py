@@ -1,11 +1,12 @@
 """Events, and what happened between two states. Pure: (old, new) -> events, in a fixed order."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from gateway.core.detection import Circle
 from gateway.core.plc import Change, Handshake, PlcLink, PlcWrite, RecipeVerdict, ResetVerdict, Writer
 from gateway.core.readings import RANGE_FINE, VISION_FINE, Quality
+from gateway.core.shown import lapsed, resumed, valid
 from gateway.core.state import MOVED_MEANING, Moved, StateVector
 from gateway.core.visit_summary import VisitSummary
 
@@ -15,6 +16,8 @@ class EventKind(StrEnum):
 
     START = "start"
     SHUTDOWN = "shutdown"
+    OUTPUTS_WITHDRAWN = "outputs_withdrawn"
+    OUTPUTS_RETURNED = "outputs_returned"
     STOP_RAISED = "stop_raised"
     STOP_CLEARED = "stop_cleared"
     TARGET_FOUND = "target_found"
@@ -41,6 +44,9 @@ class EventKind(StrEnum):
     OPERATOR_MARK = "operator_mark"
 
 
+NS_PER_S = 1_000_000_000
+
+
 @dataclass(frozen=True, slots=True)
 class Event:
     """One thing that happened in one bay. Identity (a unique id) is given where it is published."""
@@ -60,8 +66,26 @@ class Event:
 def diff(old: StateVector, new: StateVector) -> list[Event]:
     """Causes before consequences: people, sensors, the PLC, then the target, then stop.
 
-    A sensor that changes from one fault to another is reported again; WAITING (nothing received yet) is no fault.
+    A sensor that changes from one fault to another is reported again; WAITING (nothing received yet) is no fault. Where
+    `old` has been shown withdrawn meanwhile, that comes first, at the time at which it was.
     """
+    going_on = resumed(old, new.t_ns)
+    if going_on is old:
+        return _changes(old, new)
+    found: list[Event] = []
+    last = lapsed(old, new.t_ns)
+    if last is not None:  # else it was made meanwhile, and this has been reported
+        text = "gateway_fault: the control task does not run"
+        found.append(Event(EventKind.OUTPUTS_WITHDRAWN, new.bay, last.t_ns, last, detail=text))
+        found += [replace(event, state=last) for event in _changes(old, replace(going_on, t_ns=last.t_ns))]
+    if valid(new, new.t_ns):
+        silent_s = (new.t_ns - old.valid_until_ns) / NS_PER_S
+        text = f"the control task runs again; no decision was valid for {silent_s:.2f} s"
+        found.append(Event(EventKind.OUTPUTS_RETURNED, new.bay, new.t_ns, new, detail=text))
+    return found + _changes(going_on, new)
+
+
+def _changes(old: StateVector, new: StateVector) -> list[Event]:
     return [
         *_edge(old, new, was=bool(old.function_check), now=bool(new.function_check), kinds=_FUNCTION_CHECK),
         *_sensor("vision", old, new),

@@ -18,7 +18,7 @@ from gateway.config import (
     RecipeConfig,
     VisitConfig,
 )
-from gateway.core import agreement, fusion, guidance, handshake, ne107, scale, visit
+from gateway.core import agreement, fusion, guidance, handshake, ne107, scale, shown, visit
 from gateway.core.plc import Control, Handshake, PlcConnection, PlcLink, PlcWrite, ResetVerdict
 from gateway.core.readings import Quality, RangeReading
 from gateway.core.retained import RetainedState
@@ -99,7 +99,20 @@ def initial(bay: str, now_ns: int, rules: Rules, retained: RetainedState | None 
 
 
 def step(state: StateVector, observation: fusion.Observation, now_ns: int, rules: Rules) -> StateVector:
-    """The next state after `observation`, as of `now_ns` (monotonic). Never raises on any observation."""
+    """The next state after `observation`, as of `now_ns` (monotonic). Never raises on any observation.
+
+    Where `state` is no longer valid by then, every output has shown it withdrawn: the step goes on from that. Only a
+    tick ends that time; an observation before it makes a state that is not valid, either.
+    """
+    resumed = shown.resumed(state, now_ns)
+    if resumed is not state:
+        # What was decided meanwhile is not known, as at a start.
+        memory = replace(resumed.memory, latched=resumed.memory.latched or rules.latch_stop)
+        resumed = replace(resumed, memory=memory)
+    return shown.resumed(_step(resumed, observation, now_ns, rules), now_ns)
+
+
+def _step(state: StateVector, observation: fusion.Observation, now_ns: int, rules: Rules) -> StateVector:
     plc, write = _accepted_write(state, observation, now_ns, rules.handshake)
     before = plc
     if isinstance(observation, FunctionCheck):

@@ -4,10 +4,12 @@ A state is valid until `valid_until_ns`, which every tick of the control task ex
 ticks nothing is decided, and good values must not be shown beside a heartbeat that no longer counts.
 """
 
+from dataclasses import replace
 from typing import Protocol
 
 from gateway.core import fusion
-from gateway.core.state import Reason, StateVector
+from gateway.core.plc import TriggerPhase
+from gateway.core.state import Guidance, GuidanceCode, Reason, StateVector
 
 
 class Dated(Protocol):
@@ -33,6 +35,42 @@ def valid(state: Dated, now_ns: int) -> bool:
     return now_ns <= state.valid_until_ns or state.reason is Reason.SHUTDOWN
 
 
+def resumed(state: StateVector, now_ns: int) -> StateVector:
+    """`state` as the next step goes on from it: itself, or, where it has been shown withdrawn meanwhile, without all
+    that must be earned again.
+
+    What a PLC saw withdrawn must not come back by itself: in place, a release, a triggered measurement, and the time
+    for which nothing has stopped the truck. Readings have their own ages, and D only ever ends by both sensors.
+    """
+    if valid(state, now_ns):
+        return state
+    memory, plc = state.memory, state.plc
+    if memory.vision_failure.alive_since_ns is not None or memory.range_failure.alive_since_ns is not None:
+        memory = replace(
+            memory,
+            vision_failure=replace(memory.vision_failure, alive_since_ns=None),
+            range_failure=replace(memory.range_failure, alive_since_ns=None),
+        )
+    return replace(
+        state,
+        stop=True,
+        may_move=False,
+        reason=Reason.GATEWAY_FAULT,
+        d=None,
+        memory=replace(memory, no_cause_since_ns=None, pending_since_ns=None, absent_since_ns=None, track=()),
+        plc=replace(plc.withdrawn(), timed_out=plc.timed_out or plc.phase is TriggerPhase.ACQUIRING),
+        guidance=Guidance(GuidanceCode.FAULT),
+        visit=state.visit.withdrawn(),
+    )
+
+
 def withdrawn(state: StateVector, now_ns: int) -> StateVector:
     """`state` as shown when the control task does not run: stop on, may_move off, no values."""
     return fusion.forced_stop(state, Reason.GATEWAY_FAULT, now_ns)
+
+
+def lapsed(state: StateVector, now_ns: int) -> StateVector | None:
+    """`state` as it has been shown since it was no longer valid; None: it is valid, or has never been."""
+    if valid(state, now_ns) or not valid(state, state.t_ns):
+        return None
+    return withdrawn(state, state.valid_until_ns + 1)

@@ -185,7 +185,8 @@ class Visit:
     """The state of the truck's visit to a bay. Only `in_place` may ever be a condition for loading.
 
     All times monotonic ns; None: not pending. `place` stays after `in_place` has ended, so that a truck that moves is
-    noticed, until the truck has left or is in place again. After a restart it can only make stricter: `restored`.
+    noticed, until the truck has left or is in place again. After a restart, or a time in which the control task did not
+    run, it can only make stricter: `restored`.
     """
 
     phase: VisitPhase = VisitPhase.UNKNOWN
@@ -194,7 +195,7 @@ class Visit:
     moved_covered: bool = False  # it moved while the marker was covered: under the spout
     released: bool = False  # by the PLC, for this visit; it lets the truck go until off_mark
     place: TruckPosition | None = None
-    restored: bool = False  # that truck was in place before the restart; until it is again, a reset or a clear bay
+    restored: bool = False  # it was in place before a restart or gateway fault; until again, a reset or a clear bay
     still_since_ns: int | None = None  # D = 1 and standing, and nothing against it
     in_place_since_ns: int | None = None
     covered_since_ns: int | None = None  # the camera is alive, and the marker not seen at its place since
@@ -244,8 +245,11 @@ class Visit:
         return not self.released and (self.monitored or self.moved is not Moved.NO)
 
     def withdrawn(self) -> "Visit":
-        """For a gateway that can't vouch for it any more: it must be earned again."""
-        return Visit(moved=self.moved, moved_covered=self.moved_covered)
+        """For a gateway that can't vouch for it any more: in place must be earned again, and a truck that was not
+        released is still monitored."""
+        if not self.unreleased:
+            return Visit()
+        return Visit(place=self.place, restored=True, moved=self.moved, moved_covered=self.moved_covered)
 
 
 class GuidanceCode(IntEnum):
@@ -347,6 +351,11 @@ class StateVector:
         return self.visit.rolls_covered or self.plc.link is not PlcLink.UNUSED or reference.nearer
 
     @property
+    def running(self) -> bool:
+        """The control task has made it; else it is what is shown where that does not run, or has ended."""
+        return self.reason not in (Reason.GATEWAY_FAULT, Reason.SHUTDOWN)
+
+    @property
     def picture(self) -> PictureHealth | None:
         """The picture's own health; only while the camera's frames are fresh, and the control task runs."""
         return self.vision.picture if self._fresh else None
@@ -358,4 +367,4 @@ class StateVector:
 
     @property
     def _fresh(self) -> bool:
-        return self.vision.quality in FRESH_FRAME and self.reason not in (Reason.GATEWAY_FAULT, Reason.SHUTDOWN)
+        return self.vision.quality in FRESH_FRAME and self.running

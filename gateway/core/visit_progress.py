@@ -145,7 +145,8 @@ def _while_off(earlier: VisitSummary) -> VisitSummary:
 
 def _followed(old: StateVector, state: StateVector) -> bool:
     """The released truck was on its way, and now a truck comes nearer: gateway/core/visit.py ends the release."""
-    return old.visit.released and old.visit.off_mark and not state.visit.released
+    lapsed = state.t_ns > old.valid_until_ns  # that ends a release, too
+    return old.visit.released and old.visit.off_mark and not state.visit.released and not lapsed
 
 
 def _step(
@@ -219,6 +220,9 @@ def _of_times(truck: Truck, old: StateVector, state: StateVector) -> Truck:
         return truck
     begins = fault is not None and fault is not truck.fault
     truck = replace(_counted(truck, state.t_ns, old.valid_until_ns), phase=phase, fault=fault)
+    if old.t_ns <= old.valid_until_ns < state.t_ns:  # every output has shown a fault since
+        silent = (Reason.GATEWAY_FAULT, int(fault is not Reason.GATEWAY_FAULT), _s(state.t_ns - old.valid_until_ns))
+        truck = replace(truck, so_far=replace(truck.so_far, faults=merged(truck.so_far.faults, (silent,))))
     if not begins or fault is None:
         return truck
     counted = merged(truck.so_far.faults, ((fault, 1, 0.0),))

@@ -17,7 +17,7 @@ from gateway.core.state import FunctionCheck, Reason, StateVector
 from gateway.records.factors import Cause, Factor, causes, position
 from gateway.records.moment import unix_ns
 from gateway.records.record import Decision
-from gateway.records.replay import Step
+from gateway.records.replay import NoTick, Step
 from gateway.records.segment import Head
 
 FOLLOWED = ("stop", "may_move", "in_place", "moved", "reason", "latched", "function_check", "recipe")
@@ -93,7 +93,7 @@ def changed(was: Decision, now: Decision) -> str:
     return ", ".join(f"{name} {_short(old)} -> {_short(new)}" for name, old, new in pairs if old != new)
 
 
-def entered(observation: Observation | None, old: StateVector | None, state: StateVector) -> str:
+def entered(observation: Observation | NoTick | None, old: StateVector | None, state: StateVector) -> str:
     """What entered the step that made `state` of `old`, in words."""
     text = "tick"
     match observation:
@@ -112,6 +112,8 @@ def entered(observation: Observation | None, old: StateVector | None, state: Sta
             text = f"{observation.writer} {'connected' if observation.open else 'disconnected'}"
         case FunctionCheck():
             text = f"function check: {observation.name.lower()}"
+        case NoTick():
+            text = "no tick in time"
         case None:
             text = "the gateway's end" if state.reason is Reason.SHUTDOWN else "a new beginning of the recording"
     return text

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from gateway.core.events import Event
 from gateway.core.fusion import Observation
 from gateway.core.readings import VisionReading
+from gateway.core.shown import lapsed
 from gateway.core.state import StateVector
 from gateway.core.visit_summary import VisitSummary
 from gateway.modbus.registers.bay_identity import NO_BAY, BayIdentity
@@ -77,6 +78,8 @@ class Collector:
         if self._missing:
             self._add(Gap(t_ns=t_ns, lost=self._missing, why="not written in time"))
             self._missing, stepped = 0, False
+        elif self._newest is not None and (said := lapsed(self._newest, t_ns)) is not None:
+            self._decide(said)
         new = state is not self._newest
         self._newest = state
         if observation is not None and stepped:
@@ -86,10 +89,7 @@ class Collector:
         elif new:
             self._checkpoint(state, follows=False)
             self._decision = ()
-        decision = Decision.of(state)
-        if (now := outputs(decision)) != self._decision:
-            self._decision = now
-            self._add(decision)
+        self._decide(state)
         for event in happened:
             self._add(
                 EventRecord(
@@ -133,6 +133,12 @@ class Collector:
         """Another process writes from here on: its first segment begins with a Checkpoint."""
         if self._newest is not None and not self._missing:
             self._checkpoint(self._newest, follows=True)
+
+    def _decide(self, state: StateVector) -> None:
+        decision = Decision.of(state)
+        if (now := outputs(decision)) != self._decision:
+            self._decision = now
+            self._add(decision)
 
     def _checkpoint(self, state: StateVector, *, follows: bool) -> None:
         self._checkpoint_ns = state.t_ns

@@ -15,7 +15,7 @@ from gateway.records.moment import unix_ns
 from gateway.records.record import Decision, EventRecord, FrameRecord, VisitRecord, outputs
 from gateway.records.recorded_rules import RecordedRules
 from gateway.records.recording import Item, Missing
-from gateway.records.replay import Difference, Replay, Step
+from gateway.records.replay import Difference, NoTick, Replay, Step
 from gateway.records.segment import Picture
 
 NS_PER_S = 1_000_000_000
@@ -23,7 +23,7 @@ Value = str | int | float | bool | None
 Row = dict[str, Value]
 ENTERED = (
     (VisionReading, "frame"), (RangeReading, "distance"), (PlcWrite, "write"), (PlcConnection, "connection"),
-    (FunctionCheck, "function_check"), (Tick, "tick"),
+    (FunctionCheck, "function_check"), (Tick, "tick"), (NoTick, "nothing"),
 )  # fmt: skip
 
 

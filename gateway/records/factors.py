@@ -70,6 +70,9 @@ def causes(state: StateVector, rules: Rules, now_ns: int | None = None) -> tuple
         return (Cause(Factor.SHUTDOWN, "the gateway was stopped: its final state, without any value", state.t_ns),)
     if now_ns is not None and not valid(state, now_ns):
         return (_not_valid(state, now_ns),)
+    if state.reason is Reason.GATEWAY_FAULT:
+        text = "the control task did not run: without a tick in time every output shows stop, and no value"
+        return (Cause(Factor.GATEWAY, text, state.valid_until_ns),)
     recipe = rules.recipes.get(state.plc.recipe, rules.recipes[0])
     if state.may_move:
         return (_nothing(state, recipe.fusion),)
@@ -109,7 +112,7 @@ def _of_stop(state: StateVector, rules: Rules, recipe: Recipe) -> Iterator[Cause
     if state.stop and visit.moved is not Moved.NO and rules.handshake is not None:
         yield Cause(Factor.MOVED, _moved(state, recipe))
     elif state.stop and visit.restored and rules.handshake is not None:
-        text = "a truck was in place before the gateway's start; until it is again, the bay is clear, or a reset"
+        text = "a truck was in place before the gateway began anew; until it is again, the bay is clear, or a reset"
         yield Cause(Factor.RESTORED, text)
     if visit.phase is VisitPhase.EMPTY and len(sensors) == 2:
         yield Cause(Factor.NO_TRUCK, "no truck: no marker in the picture, and no echo", visit.clear_since_ns)

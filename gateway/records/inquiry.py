@@ -20,7 +20,7 @@ from gateway.records.moment import unix_ns
 from gateway.records.record import AnyRecord, Checkpoint, Decision, EventRecord
 from gateway.records.recorded_rules import RecordedRules
 from gateway.records.recording import Item, Missing, Place
-from gateway.records.replay import Difference, Replay, Step
+from gateway.records.replay import Difference, NoTick, Replay, Step
 from gateway.records.segment import Head
 
 NS_PER_S = 1_000_000_000
@@ -94,10 +94,11 @@ class Inquiry:
             items = [*items, *self._items(self._paths[last])]
             last += 1
         steps, missing, differing = self._replayed(items, begin_ns, end_ns)
-        step = next((s for s in reversed(steps) if _unix(s) <= at_ns), None)
+        decided = [s for s in steps if not isinstance(s.observation, NoTick)]
+        step = next((s for s in reversed(decided) if _unix(s) <= at_ns), None)
         head = step.place.head if step is not None else _head_near(items, at_ns)
         rules = self._rules.of(head)
-        silence, state, found = self._shown(steps, step, items, at_ns, rules)
+        silence, state, found = self._shown(decided, step, items, at_ns, rules)
         found_links = chain.within(chain.links(steps, self._rules.of), begin_ns, end_ns)
         since_ns, earlier = self._since(items, first, at_ns, progress)
         split = max((n + 1 for n, link in enumerate(found_links) if link.what and link.unix_ns <= at_ns), default=0)

@@ -10,6 +10,7 @@ import msgspec
 from gateway.core.fusion import Observation
 from gateway.core.plc import PlcConnection, PlcWrite
 from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.shown import shown
 from gateway.core.state import FunctionCheck, GuidanceCode, Moved, Reason, StateVector, VisitPhase
 from gateway.core.visit_summary import VisitSummary
 from gateway.errors import ProtocolError
@@ -51,7 +52,8 @@ class FunctionCheckRecord(Record, frozen=True, tag="function_check"):
 
 
 class Decision(Record, frozen=True, tag="decision"):
-    """The outputs after the record before it; recorded where one of them has changed."""
+    """The outputs after the record before it; recorded where one of them has changed. One that no record made is that
+    of a control task that did not run (gateway/core/shown.py)."""
 
     stop: bool
     may_move: bool
@@ -99,7 +101,7 @@ class RegisterImage(Record, frozen=True, tag="registers"):
 
     @staticmethod
     def of(state: StateVector, unix_ns: int, word_order: WordOrder, bay: BayIdentity) -> "RegisterImage":
-        words = encode(state, unix_ns, word_order, bay)
+        words = encode(shown(state, state.t_ns), unix_ns, word_order, bay)
         return RegisterImage(
             t_ns=state.t_ns, unix_ns=unix_ns, words=b"".join(word.to_bytes(2, "big") for word in words)
         )

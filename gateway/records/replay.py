@@ -13,6 +13,7 @@ from gateway import __version__
 from gateway.core import interlock
 from gateway.core.fusion import Observation
 from gateway.core.interlock import Rules
+from gateway.core.shown import lapsed
 from gateway.core.state import StateVector, Tick
 from gateway.modbus.registers.bay_identity import NO_BAY
 from gateway.modbus.registers.register import WordOrder
@@ -45,12 +46,17 @@ OBSERVATION = {
 
 
 @dataclass(frozen=True, slots=True)
+class NoTick:
+    """Nothing entered the control step in time: every output showed the state withdrawn."""
+
+
+@dataclass(frozen=True, slots=True)
 class Step:
     """One state, computed again, or taken over from the recording where `observation` is None. `recorded`: what was
-    decided then; None: not known, after a gap."""
+    decided then; None: not known, after a gap. Of a NoTick: the state as it was shown from then on."""
 
     place: Place
-    observation: Observation | None
+    observation: Observation | NoTick | None
     state: StateVector
     recorded: Decision | None
 
@@ -83,6 +89,7 @@ class Replay:
         head: Head | None = None
         rules, order = Rules({}), _BIG
         state: StateVector | None = None  # None: until the next complete state
+        silent: StateVector | None = None  # the one that was shown withdrawn
         recorded: Decision | None = None
         step: Step | None = None  # the newest; its recorded decision may still follow
         for item in items:
@@ -95,6 +102,12 @@ class Replay:
             if place.head is not head:
                 head = place.head
                 rules, order = self.rules_of(head)
+            begins = isinstance(record, Checkpoint) and not record.follows
+            said = None if state is None or begins or state is silent else lapsed(state, record.t_ns)
+            if said is not None:
+                yield from _judged(step, recorded)
+                yield Step(place, NoTick(), said, None)
+                silent, step = state, None
             if isinstance(record, Decision):
                 recorded = record
                 continue

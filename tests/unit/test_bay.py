@@ -2,17 +2,23 @@
 
 import asyncio
 import logging
+from collections.abc import Sequence
+from dataclasses import replace
 
 import pytest
 
 from gateway.bay import BayControl
-from gateway.config import BayConfig, FusionConfig
+from gateway.config import BayConfig, FusionConfig, Reconnect
 from gateway.core.detection import Circle, Tracking
 from gateway.core.events import EventKind
+from gateway.core.fusion import Observation
+from gateway.core.plc import Writer
 from gateway.core.readings import Quality, RangeReading, VisionReading
-from gateway.core.state import Reason, StateVector
+from gateway.core.state import Reason, StateVector, Tick
 from gateway.hub import EventQueue, Hub
+from gateway.modbus.registers.bay_unit import image_of
 from gateway.modbus.registers.register_map import decode, encode
+from gateway.supervisor import Supervisor, Task
 from tests import virtual_time
 from tests.virtual_time import HandClock, LoopClock, in_virtual_time
 
@@ -148,6 +154,63 @@ def test_a_state_that_nobody_renews_is_shown_as_a_gateway_fault(period_s: float,
     assert dead.seq == bench.bay.state().seq == last.seq + 1
     assert bench.state is last
     assert bench.kinds() == []
+
+
+@pytest.mark.failure_mode("G1")
+def test_a_tick_that_raises_once_withdraws_everything_and_nothing_comes_back_by_itself() -> None:
+    """The supervisor begins the control task again; the sensors report all the while."""
+
+    async def main() -> None:
+        bench = Bench(LoopClock(), fusion=FusionConfig(raise_debounce_s=0))
+        hub, bay, clock, real = bench.hub, bench.bay, bench.clock, bench.bay._step
+        image = image_of(bay.state, "big", clock)
+        broken = False
+
+        def step(observation: Observation, by: Writer | None = None) -> None:
+            nonlocal broken
+            if broken and isinstance(observation, Tick):
+                broken = False
+                raise ZeroDivisionError
+            real(observation, by)
+
+        bay._step = step  # type: ignore[method-assign]
+        backoff = Reconnect(min_s=0.4, max_s=0.4)
+        table = Supervisor([Task("control", bay.run, backoff, vital=True)], clock)
+        task = asyncio.create_task(table.run())
+        images: list[tuple[int, Sequence[int]]] = []
+
+        async def sensors(for_s: float) -> None:
+            end_ns = clock.now_ns() + round(for_s * 1000) * MS
+            while clock.now_ns() < end_ns:
+                number = clock.now_ns() // MS
+                bay.on_vision(replace(seen(clock.now_ns(), 190.0), frame_id=number))
+                bay.on_range(replace(heard(clock.now_ns(), 285.0), seq=number))
+                images.append((clock.now_ns(), image()))
+                await asyncio.sleep(0.03)
+
+        await sensors(3)
+        assert hub.shown("north", clock.now_ns()).in_place
+        bench.kinds()
+        broken, died_ns = True, clock.now_ns()
+        await sensors(0.8)
+        dead = [words for at_ns, words in images if died_ns + 290 * MS < at_ns < died_ns + 390 * MS]
+        assert len(dead) >= 3
+        assert len(set(dead)) == 1, "nothing at all goes on"
+        read = decode(dead[0])
+        assert (read["in_place"], read["stop"], read["reason"]) == (0, 1, Reason.GATEWAY_FAULT)
+        assert (read["vision_age"], read["range_age"]) == (None, None)
+        assert not bay.state().in_place, "the task runs again"
+        assert bay.state().reason is not Reason.GATEWAY_FAULT
+        assert bay.state().vision.quality is Quality.GOOD
+        assert bench.kinds() == [
+            EventKind.OUTPUTS_WITHDRAWN, EventKind.IN_PLACE_ENDED, EventKind.OUTPUTS_RETURNED,
+        ]  # fmt: skip
+        await sensors(1.2)
+        assert bay.state().in_place, "both sensors have seen it anew"
+        task.cancel()
+        await asyncio.wait([task])
+
+    virtual_time.run(main())
 
 
 def test_a_dead_control_task_stops_even_where_fail_safe_is_off() -> None:

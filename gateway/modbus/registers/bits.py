@@ -3,6 +3,10 @@
 Coils and discrete inputs show the same bits, as holding and input registers show the same words. Bit 16 n + b is bit b
 of the n-th register in BIT_REGISTERS (b = 0 the least significant), so that no bit can contradict its register. A coil
 is written (FC 5 and 15) as the bit of its register, where that is the PLC's to write. Never reorder, only append.
+
+The bits of the heartbeat are the sign of life for programs that read bits only. Bit b of it changes every 2^b ticks.
+At 50 ticks a second bit 3 changes every 160 ms: longer than a poll of 100 ms, so that none of its changes can be missed
+in a poll's rhythm, and with that poll well within the 500 ms after which a program must take the gateway for dead.
 """
 
 import struct
@@ -11,7 +15,8 @@ from dataclasses import dataclass
 
 from gateway.modbus.registers.register_map import REGISTERS
 
-BIT_REGISTERS = ("status", "position_status", "plc_control", "signal_lamps")
+BIT_REGISTERS = ("status", "position_status", "plc_control", "signal_lamps", "heartbeat")
+_HEARTBEAT_BITS = {3: ("alive", "changes every 8 ticks, 160 ms as shipped; the gateway is dead while it does not")}
 _BY_NAME = {register.name: register for register in REGISTERS}
 _ADDRESSES = tuple(_BY_NAME[name].address for name in BIT_REGISTERS)
 BLOCK_BITS = 16 * len(_ADDRESSES)
@@ -31,7 +36,8 @@ class Bit:
 def table() -> Iterator[Bit]:
     """Every bit that has a name, by address; the others read 0."""
     for n, name in enumerate(BIT_REGISTERS):
-        for bit, (bit_name, meaning) in (_BY_NAME[name].bits or {}).items():
+        named = _HEARTBEAT_BITS if name == "heartbeat" else _BY_NAME[name].bits or {}
+        for bit, (bit_name, meaning) in named.items():
             yield Bit(16 * n + bit, bit_name, name, bit, meaning)
 
 

@@ -49,7 +49,7 @@ def _held(state: StateVector) -> Acquired | None:
 
 
 def _age_ms(state: StateVector, _: int) -> Value:
-    if state.plc.link in (PlcLink.UNUSED, PlcLink.WAITING):
+    if state.plc.link in (PlcLink.UNUSED, PlcLink.WAITING) or not state.running:
         return None
     return (state.t_ns - state.plc.beat_ns) // NS_PER_MS
 

@@ -55,7 +55,7 @@ _FAULTS: tuple[tuple[str, str, Callable[[StateVector], bool]], ...] = (  # from 
      lambda s: s.vision.quality not in VISION_FINE),
     ("range_fault", "range_quality is a fault: neither good nor waiting", lambda s: s.range.quality not in RANGE_FINE),
     ("disagree", "camera and ranger contradict each other", lambda s: s.memory.disagree),
-    ("gateway_fault", "the control task does not run: no values, stop on; heartbeat and counters do not change",
+    ("gateway_fault", "the control task does not run: no values, no ages, stop on; nothing in the block changes",
      lambda s: s.reason is Reason.GATEWAY_FAULT),
 )  # fmt: skip
 STATUS = StatusWord((
@@ -112,7 +112,7 @@ def _sequence(state: StateVector, _: int) -> Value:
 
 
 def _age_ms(state: StateVector, t_ns: int, quality: Quality) -> Value:
-    return None if quality is Quality.WAITING else (state.t_ns - t_ns) // NS_PER_MS
+    return None if quality is Quality.WAITING or not state.running else (state.t_ns - t_ns) // NS_PER_MS
 
 
 _QUALITY = named(QUALITY_MEANING)

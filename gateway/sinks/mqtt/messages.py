@@ -21,6 +21,8 @@ SCHEMA_VERSION = 1
 EVENT_MEANING: dict[EventKind, str] = {
     EventKind.START: "the gateway has begun to serve this bay; `stop` is on",
     EventKind.SHUTDOWN: "the gateway ends as requested; `stop` stays on",
+    EventKind.OUTPUTS_WITHDRAWN: "the control task did not run: since then every output has shown `stop`, no values",
+    EventKind.OUTPUTS_RETURNED: "the control task runs again; `detail` has for how long it did not",
     EventKind.STOP_RAISED: "`stop` changed from off to on; `reason` has the reason",
     EventKind.STOP_CLEARED: "`stop` went from on to off",
     EventKind.TARGET_FOUND: "the marker came into sight",

@@ -178,8 +178,8 @@ def _measured(state: StateVector, t_ns: int, gateway: Gateway, offset_ns: int) -
         radius_px=number(circle.radius_px, 3) if circle else None,
         distance_mm=number(state.range.distance_mm, 2) if state.range.quality is Quality.GOOD else None,
         z_vision_mm=number(state.z_vision_mm, 2) if circle else None,
-        vision=_sensor(state.vision, t_ns),
-        range=_sensor(state.range, t_ns),
+        vision=_sensor(state.vision, t_ns if state.running else None),
+        range=_sensor(state.range, t_ns if state.running else None),
     )
 
 
@@ -220,11 +220,12 @@ def _exposure(state: StateVector) -> ExposurePayload | None:
     )
 
 
-def _sensor(reading: VisionReading | RangeReading, t_ns: int) -> SensorPayload:
+def _sensor(reading: VisionReading | RangeReading, t_ns: int | None) -> SensorPayload:
+    """`t_ns` None: no age is shown."""
     waiting = reading.quality is Quality.WAITING
     return SensorPayload(
         quality=_quality(reading.quality),
-        age_ms=None if waiting else round(max(0, t_ns - reading.t_ns) / NS_PER_MS, 1),
+        age_ms=None if t_ns is None or waiting else round(max(0, t_ns - reading.t_ns) / NS_PER_MS, 1),
         detail=text(reading.detail),
     )
 
@@ -268,7 +269,7 @@ def _guidance(guidance: Guidance) -> GuidancePayload:
 
 def _plc(state: StateVector) -> PlcPayload:
     plc = state.plc
-    received = plc.link not in (PlcLink.UNUSED, PlcLink.WAITING)
+    received = state.running and plc.link not in (PlcLink.UNUSED, PlcLink.WAITING)
     return PlcPayload(
         link=plc.link.name,
         age_ms=round(max(0, state.t_ns - plc.beat_ns) / NS_PER_MS, 1) if received else None,

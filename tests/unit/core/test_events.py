@@ -16,7 +16,7 @@ from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import MOVED_MEANING, FusionMemory, Moved, StateVector, Tick, TruckPosition, Visit
 from tests.examples import examples
 
-CALM = StateVector(bay="bay3", t_ns=77, stop=False, may_move=True)
+CALM = StateVector(bay="bay3", t_ns=77, stop=False, may_move=True, valid_until_ns=10**9)
 
 
 def with_vision(quality: Quality, detail: str = "") -> StateVector:
@@ -214,7 +214,7 @@ MOVES = st.lists(
 @settings(max_examples=examples(80), deadline=None)
 def test_over_any_time_events_report_every_change(moves: list[tuple[int, Quality, float, bool]]) -> None:
     """Replaying the events alone gives the last state's stop, target, faults and disagreement."""
-    state = initial("bay1", 0)
+    state = replace(initial("bay1", 0), valid_until_ns=10**12)
     now_ns = 0
     stop, target, disagree = state.stop, False, False
     faults: dict[str, Quality | None] = {"vision": None, "range": None}
@@ -224,7 +224,7 @@ def test_over_any_time_events_report_every_change(moves: list[tuple[int, Quality
             VisionReading(now_ns, quality, Circle(1, 2, value)) if vision else RangeReading(now_ns, quality, value),
             Tick(),
         ):
-            old, state = state, step(state, observation, now_ns, CONFIG)
+            old, state = state, step(state, observation, now_ns, CONFIG, valid_until_ns=10**12)
             for event in diff(old, state):
                 assert (event.bay, event.t_ns, event.state) == ("bay1", now_ns, state)
                 match event.kind, event.sensor:

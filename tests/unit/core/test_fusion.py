@@ -14,8 +14,19 @@ from gateway.core.agreement import LARGEST
 from gateway.core.detection import Circle
 from gateway.core.fusion import RANGE_REASON, VISION_REASON, Observation, forced_stop, initial, step
 from gateway.core.readings import Quality, RangeReading, RangeStats, VisionReading, VisionStats
+from gateway.core.retained import RetainedState
 from gateway.core.scale import ScaleSample, learned
-from gateway.core.state import Guidance, GuidanceCode, Moved, Reason, StateVector, Tick, Visit, VisitPhase
+from gateway.core.state import (
+    Guidance,
+    GuidanceCode,
+    Moved,
+    Reason,
+    StateVector,
+    Tick,
+    TruckPosition,
+    Visit,
+    VisitPhase,
+)
 from tests.examples import examples
 
 MS = 1_000_000
@@ -798,10 +809,19 @@ def test_forced_stop_withdraws_every_value(reason: Reason) -> None:
     )
 
 
-def test_forced_stop_keeps_of_a_visit_that_its_truck_has_moved_and_nothing_else() -> None:
-    visit = Visit(VisitPhase.AT_MARK, moved=Moved.MARKER, moved_covered=True, released=True, still_since_ns=T0)
-    forced = forced_stop(replace(both(90.0, 600.0), visit=visit), Reason.GATEWAY_FAULT, T0)
-    assert forced.visit == Visit(moved=Moved.MARKER, moved_covered=True)
+def test_forced_stop_keeps_of_a_visit_what_a_restart_keeps_and_nothing_else() -> None:
+    place = TruckPosition(280.0, Circle(320, 240, 190.0))
+    for visit, kept in (
+        (Visit(VisitPhase.IN_PLACE, in_place=True, place=place, still_since_ns=T0), Visit(place=place, restored=True)),
+        (
+            Visit(VisitPhase.AT_MARK, place=place, moved=Moved.MARKER, moved_covered=True),
+            Visit(place=place, restored=True, moved=Moved.MARKER, moved_covered=True),
+        ),
+        (Visit(VisitPhase.RELEASED, place=place, released=True), Visit()),
+        (Visit(VisitPhase.APPROACHING), Visit()),
+    ):
+        state = replace(both(90.0, 600.0), visit=visit)
+        assert forced_stop(state, Reason.GATEWAY_FAULT, T0).visit == kept == RetainedState.of(state).visit
 
 
 def test_forced_stop_keeps_the_faults_it_finds() -> None:

@@ -59,8 +59,15 @@ class Bay:
             self.state = interlock.step(self.state, observation, self.now_ns, self.rules)
         return self.state
 
+    def wait(self, ns: int) -> None:
+        """Nothing but ticks."""
+        end_ns = self.now_ns + ns
+        while self.now_ns < end_ns:
+            self.now_ns = min(end_ns, self.now_ns + 100 * MS)
+            self.state = interlock.step(self.state, TICK, self.now_ns, self.rules)
+
     def see(self, distance_mm: float = FAR, radius_px: float = 200.0) -> StateVector:
-        self.now_ns += 20 * MS
+        self.wait(20 * MS)
         return self.step(
             VisionReading(self.now_ns, Quality.GOOD, Circle(320, 240, radius_px)),
             RangeReading(self.now_ns, Quality.GOOD, distance_mm),
@@ -68,7 +75,7 @@ class Bay:
 
     def gone(self, quality: Quality = Quality.TOO_FAR) -> StateVector:
         """No truck in the bay."""
-        self.now_ns += 20 * MS
+        self.wait(20 * MS)
         return self.step(VisionReading(self.now_ns, Quality.NO_TARGET), RangeReading(self.now_ns, quality))
 
     def set(self, *bits: Control) -> StateVector:
@@ -247,7 +254,7 @@ def test_the_sensors_see_that_the_truck_has_left(quality: Quality) -> None:
 def test_a_broken_or_doubtful_sensor_proves_no_absence(vision: Quality, rng: Quality) -> None:
     bay = Bay(rules(latch_stop=True, latch_leave_s=0.1))
     for _ in range(50):
-        bay.now_ns += 20 * MS
+        bay.wait(20 * MS)
         bay.step(VisionReading(bay.now_ns, vision), RangeReading(bay.now_ns, rng))
         assert bay.state.memory.latched
 
@@ -258,7 +265,7 @@ def test_a_truck_that_settled_beyond_the_threshold_behind_dust_has_not_left(dist
     bay = Bay(rules(latch_stop=True, latch_leave_s=5.0))
     bay.see(290.0)
     for _ in range(270):  # 5.4 s
-        bay.now_ns += 19 * MS
+        bay.wait(19 * MS)
         bay.step(VisionReading(bay.now_ns, Quality.NO_TARGET), RangeReading(bay.now_ns, Quality.GOOD, distance_mm))
     assert bay.state.memory.latched is not left
 
@@ -266,7 +273,7 @@ def test_a_truck_that_settled_beyond_the_threshold_behind_dust_has_not_left(dist
 def test_a_marker_hidden_from_the_camera_alone_is_no_absence() -> None:
     bay = Bay(rules(latch_stop=True, latch_leave_s=0.1))
     for _ in range(50):
-        bay.now_ns += 20 * MS
+        bay.wait(20 * MS)
         bay.step(VisionReading(bay.now_ns, Quality.NO_TARGET), RangeReading(bay.now_ns, Quality.GOOD, NEAR))
     assert bay.state.memory.latched
 
@@ -284,13 +291,13 @@ def test_without_the_plcs_heartbeat_nothing_is_permitted() -> None:
     bay = Bay(rules("heartbeat_required"))
     bay.see()
     assert bay.outputs == (False, False, Reason.NONE), "its time has not run out yet"
-    bay.now_ns += 2 * S
+    bay.wait(2 * S)
     bay.see()
     assert bay.outputs == (True, False, Reason.PLC_LOST)
     bay.live()
     bay.see()
     assert bay.outputs == ON_ITS_WAY
-    bay.now_ns += int(1.1 * S)
+    bay.wait(int(1.1 * S))
     bay.see()
     assert bay.outputs == (True, False, Reason.PLC_LOST)
     assert bay.state.guidance.code is GuidanceCode.FAULT
@@ -298,7 +305,7 @@ def test_without_the_plcs_heartbeat_nothing_is_permitted() -> None:
 
 def test_a_lost_plc_without_fail_safe_takes_the_permit_only() -> None:
     bay = Bay(rules("heartbeat_required", fail_safe=False))
-    bay.now_ns += 2 * S
+    bay.wait(2 * S)
     bay.see()
     assert bay.outputs == (False, False, Reason.NONE)
     assert bay.state.plc.missed
@@ -306,7 +313,7 @@ def test_a_lost_plc_without_fail_safe_takes_the_permit_only() -> None:
 
 def test_what_needs_a_repair_is_reported_before_the_lost_plc() -> None:
     bay = Bay(rules("heartbeat_required"))
-    bay.now_ns += 2 * S
+    bay.wait(2 * S)
     bay.see(NEAR)
     assert bay.outputs == (True, False, Reason.PLC_LOST)
     bay.step(VisionReading(bay.now_ns, Quality.LINK_DOWN))
@@ -374,7 +381,7 @@ def test_wear_is_noted_when_it_grows() -> None:
     bay = Bay(rules())
     bay.see()
     assert bay.state.memory.restarted_ns is None
-    bay.now_ns += S
+    bay.wait(S)
     bay.step(VisionReading(bay.now_ns, Quality.GOOD, Circle(1, 2, 3), stats=VisionStats(restarts=1)))
     noted = bay.state.memory
     assert (noted.restarts, noted.restarted_ns) == (1, bay.now_ns)

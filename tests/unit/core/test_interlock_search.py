@@ -49,6 +49,7 @@ def test_no_state_next_to_a_visit_permits_what_a_stated_condition_forbids(name: 
         ("a PLC is never lost", "visit", 500),
         ("a heartbeat that stands still counts", "owners", 2000),
         ("a state is valid for ever", "visit", 10),
+        ("what was shown withdrawn comes back by itself", "shipped", 3000),
         ("a restart forgets the truck in place", "visit", 500),
         ("a place of before the restart is one of now", "visit", 2000),
         ("the latch does not hold", "latch", 1500),

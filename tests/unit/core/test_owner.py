@@ -213,7 +213,9 @@ def test_a_measurement_of_one_without_a_heartbeat_ends_with_its_ownership() -> N
     bay.write(A, control=0)
     bay.write(A, control=TRIGGER)
     bay.step(PlcConnection(A, open=False))
-    bay.now_ns += 1001 * MS
+    for _ in range(11):
+        bay.now_ns += 100 * MS
+        bay.step(Tick())
     assert bay.state.plc.phase is TriggerPhase.ACQUIRING
     assert bay.write(B, control=0)
     plc = bay.state.plc

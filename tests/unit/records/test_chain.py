@@ -313,9 +313,9 @@ def test_a_truck_from_before_the_start() -> None:
 
 def test_a_stop_without_a_known_cause_is_not_said_to_be_none() -> None:
     story = Story(NEAR).run(3)
-    state = replace(story.bench.state, stop=True, may_move=False, reason=Reason.GATEWAY_FAULT)
+    state = replace(story.bench.state, stop=True, may_move=False, reason=Reason.VISION_FAULT)
     (cause,) = causes(state, story.bench.rules)
-    assert (cause.factor, cause.text) == (Factor.OTHER, "the gateway's own control task does not run")
+    assert (cause.factor, cause.text) == (Factor.OTHER, "the vision process died, hung or failed")
 
 
 def test_a_tick_is_a_tick() -> None:

@@ -4,6 +4,7 @@ import base64
 import csv
 import json
 from dataclasses import replace
+from datetime import UTC, datetime
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -26,7 +27,7 @@ from gateway.records.moment import shown
 from gateway.records.record import Decision, outputs
 from gateway.records.replay import Step
 from gateway.records.visits_csv import HEADER
-from tests.recorded_bay import CONFIG, NEAR, Recorded, S, recorded, unix
+from tests.recorded_bay import CONFIG, NEAR, T0_NS, Recorded, S, recorded, unix
 from tests.visit_bench import Bench, truck
 
 FAULTS = ({"kind": "camera_freeze", "at_s": 8, "for_s": 2}, {"kind": "marker_hidden", "at_s": 14, "for_s": 3})
@@ -78,6 +79,47 @@ def test_csv_has_every_state_and_event(bay: tuple[Recorded, Bench], tmp_path: Pa
     moving = [row for row in states if row["may_move"] == "1"]
     assert {row["d"] for row in moving} == {"0"}
     assert all(float(row["distance_mm"]) > 300 for row in moving)
+
+
+@pytest.mark.failure_mode("G1")
+@pytest.mark.parametrize("sensors", [True, False])
+def test_csv_and_why_have_a_control_task_that_did_not_run_as_the_outputs_showed_it(
+    sensors: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Half a second; with readings of the sensors meanwhile, or, as for a process that is stopped, without."""
+    folder = Recorded(tmp_path)
+    bench = Bench(truck(NEAR | {"distance_cm": 28}), CONFIG, record=folder.collector)
+    bench.run(15)
+    assert bench.state.in_place
+    until_s, begin_s = (unix(bench.state.valid_until_ns) / S, unix(bench.now_ns) / S)
+    bench.ticking = False
+    if sensors:
+        bench.run(15.5)
+    else:
+        bench._ticks += 50
+    bench.ticking = True
+    bench.run(16)
+    folder.write(T0_NS)
+    assert main(["export", str(folder.path), "--csv", str(tmp_path / "csv")]) == 0
+    states, events = rows(tmp_path / "csv" / "states.csv"), rows(tmp_path / "csv" / "events.csv")
+    told = [(float(row["unix_s"]), row) for row in states if begin_s < float(row["unix_s"]) < begin_s + 0.49]
+    silent = [row for t_s, row in told if t_s >= until_s - 1e-6]
+    assert {(r["stop"], r["may_move"], r["in_place"], r["d"], r["reason"]) for r in silent} == {
+        ("1", "0", "0", "", "gateway_fault")
+    }
+    assert silent[0]["entered"] == "nothing"
+    assert float(silent[0]["unix_s"]) == pytest.approx(until_s, abs=2e-6)
+    assert {row["in_place"] for t_s, row in told if t_s < until_s - 1e-6} <= {"1"}
+    assert next(row["in_place"] for row in states if float(row["unix_s"]) >= begin_s + 0.5) == "0"
+    found = [e for e in events if e["kind"].startswith("outputs_") or e["kind"] == "in_place_ended"]
+    assert [e["kind"] for e in found] == ["outputs_withdrawn", "in_place_ended", "outputs_returned"]
+    assert [float(e["unix_s"]) - begin_s for e in found] == pytest.approx([0.25, 0.25, 0.52], abs=0.03)
+    capsys.readouterr()
+    at = datetime.fromtimestamp(begin_s + 0.9, UTC).isoformat()
+    assert main(["why", at, "--records", str(folder.path)]) == 0
+    told_why = capsys.readouterr().out
+    assert "in_place 1 -> 0, reason target_reached -> gateway_fault" in told_why
+    assert "no tick in time" in told_why
 
 
 def test_csv_has_the_visits_that_ended_in_that_time(tmp_path: Path) -> None:
