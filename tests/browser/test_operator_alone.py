@@ -100,6 +100,7 @@ def summary(alarms: tuple[models.AlarmView, ...]) -> models.AlarmSummary:
     shown = [each for each in alarms if each.state not in lists.HIDDEN]
     waits = ("unacknowledged", "returned", "latched_unacknowledged")
     return models.AlarmSummary(
+        age_ms=20.0,
         unacknowledged=sum(each.state in waits for each in shown),
         shown=len(shown),
         active=len(alarms),

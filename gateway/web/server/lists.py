@@ -55,6 +55,7 @@ def alarm_summary(client: GatewayClient) -> AlarmSummary:
     count = Counter(dict(reported.counts))
     shown = [alarm for alarm in reported.alarms if alarm.state not in HIDDEN]
     return AlarmSummary(
+        age_ms=client.age_ms(client.answered_ns if client.answers else None),
         unacknowledged=count[AlarmState.UNACKNOWLEDGED]
         + count[AlarmState.RETURNED]
         + count[AlarmState.LATCHED_UNACKNOWLEDGED],

@@ -18,6 +18,7 @@ WAIT_S = 2.0  # nothing new for so long: the same is sent again, with the ages o
 SHARED_NS = 10_000_000  # older than this, a text is made anew for the next page: the ages in it are those of its making
 ANSWER_S = 30.0  # a page that has not answered for so long is disconnected
 TOO_MANY, UNKNOWN_BAY, BAD_ANSWER = 4429, 4404, 4400  # close codes of our own
+HELD_NONE = '{"held_ms":0.0,'  # as every text begins: what is put there is of one page
 MAX_ANSWER = 64  # characters: "next", or any other text as short
 
 Render = Callable[[GatewayClient, tuple[str, ...]], str]
@@ -88,15 +89,17 @@ class Live:
     async def _serve(self, page: WebSocket, bays: tuple[str, ...]) -> None:
         number = 0
         while True:
+            asked_ns = self.client.clock.now_ns()
             number = await self.client.next(number, WAIT_S)
-            await page.send_text(self._rendered(bays))
+            text = self._rendered(bays).removeprefix(HELD_NONE)
+            await page.send_text(f'{{"held_ms":{self.client.age_ms(asked_ns)},{text}')
             self.counts.sent += 1
             async with asyncio.timeout(ANSWER_S):
                 message = await page.receive()
             if message["type"] == "websocket.disconnect":
                 raise WebSocketDisconnect(message.get("code", 1005))
-            text = message.get("text")
-            if text is None or len(text) > MAX_ANSWER:  # a client may send anything, binary frames too
+            answer = message.get("text")
+            if answer is None or len(answer) > MAX_ANSWER:  # a client may send anything, binary frames too
                 await page.close(BAD_ANSWER, "not an answer")
                 return
 

@@ -83,7 +83,15 @@ class BayView(View):
     stage_ms: dict[str, float] = Field(description="time of each stage of vision in the newest frame; empty: no result")
 
 
-class DriverView(View):
+class LiveMessage(View):
+    """What a live page pulls."""
+
+    held_ms: float = Field(
+        0.0, description="how long the gateway kept the question: no part of the time that this was on its way"
+    )
+
+
+class DriverView(LiveMessage):
     """What the driver's display needs, and nothing else."""
 
     bay: str
@@ -220,6 +228,7 @@ class AlarmView(View):
 class AlarmSummary(View):
     """Number of the gateway's alarms, and the one to see first."""
 
+    age_ms: float | None = Field(description="of this knowledge, when it was sent; null: nothing known yet")
     unacknowledged: Count = Field(description="states unacknowledged, returned and latched_unacknowledged")
     shown: Count = Field(description="neither normal nor hidden (shelved, suppressed, out of service)")
     active: Count = Field(description="states unacknowledged and acknowledged")
@@ -258,13 +267,13 @@ class AlarmsView(View):
     changes: tuple[AlarmChangeView, ...] = Field(description="the newest, the oldest of them first")
 
 
-class AlarmsLiveView(View):
+class AlarmsLiveView(LiveMessage):
     """What pages without a live view show of the alarms, live."""
 
     alarms: AlarmSummary
 
 
-class LiveView(View):
+class LiveView(LiveMessage):
     """What the operator's page shows, live."""
 
     server_time_ms: Count

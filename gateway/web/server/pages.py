@@ -94,19 +94,21 @@ async def _alarms(page: WebSocket, services: WebServices) -> None:
 @ADDRESSES.get("/api/bays/{bay}/picture", Level.VIEWER, "the pages' pictures")
 async def _picture(services: WebServices, bay: Bay, after: int | None = None, width: int = 640) -> Response:
     """The newest frame as JPEG, if it is another than `after`; waits for it. 204: none came."""
+    asked_ns = services.client.clock.now_ns()
     picture = await services.pictures.newer(bay.name, after, width)
     if picture is None:
         return Response(status_code=204)
-    return Response(picture.jpeg, media_type="image/jpeg", headers=_headers(services.client, picture))
+    return Response(picture.jpeg, media_type="image/jpeg", headers=_headers(services.client, picture, asked_ns))
 
 
-def _headers(client: GatewayClient, picture: Picture) -> dict[str, str]:
+def _headers(client: GatewayClient, picture: Picture, asked_ns: int) -> dict[str, str]:
     """About the picture: so that it can't be taken for another's."""
     age_ms = (client.clock.now_ns() - picture.t_capture_ns) / NS_PER_MS
     headers = {
         "Cache-Control": "no-store",
         "X-Frame-Id": str(picture.seq),
         "X-Frame-Age-Ms": f"{age_ms:.1f}",
+        "X-Frame-Held-Ms": f"{client.age_ms(asked_ns)}",
         "X-Frame-Size": f"{picture.width_px}x{picture.height_px}",
     }
     if picture.reading is not None:

@@ -5,7 +5,7 @@
 
 import { watch } from './lib/ambient.js';
 import { driverDistance, driverSpeed } from './lib/format.js';
-import { Freshness } from './lib/freshness.js';
+import { DRIVER_LIMIT_MS as LIMIT_MS, Freshness, moment } from './lib/freshness.js';
 import { CODES, WITH_AMOUNT, column, driverView, wordOf } from './lib/guidance.js';
 import { beginKiosk, keepAwake, watchIdle } from './lib/kiosk.js';
 import { choice, choose, chosen, language, languages, load, t } from './lib/lang.js';
@@ -14,7 +14,6 @@ import { remember, remembered } from './lib/memory.js';
 import { Sound, pattern } from './lib/sound.js';
 import { PATHS } from './lib/symbols.js';
 
-const LIMIT_MS = 500;
 const AGAIN_MS = 5000; // between two requests for a language, while the gateway does not answer
 
 const query = new URLSearchParams(location.search);
@@ -62,8 +61,7 @@ function say(code, word) {
 
 /** Is what stands there still true? Called by every watch. */
 function judge() {
-  const ageMs = fresh.ageMs(performance.now(), Date.now());
-  if (view === null || ageMs > LIMIT_MS) stopNow(connected ? t('driver|no data') : t('driver|no connection'));
+  if (!fresh.fresh(moment()) || view === null) stopNow(connected ? t('driver|no data') : t('driver|no connection'));
 }
 
 function number(id, label, value, unit) {
@@ -109,26 +107,26 @@ function show(now) {
   speak(now.language ?? null);
 }
 
-function message(text, arrival) {
+function message(text, asked) {
   const now = driverView(text, bay);
   if (now === null || document.hidden) {
     fresh.forget();
     stopNow(t('driver|no data'));
   } else {
-    fresh.received(now.age_ms, arrival.receivedMs, Date.now(), arrival.askedMs, now.held_ms);
-    const ageMs = fresh.ageMs(performance.now(), Date.now());
-    if (ageMs <= LIMIT_MS) {
+    const at = moment();
+    fresh.received(now.age_ms, asked, at, now.held_ms);
+    if (fresh.fresh(at)) {
       view = now;
       show(now);
-      hold.currentTime = ageMs; // ends when the data is too old, whatever this script does
+      hold.currentTime = fresh.ageMs(at); // ends when the data is too old, whatever this script does
       hold.play();
     } else stopNow(t('driver|no data'));
   }
   // The next one when this one has been drawn. A page in the background draws nothing: it asks slowly.
-  let asked = false;
+  let again = false;
   const ask = () => {
-    if (!asked) link.next();
-    asked = true;
+    if (!again) link.next();
+    again = true;
   };
   requestAnimationFrame(ask);
   setTimeout(ask, document.hidden ? 500 : 100);

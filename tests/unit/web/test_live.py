@@ -81,6 +81,15 @@ async def test_a_page_that_keeps_up_gets_ten_views_a_second_each_newer_than_the_
 
 
 @in_virtual_time
+async def test_a_message_says_how_long_its_question_was_held() -> None:
+    async with plant() as made:
+        live, page = Live(made.client, views.driver_json, 4, 4), Page("bay=bay1", think_s=0.03)
+        async with served(live, page):
+            await asyncio.sleep(2)
+        assert [view["held_ms"] for view in page.sent[5:15]] == [pytest.approx(70, abs=15)] * 10  # of 100 ms
+
+
+@in_virtual_time
 async def test_a_page_that_stalled_gets_the_newest_view_and_no_older_one() -> None:
     async with plant() as made:
         live, page = Live(made.client, views.live_json, 4, 4), Page("bay=bay1", think_s=20.0)

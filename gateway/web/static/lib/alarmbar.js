@@ -2,11 +2,12 @@
 // a sound, too. It only shows: what is done about an alarm is done in the operator's list.
 
 import { get, toLogin } from './api.js';
+import { moment } from './freshness.js';
 import { kiosk } from './kiosk.js';
 import { html, useEffect, useRef, useState } from './page.js';
 import { NONE } from './format.js';
 import { open } from './live.js';
-import { useKept } from '../operator/hooks.js';
+import { useFresh, useKept } from '../operator/hooks.js';
 import { Priority } from '../operator/signs.js';
 import { allow, audible, tone } from './sound.js';
 import { alarmsInTitle } from './title.js';
@@ -25,6 +26,7 @@ const TEXTS = {
   soundTitle: 'A sound for alarms that are not acknowledged, at this computer. Off until somebody switches it on.',
 };
 const PACE_MS = 100; // a truck that moves in place is an alarm, too
+const ASK_MS = 1000; // while no live link can be had
 const AGAIN_MS = 15_000; // while one of high priority is not acknowledged
 const STARTS_MS = 500; // a browser that lets it sound has begun by then
 const TONE_HZ = { high: 880, medium: 660, low: 440 };
@@ -89,65 +91,66 @@ function useSound(on, first, waiting) {
 
 /**
  * The newest summary of the alarms while `on`, in a page in the background, too: it sounds there.
- * @returns {[any, boolean]} null: not known; and whether the connection is lost
+ * @returns {any} undefined: nothing yet; null: not known any more
  */
 function useSummary(on) {
-  const [got, setGot] = useState([null, false]);
+  const live = useFresh();
+  const [lost, setLost] = useState(false);
   useEffect(() => {
     if (!on) return undefined;
     let timer = 0;
-    let last = '';
+    let asks = 0;
     let failed = 0; // connections since the last message
-    let closed = false;
-    const lost = () => {
-      last = '';
-      setGot([null, true]);
+    const forget = () => {
+      live.forget();
+      setLost(true);
     };
-    setGot([null, false]);
+    /** As many pages are open as may be, or the login has ended. */
+    const once = async () => {
+      const asked = moment();
+      try {
+        live.take((await get('/api/alarms')).summary, asked);
+      } catch (error) {
+        if (error.status === 401) toLogin();
+      }
+    };
     const link = open('/api/alarms/live', {
-      message(text, arrival) {
+      message(said, asked) {
         failed = 0;
-        if (text !== last) {
-          try {
-            setGot([JSON.parse(text).alarms ?? null, false]);
-            last = text;
-          } catch {
-            lost();
-          }
+        clearInterval(asks);
+        asks = 0;
+        try {
+          const message = JSON.parse(said);
+          live.take(message.alarms ?? null, asked, message.held_ms);
+        } catch {
+          forget();
         }
-        timer = setTimeout(link.next, Math.max(0, PACE_MS - (performance.now() - arrival.askedMs)));
+        timer = setTimeout(link.next, Math.max(0, PACE_MS - (performance.now() - asked.steadyMs)));
       },
       state(connected) {
         if (connected) return;
         failed += 1;
-        if (failed === 1) {
-          lost();
-          return;
+        if (failed === 1) forget();
+        else if (!asks) {
+          once();
+          asks = setInterval(once, ASK_MS);
         }
-        get('/api/alarms').then(
-          ({ summary }) => closed || last !== '' || setGot([summary, false]), // as many pages are open as may be
-          (error) => {
-            if (closed || last !== '') return;
-            lost();
-            if (error.status === 401) toLogin(); // the login has ended
-          },
-        );
       },
     });
     return () => {
-      closed = true;
       clearTimeout(timer);
+      clearInterval(asks);
       link.close();
     };
   }, [on]);
-  return got;
+  return live.fresh(live.last?.age_ms) ? live.last : live.last || lost ? null : undefined;
 }
 
-/** `given`: the summary of the alarms; undefined: it is pulled here; null: not known yet. */
+/** `given`: the summary of the alarms; undefined: it is pulled here; null: not known. */
 export function AlarmBar({ session, given }) {
-  const [pulled, lost] = useSummary(given === undefined);
+  const pulled = useSummary(given === undefined);
   const [sound, setSound] = useKept('alarms.sound', false);
-  const summary = given === undefined ? pulled : given;
+  const summary = (given === undefined ? pulled : given) ?? null;
   const first = summary?.first ?? null;
   const all = summary?.shown ?? 0;
   const waiting = summary?.unacknowledged ?? 0;
@@ -155,7 +158,7 @@ export function AlarmBar({ session, given }) {
   if (summary !== null) known.current = summary;
   // An alarm that sounds goes on sounding when the connection is lost.
   const silent = useSound(sound, known.current?.first ?? null, known.current?.unacknowledged ?? 0);
-  const unknown = lost && given === undefined;
+  const unknown = summary === null && (pulled === null || known.current !== null);
   alarmsInTitle(unknown ? 0 : all); // nor does the tab keep a number that may be wrong by now
   if (unknown) return html`<p class="alarmbar old" role="status">${TEXTS.old}</p>`;
   if (first === null) return html`<p class="alarmbar none muted small">${summary === null ? NONE : TEXTS.none}</p>`; // nothing moves when an alarm appears

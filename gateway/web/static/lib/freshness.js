@@ -1,56 +1,61 @@
-// How old is what the page shows? Pure: both clocks are arguments.
+// How old is what the page shows? One rule for every page. Pure: the two clocks are an argument.
 //
-// The age of a message is what its sender said plus what has passed since. `performance.now()` is not moved by people,
-// but stands still on some machines while they sleep; the wall clock runs on, but may be set. So both are asked: they
-// must have gone forward by the same amount, or nothing is known until the next message.
+// The age of an answer is what its sender said plus what has passed since the page asked for it: it can't have been made
+// before, so one that was long on its way is never taken for a new one. Only the time for which the sender says it held
+// the question does not count. No clock of the gateway's is asked. `performance.now()` is not moved by people, but
+// stands still on some machines while they sleep; the wall clock runs on, but may be set. So both are asked: they must
+// have gone forward by the same amount, or nothing is known until the next answer.
 
-/** How far the two clocks may drift apart between two messages, ms. */
+/** Older than this, nothing is shown as if it were true, ms: on pages for desks; with all bays, each of which has its turn; to a driver. */
+export const [LIMIT_MS, OVERVIEW_LIMIT_MS, DRIVER_LIMIT_MS] = [1500, 3000, 500];
+
+/** How far the two clocks may drift apart between two answers, ms. */
 const DRIFT_MS = 250;
 
+/** @typedef {{steadyMs: number, wallMs: number}} Moment */
+
+/** @returns {Moment} now */
+export const moment = () => ({ steadyMs: performance.now(), wallMs: Date.now() });
+
+/** ms from one moment to another; Infinity: the clocks do not agree. @param {Moment} from @param {Moment} to */
+function passedMs(from, to) {
+  const [steady, wall] = [to.steadyMs - from.steadyMs, to.wallMs - from.wallMs];
+  return steady >= 0 && Math.abs(steady - wall) <= DRIFT_MS ? Math.max(steady, wall) : Infinity;
+}
+
 export class Freshness {
-  /** @param {number} limitMs older than this is stale @param {number} driftMs */
-  constructor(limitMs, driftMs = DRIFT_MS) {
+  /** @param {number} limitMs older than this is stale */
+  constructor(limitMs) {
     this.limitMs = limitMs;
-    this.driftMs = driftMs;
-    /** @type {{sentAgeMs: number, steadyMs: number, wallMs: number}|null} */
+    /** @type {{ageMs: number, at: Moment}|null} */
     this.last = null;
   }
 
   /**
-   * A message came. `sentAgeMs`: its age when it was sent; `askedMs`: steady time at which it was asked for, where that
-   * is known: it can't have been sent before, so a message that was long on its way is never taken for a new one.
-   * `heldMs`: how long the sender says it kept the question before it answered.
-   * @param {number} sentAgeMs @param {number} steadyMs @param {number} wallMs
+   * An answer came `now` that was asked for at `asked`. `sentAgeMs`: its age when it was sent; `heldMs`: how long the sender
+   * held the question. @param {number} sentAgeMs @param {Moment} asked @param {Moment} now
    */
-  received(sentAgeMs, steadyMs, wallMs, askedMs = steadyMs, heldMs = 0) {
-    if (![sentAgeMs, steadyMs, wallMs].every(Number.isFinite) || sentAgeMs < 0) {
-      this.last = null;
-      return;
-    }
-    const way = Math.max(0, steadyMs - askedMs);
-    const held = Number.isFinite(heldMs) ? Math.min(Math.max(0, heldMs), way) : 0;
-    this.last = { sentAgeMs: sentAgeMs + way - held, steadyMs, wallMs };
+  received(sentAgeMs, asked, now, heldMs = 0) {
+    const wayMs = passedMs(asked, now);
+    const held = Number.isFinite(heldMs) ? Math.min(Math.max(0, heldMs), wayMs) : 0;
+    const makesSense = Number.isFinite(sentAgeMs) && sentAgeMs >= 0 && Number.isFinite(wayMs);
+    this.last = makesSense ? { ageMs: sentAgeMs + wayMs - held, at: now } : null;
   }
 
-  /** Nothing is known until the next message: the page was hidden, frozen, or a message made no sense. */
+  /** Nothing is known until the next answer: the link is lost, or an answer made no sense. */
   forget() {
     this.last = null;
   }
 
-  /** Age of what is shown, ms; Infinity: unknown. @param {number} steadyMs @param {number} wallMs */
-  ageMs(steadyMs, wallMs) {
-    if (this.last === null) return Infinity;
-    const steady = steadyMs - this.last.steadyMs;
-    const wall = wallMs - this.last.wallMs;
-    if (!(steady >= 0) || !(Math.abs(steady - wall) <= this.driftMs)) {
-      this.last = null;
-      return Infinity;
-    }
-    return this.last.sentAgeMs + Math.max(steady, wall);
+  /** Age of the answer, ms; Infinity: nothing is known. @param {Moment} now */
+  ageMs(now) {
+    const ageMs = this.last === null ? Infinity : this.last.ageMs + passedMs(this.last.at, now);
+    if (ageMs === Infinity) this.forget();
+    return ageMs;
   }
 
-  /** @param {number} steadyMs @param {number} wallMs */
-  fresh(steadyMs, wallMs) {
-    return this.ageMs(steadyMs, wallMs) <= this.limitMs;
+  /** Is a part of the answer that was `partMs` old when it was sent still true? @param {Moment} now @param {number|null} [partMs] null: not known */
+  fresh(now, partMs = 0) {
+    return Number.isFinite(partMs) && this.ageMs(now) + /** @type {number} */ (partMs) <= this.limitMs;
   }
 }

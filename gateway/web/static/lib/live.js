@@ -1,6 +1,8 @@
 // The WebSocket by which a page pulls what is new: it asks for the next message when the last one has been drawn, so
 // that a slow page gets fewer messages, and never old ones.
 
+import { moment } from './freshness.js';
+
 const FIRST_WAIT_MS = 250;
 const LONGEST_WAIT_MS = 4000;
 const SILENCE_MS = 5000; // a server that says nothing for so long is taken for lost, and asked anew
@@ -16,24 +18,18 @@ export function waitMs(tries, chance) {
 }
 
 /**
- * @typedef {object} Arrival
- * @property {number} askedMs steady time at which the message was asked for
- * @property {number} receivedMs steady time at which it came
- */
-
-/**
  * Keeps a link to `path` until it is closed. After each `message` call `next()` once, when it has been drawn.
  * @param {string} path with its query
- * @param {{message: (text: string, arrival: Arrival) => void, state?: (open: boolean) => void,
- *          refused?: (why: string) => void}} tell `why`: in the server's words
+ * @param {{message: (text: string, asked: import('./freshness.js').Moment) => void, state?: (open: boolean) => void,
+ *          refused?: (why: string) => void}} tell `asked`: when it was asked for; `why`: in the server's words
  * @param {{restsHidden?: boolean}} [how] `restsHidden`: a lost link is made again only when the page can be seen
  */
 export function open(path, tell, { restsHidden = false } = {}) {
   let socket = /** @type {WebSocket|null} */ (null);
   let tries = 0;
   let closed = false;
-  let askedMs = performance.now();
-  let heardMs = performance.now();
+  let asked = moment();
+  let heardMs = asked.steadyMs;
   let retry = 0;
 
   const ended = (mine, code, why = '') => {
@@ -50,26 +46,28 @@ export function open(path, tell, { restsHidden = false } = {}) {
     clearTimeout(retry);
     const mine = new WebSocket(`${location.protocol === 'https:' ? 'wss' : 'ws'}://${location.host}${path}`);
     socket = mine;
-    askedMs = heardMs = performance.now();
+    asked = moment();
+    heardMs = asked.steadyMs;
     mine.onopen = () => socket === mine && tell.state?.(true);
     mine.onmessage = (event) => {
       if (socket !== mine) return;
       heardMs = performance.now();
       tries = 0;
-      tell.message(String(event.data), { askedMs, receivedMs: heardMs });
+      tell.message(String(event.data), asked);
     };
     mine.onclose = (event) => ended(mine, event.code, event.reason);
     mine.onerror = () => {}; // a close follows
   };
   const next = () => {
     if (socket?.readyState !== WebSocket.OPEN) return;
-    askedMs = heardMs = performance.now();
+    asked = moment();
+    heardMs = asked.steadyMs;
     socket.send('next');
   };
   // A cable that was cut closes nothing: silence does. A page that did not ask waits for nothing.
   const watch = setInterval(() => {
     const mine = socket;
-    if (mine && performance.now() - heardMs > SILENCE_MS && askedMs >= heardMs) {
+    if (mine && performance.now() - heardMs > SILENCE_MS && asked.steadyMs >= heardMs) {
       mine.onclose = null;
       mine.close();
       ended(mine, 0);

@@ -2,6 +2,7 @@
 // page is in the background.
 
 import { either } from './api.js';
+import { moment } from './freshness.js';
 import { frameSize, frameView } from './views.js';
 
 /** Widths that are asked for: few, so that viewers share one encoding. */
@@ -12,21 +13,22 @@ export function widthFor(cssWidth, ratio) {
   return WIDTHS.find((width) => width >= cssWidth * ratio * 0.9) ?? WIDTHS[WIDTHS.length - 1];
 }
 
+/** Times of an answer with a picture, ms; null: it says none. @param {Response} answer @param {'Age'|'Held'} what */
+export const told = (answer, what) => (answer.headers.has(`X-Frame-${what}-Ms`) ? Number(answer.headers.get(`X-Frame-${what}-Ms`)) : null);
+
 /**
  * @typedef {object} Picture
  * @property {ImageBitmap} bitmap
  * @property {{width: number, height: number}} frame size of the frame, which may be larger than the bitmap
  * @property {number} id of the frame
- * @property {number|null} ageMs of the frame when it was sent
- * @property {number} askedMs steady time at which it was asked for
- * @property {number} receivedMs steady time at which it came
+ * @property {number|null} age_ms of the frame when it was sent
  * @property {import('./views.js').FrameView|null} view what was seen in this very frame; null: not known
  */
 
 /**
  * Asks on and on until it is stopped.
  * @param {string} bay
- * @param {{width: () => number, picture: (picture: Picture) => void, trouble: (why: string) => void}} page
+ * @param {{width: () => number, picture: (picture: Picture, asked: import('./freshness.js').Moment, heldMs: number) => void, trouble: (why: string) => void}} page
  */
 export function follow(bay, page) {
   const end = new AbortController();
@@ -56,7 +58,7 @@ export function follow(bay, page) {
       await visible();
       if (end.signal.aborted) break;
       try {
-        const askedMs = performance.now();
+        const asked = moment();
         const query = `${after >= 0 ? `after=${after}&` : ''}width=${page.width()}`;
         const answer = await fetch(`/api/bays/${encodeURIComponent(bay)}/picture?${query}`, {
           credentials: 'same-origin',
@@ -69,14 +71,12 @@ export function follow(bay, page) {
           continue;
         }
         if (!answer.ok) throw new Error(answer.status === 404 || answer.status === 503 ? 'no picture' : `answer ${answer.status}`);
-        const receivedMs = performance.now();
         const bitmap = await createImageBitmap(await answer.blob());
         const id = Number(answer.headers.get('X-Frame-Id'));
-        const ageMs = answer.headers.has('X-Frame-Age-Ms') ? Number(answer.headers.get('X-Frame-Age-Ms')) : null;
         if (Number.isFinite(id)) after = id;
         failed = 0;
         const frame = frameSize(answer.headers.get('X-Frame-Size')) ?? { width: bitmap.width, height: bitmap.height };
-        page.picture({ bitmap, frame, id, ageMs, askedMs, receivedMs, view: parsed(answer.headers.get('X-Frame-View')) });
+        page.picture({ bitmap, frame, id, age_ms: told(answer, 'Age'), view: parsed(answer.headers.get('X-Frame-View')) }, asked, told(answer, 'Held') ?? 0);
         await drawn();
       } catch (error) {
         if (end.signal.aborted) break;

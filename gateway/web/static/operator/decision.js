@@ -35,8 +35,8 @@ function Scale({ scale }) {
 
 const Fact = ({ name, children }) => html`<div><dt>${name}</dt><dd class="value">${quantity(children)}</dd></div>`;
 
-/** `alarm`: of this bay or the gateway one is active. */
-export function Decision({ state, bay, alarm }) {
+/** `age`: how old the state is, as an element; `alarm`: of this bay or the gateway one is active. */
+export function Decision({ state, age, bay, alarm }) {
   const word = decisionWords(state);
   const fault = state !== null && state.ne107.name === 'FAILURE';
   const guidance = state?.guidance ?? null;
@@ -47,7 +47,7 @@ export function Decision({ state, bay, alarm }) {
     <div class=${`decision ${fault || state === null ? 'fault' : state.in_place ? 'placed' : ''}`}>
       <${Sign} stop=${state?.stop ?? null} mayMove=${state?.may_move ?? null} inPlace=${state?.in_place ?? false} fault=${fault} />
       <div>
-        <p class=${word.length > 10 ? 'word long' : 'word'}>${word}</p>
+        <div class="row spread"><p class=${word.length > 10 ? 'word long' : 'word'}>${word}</p>${age}</div>
         <p class="why">${why(state)}</p>
       </div>
     </div>

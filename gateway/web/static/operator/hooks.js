@@ -1,8 +1,9 @@
 // What the components share: the live link, the time, and things fetched again and again while they are looked at.
 
-import { useEffect, useRef, useState } from '../lib/page.js';
+import { html, useEffect, useMemo, useRef, useState } from '../lib/page.js';
 import { get, toLogin } from '../lib/api.js';
-import { Freshness } from '../lib/freshness.js';
+import { age } from '../lib/format.js';
+import { Freshness, LIMIT_MS, moment } from '../lib/freshness.js';
 import { open } from '../lib/live.js';
 import { text } from '../lib/lang.js';
 import { remember, remembered } from '../lib/memory.js';
@@ -15,6 +16,53 @@ export function useNow(everyMs) {
     return () => clearInterval(timer);
   }, [everyMs]);
   return now;
+}
+
+/** What may have passed unnoticed before these: the page was hidden, frozen, or kept by the browser. */
+const WAKING = [[document, 'visibilitychange'], [document, 'freeze'], [document, 'resume'], [window, 'pageshow']];
+
+/**
+ * The newest answer and whether it is still true. It ends to be so by this page's own timer, whatever arrives or not.
+ * `last`: the answer, for what does not grow old (names, thresholds); `fresh(partMs)`: is a part of it that was so old when
+ * it was sent to be shown? `ages`: of its parts, so that the page is drawn anew when one of them has become too old.
+ * `take(answer, asked, heldMs)`: see `Freshness`. @param {number} limitMs @param {(answer: any) => (number|null)[]} ages
+ */
+export function useFresh(limitMs = LIMIT_MS, ages = (answer) => [answer.age_ms]) {
+  const freshness = useMemo(() => new Freshness(limitMs), [limitMs]);
+  const { current: kept } = useRef({ last: null, judged: '' });
+  const [, draw] = useState(0);
+  const drawn = () => draw((n) => n + 1);
+  const fresh = (partMs) => freshness.fresh(moment(), partMs ?? null);
+  useEffect(() => {
+    const judge = () => {
+      const judged = kept.last == null ? '' : ages(kept.last).map(fresh).join();
+      if (judged !== kept.judged) drawn();
+      kept.judged = judged;
+    };
+    const timer = setInterval(judge, 100);
+    for (const [at, event] of WAKING) at.addEventListener(event, judge);
+    return () => {
+      clearInterval(timer);
+      for (const [at, event] of WAKING) at.removeEventListener(event, judge);
+    };
+  }, [freshness]);
+  const take = (answer, asked, heldMs = 0) => {
+    freshness.received(0, asked, moment(), heldMs);
+    kept.last = answer;
+    drawn();
+  };
+  const forget = (whole = false) => {
+    freshness.forget();
+    if (whole) kept.last = null;
+    drawn();
+  };
+  return { last: kept.last, fresh, ageMs: (partMs) => freshness.ageMs(moment()) + (partMs ?? Infinity), take, forget };
+}
+
+/** How old that is which stands beside it. `of`: as from `useFresh`; `partMs`: of the part, when it was sent. */
+export function Age({ of, partMs }) {
+  useNow(250);
+  return html`<span class="small value age" title="age of the data">${age(of.ageMs(partMs))}</span>`;
 }
 
 /** Does the screen fit this media query now? @param {string} query */
@@ -30,21 +78,19 @@ export function useMedia(query) {
 }
 
 /**
- * The newest message of `/api/live` for these bays (none: all), at most every `paceMs`.
- * @param {string[]} bays @param {number} paceMs
- * @returns {{view: any, connected: boolean, refusal: string, freshness: Freshness}}
+ * The newest message of `/api/live` for these bays (none: all), at most every `paceMs`: as `useFresh`, and the link.
+ * `stateOf(bay)`: its state in that message, null: not known (any more). @param {string[]} bays @param {number} paceMs
  */
-export function useLive(bays, paceMs, limitMs) {
-  const [got, setGot] = useState({ view: null, connected: false, refusal: '' });
-  const freshness = useRef(new Freshness(limitMs));
+export function useLive(bays, paceMs, limitMs = LIMIT_MS) {
+  const live = useFresh(limitMs, (view) => [view.alarms, ...view.bays].map((part) => part.age_ms));
+  const [link, setLink] = useState({ connected: false, refusal: '' });
   const path = `/api/live${bays.length ? '?' : ''}${bays.map((bay) => `bay=${encodeURIComponent(bay)}`).join('&')}`;
   useEffect(() => {
     let timer = 0;
     let frame = 0;
-    freshness.current = new Freshness(limitMs);
-    setGot((was) => ({ ...was, view: null }));
+    live.forget(true);
     const link = open(path, {
-      message(text, arrival) {
+      message(text, asked) {
         let view = null;
         try {
           view = JSON.parse(text);
@@ -52,16 +98,19 @@ export function useLive(bays, paceMs, limitMs) {
           view = null;
         }
         if (view && Array.isArray(view.bays) && view.alarms && view.links) {
-          freshness.current.received(0, arrival.receivedMs, Date.now());
-          setGot({ view, connected: true, refusal: '' });
-        } else freshness.current.forget();
+          live.take(view, asked, view.held_ms);
+          setLink({ connected: true, refusal: '' });
+        } else live.forget();
         // Drawn, and not sooner than the pace: then the next. In the background no frame is drawn and nothing asked.
         frame = requestAnimationFrame(() => {
-          timer = setTimeout(link.next, Math.max(0, paceMs - (performance.now() - arrival.askedMs)));
+          timer = setTimeout(link.next, Math.max(0, paceMs - (performance.now() - asked.steadyMs)));
         });
       },
-      state: (on) => setGot((was) => ({ ...was, connected: on })),
-      refused: (why) => setGot((was) => ({ ...was, refusal: text('The gateway refuses this page: {0}.', why) })),
+      state(on) {
+        if (!on) live.forget();
+        setLink((was) => ({ ...was, connected: on }));
+      },
+      refused: (why) => setLink((was) => ({ ...was, refusal: text('The gateway refuses this page: {0}.', why) })),
     }, { restsHidden: true });
     return () => {
       clearTimeout(timer);
@@ -69,7 +118,43 @@ export function useLive(bays, paceMs, limitMs) {
       link.close();
     };
   }, [path, paceMs, limitMs]);
-  return { ...got, freshness: freshness.current };
+  const stateOf = (name) => {
+    const one = live.last?.bays.find(({ bay }) => bay === name);
+    return one?.state && live.fresh(one.age_ms) ? one.state : null;
+  };
+  return { ...live, ...link, stateOf };
+}
+
+/** What `path` answers, again and again while `on` and the page is in front: as `useFresh`, and what went wrong. */
+export function usePolled(path, everyMs, on = true) {
+  const live = useFresh();
+  const [wrong, setWrong] = useState('');
+  useEffect(() => {
+    live.forget(true);
+    if (!on) return undefined;
+    const end = new AbortController();
+    let timer = 0;
+    const once = async () => {
+      if (!document.hidden) {
+        const asked = moment();
+        try {
+          live.take(await get(path, { signal: end.signal }), asked);
+          setWrong('');
+        } catch (error) {
+          if (end.signal.aborted) return;
+          if (error.status === 401) toLogin();
+          setWrong(error.name === 'TypeError' ? 'no connection to the gateway' : error.message);
+        }
+      }
+      if (!end.signal.aborted) timer = setTimeout(once, everyMs);
+    };
+    once();
+    return () => {
+      clearTimeout(timer);
+      end.abort();
+    };
+  }, [path, everyMs, on]);
+  return { ...live, wrong };
 }
 
 /**

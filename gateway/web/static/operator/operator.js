@@ -3,6 +3,7 @@
 import { html, useEffect, useErrorBoundary, useRef, useState } from '../lib/page.js';
 import { decoded } from '../lib/address.js';
 import { age, clock } from '../lib/format.js';
+import { LIMIT_MS, OVERVIEW_LIMIT_MS } from '../lib/freshness.js';
 import { beginKiosk, keepAwake, kiosk, watchIdle } from '../lib/kiosk.js';
 import { text } from '../lib/lang.js';
 import { titled } from '../lib/title.js';
@@ -14,16 +15,13 @@ import { Bars } from './bars.js';
 import { Decision } from './decision.js';
 import { Events } from './events.js';
 import { Health } from './health.js';
-import { useAtMost, useFetched, useLive, useMedia, useNow } from './hooks.js';
+import { Age, useAtMost, useFetched, useLive, useMedia } from './hooks.js';
 import { Notice } from './notice.js';
 import { Overview } from './overview.js';
 import { LivePicture } from './picture.js';
 import { Registers } from './registers.js';
 import { Health as Sign } from './signs.js';
 import { Trend } from './trend.js';
-
-/** Older than this, nothing is shown as if it were true, ms. */
-const STALE_MS = 1500;
 
 function useHash() {
   const read = () => decoded(location.hash.slice(1));
@@ -36,26 +34,29 @@ function useHash() {
   return hash;
 }
 
-function Link({ connected, ageMs, began }) {
-  if (connected && ageMs <= STALE_MS) return html`<${Sign} state="ok" text="connected" />`;
-  if (!connected && performance.now() - began < 2000) return html`<${Sign} state="off" text="connecting" />`;
-  return html`<${Sign} state="bad" text=${connected ? (Number.isFinite(ageMs) ? text('no data for {0}', age(ageMs)) : 'no data') : 'NO CONNECTION'} />`;
+/** `known`: what came last is still true. */
+function Link({ live, known, began }) {
+  const ageMs = live.ageMs(live.last?.alarms.age_ms);
+  if (known) return html`<${Sign} state="ok" text="connected" />`;
+  if (!live.connected && performance.now() - began < 2000) return html`<${Sign} state="off" text="connecting" />`;
+  return html`<${Sign} state="bad" text=${live.connected ? (Number.isFinite(ageMs) ? text('no data for {0}', age(ageMs)) : 'no data') : 'NO CONNECTION'} />`;
 }
 
-function Top({ session, bay, connected, ageMs, view, alarms }) {
+function Top({ session, bay, live, known, alarms }) {
   const began = useRef(performance.now());
+  const view = live.last;
   const site = view?.bays.find((one) => one.state !== null)?.state ?? {};
   const [wall, setWall] = useState(Date.now());
   useEffect(() => {
     const timer = setInterval(() => setWall(Date.now()), 1000);
     return () => clearInterval(timer);
   }, []);
-  const apart = view ? Math.abs(view.server_time_ms - wall) : 0;
+  const apart = known ? Math.abs(view.server_time_ms - wall) : 0;
   return html`<header class="top">
     <${Brand} title=${site.site ?? 'Loading bays'} more=${site.instance ?? ''} />
     <${Pages} session=${session} bay=${bay} current="Operator" alarms=${alarms} />
     <div class="facts push">
-      <${Link} connected=${connected} ageMs=${ageMs} began=${began.current} />
+      <${Link} live=${live} known=${known} began=${began.current} />
       <span class="nowrap">${clock(wall)}${apart > 5000 ? html` <span class="tag warn" title="the gateway's clock and this computer's differ">${text('clocks {0} apart', age(apart))}</span>` : ''}</span>
       <${SessionMenu} session=${session} next="/" />
     </div>
@@ -85,21 +86,19 @@ function App({ session }) {
   const names = session.bays;
   const single = names.length === 1;
   const bay = names.includes(hash) ? hash : single ? names[0] : null;
-  const { view, connected, refusal, freshness } = useLive(bay === null ? [] : [bay], bay === null ? 1000 : 100, bay === null ? 2 * STALE_MS : STALE_MS);
-  useNow(250);
-  const ageMs = freshness.ageMs(performance.now(), Date.now());
+  const live = useLive(bay === null ? [] : [bay], bay === null ? 1000 : 100, bay === null ? OVERVIEW_LIMIT_MS : LIMIT_MS);
+  const { last: view, stateOf } = live;
+  const known = live.fresh(view?.alarms.age_ms);
   const byName = new Map((view?.bays ?? []).map((one) => [one.bay, one]));
-  const stateOf = (one) => (one && one.state && Number.isFinite(one.age_ms) && one.age_ms + ageMs <= freshness.limitMs ? one.state : null);
   const [shape, setShape] = useState(4 / 3); // of the picture
   const [asked, setAsked] = useState(0);
   const changed = useAtMost(view?.alarms.newest_change ?? '', 1000);
   const [alarms, wrong] = useFetched('/api/alarms', `${changed} ${asked}`, 5000);
   const list = { answer: alarms, wrong, again: () => setAsked((n) => n + 1), session };
-  const byBay = view?.alarms.by_bay ?? {};
+  const byBay = !known ? {} : view?.alarms.by_bay ?? {};
   const alarmsOf = (name) => (Object.hasOwn(byBay, name) ? byBay[name] : 0);
   const one = bay === null ? null : byName.get(bay) ?? null;
-  const state = stateOf(one);
-  const known = connected && ageMs <= freshness.limitMs;
+  const state = stateOf(bay);
   const newest = view?.events_newest ?? null;
   const wide = shape > 1.5;
   const large = useMedia('(min-width: 1700px)'); // there is room for events under a wide picture, and for health beside it
@@ -109,20 +108,20 @@ function App({ session }) {
 
   return html`
     <a class="skip" href="#main" onClick=${(event) => { event.preventDefault(); document.getElementById('main').focus(); }}>To the content</a>
-    <${Top} session=${session} bay=${bay} connected=${connected} ageMs=${ageMs} view=${view} alarms=${bay === null ? undefined : known ? view?.alarms ?? null : null} />
+    <${Top} session=${session} bay=${bay} live=${live} known=${known} alarms=${bay === null ? undefined : known ? view?.alarms ?? null : null} />
     <main id="main" tabindex="-1" class=${`page ${bay === null ? 'all' : 'one'} ${wide ? 'wide-picture' : shape < 0.9 ? 'tall-picture' : ''} ${single ? '' : 'with-bays'} ${known ? '' : 'unknown'}`}>
       <${Notice} kind="bad" loud wide say=${!known && view !== null && html`<b>NO CONNECTION TO THE GATEWAY.</b> Nothing here is live; treat the bay as STOP. Trying again.`} />
-      <${Notice} kind="bad" loud wide say=${refusal} />
+      <${Notice} kind="bad" loud wide say=${live.refusal} />
       ${bay === null
-        ? html`<${Overview} names=${names} views=${new Map(names.map((name) => [name, stateOf(byName.get(name))]))} limitsOf=${(name) => (byName.has(name) ? limitsOf(byName.get(name)) : null)} alarmsOf=${alarmsOf} />
+        ? html`<${Overview} names=${names} live=${live} limitsOf=${(name) => (byName.has(name) ? limitsOf(byName.get(name)) : null)} alarmsOf=${alarmsOf} />
             <div class="below"><${Alarms} bay=${null} ...${list} known=${known} /><${Events} bay=${null} newest=${newest} /></div>`
         : html`
             ${!single && html`<${BayBar} names=${names} bay=${bay} alarmsOf=${alarmsOf} />`}
             <h1 class="sr" translate="no">${bay}</h1>
             <div class="column a"><${LivePicture} key=${bay} bay=${bay} aim=${one ? aimOf(one) : null} connected=${known} fault=${cameraFault(state)} onShape=${setShape} />${one ? html`<${Bars} state=${state} limits=${limitsOf(one)} />` : html`<div class="panel room bars-room"></div>`}${wide && large && events}</div>
-            <div class="column b"><${Decision} state=${state} bay=${bay} alarm=${(alarms?.alarms ?? []).some((each) => each.active && standing(each) && (each.bay === bay || each.bay === null))} />${one ? html`<${Trend} bay=${bay} state=${state} limits=${limitsOf(one)} fresh=${known} />` : html`<div class="panel room trend-room"></div>`}</div>
+            <div class="column b"><${Decision} state=${state} age=${html`<${Age} of=${live} partMs=${one?.age_ms} />`} bay=${bay} alarm=${(alarms?.alarms ?? []).some((each) => each.active && standing(each) && (each.bay === bay || each.bay === null))} />${one ? html`<${Trend} bay=${bay} state=${state} limits=${limitsOf(one)} />` : html`<div class="panel room trend-room"></div>`}</div>
             <div class="column c"><${Alarms} bay=${bay} ...${list} known=${known} />${!(wide && large) && events}${large && health}</div>
-            <div class="below">${!large && health}<${Registers} key=${bay} bay=${bay} known=${known} /></div>`}
+            <div class="below">${!large && health}<${Registers} key=${bay} bay=${bay} /></div>`}
     </main>`;
 }
 

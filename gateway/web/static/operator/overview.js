@@ -4,17 +4,19 @@ import { html, useEffect, useRef, useState } from '../lib/page.js';
 import { either } from '../lib/api.js';
 import { CODES } from '../lib/guidance.js';
 import { words } from '../lib/format.js';
+import { moment } from '../lib/freshness.js';
 import { text } from '../lib/lang.js';
+import { told } from '../lib/pictures.js';
 import { shortWhy } from '../lib/reasons.js';
 import { alarmCount, decisionWords, inOrder, urgency, visionHealth } from '../lib/views.js';
 import { SmallBars } from './bars.js';
-import { useKept } from './hooks.js';
+import { Age, useFresh, useKept } from './hooks.js';
 import { Arrow, Decision, Ne107 } from './signs.js';
 
 /** A small picture, newer every few seconds; only while the tile is in sight. `everyMs`: between two. */
 function Thumbnail({ name, everyMs, state }) {
   const canvas = useRef(null);
-  const [shownMs, setShownMs] = useState(null);
+  const shown = useFresh(2 * everyMs + 3000);
   const [size, setSize] = useState(null);
   useEffect(() => {
     const end = new AbortController();
@@ -22,16 +24,16 @@ function Thumbnail({ name, everyMs, state }) {
     const once = async () => {
       try {
         if (seen && !document.hidden) {
+          const asked = moment();
           const answer = await fetch(`/api/bays/${encodeURIComponent(name)}/picture?${after}width=320`, { credentials: 'same-origin', cache: 'no-store', signal: either(end.signal, 10_000) });
           if (answer.status === 200) {
-            const takenMs = performance.now() - Number(answer.headers.get('X-Frame-Age-Ms')); // an old frame is no live picture
             after = `after=${Number(answer.headers.get('X-Frame-Id'))}&`;
             const bitmap = await createImageBitmap(await answer.blob());
             if (canvas.current) {
               Object.assign(canvas.current, { width: bitmap.width, height: bitmap.height });
               canvas.current.getContext('2d').drawImage(bitmap, 0, 0);
               setSize(bitmap.width / bitmap.height);
-              setShownMs(takenMs);
+              shown.take({ age_ms: told(answer, 'Age') }, asked, told(answer, 'Held')); // an old frame is no live picture
             }
             bitmap.close();
           }
@@ -53,19 +55,19 @@ function Thumbnail({ name, everyMs, state }) {
     };
   }, [name, everyMs]);
   const dead = state !== null && visionHealth(state) === 'bad'; // known before the picture has grown old
-  const old = dead || shownMs === null || performance.now() - shownMs > 2 * everyMs + 3000;
-  const why = !old ? '' : state === null ? 'nothing known' : dead ? words(state.vision.quality.name) : shownMs === null ? 'no picture yet' : 'no new picture';
+  const old = dead || state === null || !shown.fresh(shown.last?.age_ms);
+  const why = !old ? '' : state === null ? 'nothing known' : dead ? words(state.vision.quality.name) : shown.last === null ? 'no picture yet' : 'no new picture';
   return html`<span class="thumbnail">
     <canvas ref=${canvas} class=${old ? 'old' : ''} role="img" aria-label=${old ? text('no live picture of {0}', name) : text('live picture of {0}', name)} width="320" height=${size ? Math.round(320 / size) : 240}></canvas>
     ${why && html`<span class="no-picture">${why}</span>`}</span>`;
 }
 
-function Tile({ name, state, limits, alarms, everyMs }) {
+function Tile({ name, state, age, limits, alarms, everyMs }) {
   const trouble = state === null || state.ne107.name === 'FAILURE';
   return html`<li><a class=${`tile ${trouble ? 'trouble' : ''}`} href=${`#${encodeURIComponent(name)}`}>
     <span class="row spread"><b translate="no">${name}</b><${Ne107} name=${state?.ne107.name ?? null} label=${false} alarm=${alarms > 0} /></span>
     ${everyMs > 0 && html`<${Thumbnail} name=${name} everyMs=${everyMs} state=${state} />`}
-    <span class="state"><${Decision} stop=${state?.stop ?? null} mayMove=${state?.may_move ?? null} inPlace=${state?.in_place ?? false} fault=${trouble} /><b>${decisionWords(state)}</b></span>
+    <span class="state"><${Decision} stop=${state?.stop ?? null} mayMove=${state?.may_move ?? null} inPlace=${state?.in_place ?? false} fault=${trouble} /><b>${decisionWords(state)}</b>${age}</span>
     <span class="why">${state && html`<${Arrow} name=${CODES[state.guidance.name]?.symbol ?? 'stop'} />`}${shortWhy(state)}</span>
     ${limits && html`<${SmallBars} state=${state} limits=${limits} />`}
     ${alarms > 0 && html`<span class="tag bad">${alarmCount(alarms, 0)}</span>`}
@@ -74,15 +76,16 @@ function Tile({ name, state, limits, alarms, everyMs }) {
 
 const GROUPS = [['all', 'all'], ['trouble', 'in trouble'], ['stop', 'stop'], ['in_place', 'in place'], ['may_move', 'may move']];
 
-/** `views`: the states by bay; `limitsOf`: the thresholds of a bay, null: not known. */
-export function Overview({ names, views, limitsOf, alarmsOf }) {
+/** `live`: as from `useLive`; `limitsOf`: the thresholds of a bay, null: not known. */
+export function Overview({ names, live, limitsOf, alarmsOf }) {
   const [wanted, setWanted] = useState('');
   const [group, setGroup] = useState('all');
   const [pictures, setPictures] = useKept('overview.pictures', true);
   const all = inOrder(names.map((name) => {
-    const state = views.get(name) ?? null;
+    const state = live.stateOf(name);
     const alarms = alarmsOf(name);
-    return { name, state, limits: limitsOf(name), alarms, rank: urgency(state, alarms) };
+    const age = html`<${Age} of=${live} partMs=${live.last?.bays.find(({ bay }) => bay === name)?.age_ms} />`;
+    return { name, state, age, limits: limitsOf(name), alarms, rank: urgency(state, alarms) };
   }));
   const fits = {
     all: () => true,

@@ -1,14 +1,11 @@
 // The live picture with what was seen in it. Whatever is old is greyed and says so.
 
 import { html, useEffect, useRef, useState } from '../lib/page.js';
-import { age, px, words } from '../lib/format.js';
+import { px, words } from '../lib/format.js';
 import { text } from '../lib/lang.js';
 import { draw } from '../lib/overlay.js';
 import { follow, widthFor } from '../lib/pictures.js';
-import { useKept } from './hooks.js';
-
-/** An older picture is not live any more, ms. */
-const LIVE_MS = 1500;
+import { Age, useFresh, useKept } from './hooks.js';
 
 /** Of one bay: for another one it is made anew (by its key), so that the picture of the one before is never shown as its own.
  * `fault`: what is wrong with the camera, in words; empty: nothing that is known. `onShape`: gets width by height.
@@ -18,7 +15,8 @@ export function LivePicture({ bay, aim, connected, fault, onShape }) {
   const photo = useRef(null);
   const lines = useRef(null);
   const last = useRef(null);
-  const [told, setTold] = useState({ text: 'waiting for a picture', live: false, view: null, id: null, ageMs: null });
+  const picture = useFresh();
+  const [trouble, setTrouble] = useState('');
   const [overlay, setOverlay] = useKept('operator.overlay', true);
   const shown = useRef({ aim, overlay });
   shown.current = { aim, overlay };
@@ -37,20 +35,13 @@ export function LivePicture({ bay, aim, connected, fault, onShape }) {
   };
 
   useEffect(() => {
-    let trouble = '';
-    const look = () => {
-      const now = last.current;
-      const ageMs = now ? (now.ageMs ?? 0) + performance.now() - now.receivedMs : null;
-      const live = ageMs !== null && ageMs <= LIVE_MS;
-      const why = live ? '' : now === null ? trouble || 'waiting for a picture' : trouble || 'the camera sends nothing new';
-      setTold({ text: why, live, view: now?.view ?? null, id: now?.id ?? null, ageMs });
-    };
     const stop = follow(bay, {
       width: () => widthFor(box.current?.clientWidth ?? 640, devicePixelRatio || 1),
-      picture(now) {
+      picture(now, asked, heldMs) {
         last.current?.bitmap.close();
         last.current = now;
-        trouble = '';
+        setTrouble('');
+        picture.take(now, asked, heldMs);
         const canvas = photo.current;
         if (!canvas) return;
         const { width, height } = now.bitmap;
@@ -60,26 +51,22 @@ export function LivePicture({ bay, aim, connected, fault, onShape }) {
         onShape(shape);
         canvas.getContext('2d').drawImage(now.bitmap, 0, 0);
         repaint();
-        look();
       },
-      trouble(why) {
-        trouble = why;
-        look();
-      },
+      trouble: setTrouble,
     });
-    const timer = setInterval(look, 250);
     const resized = new ResizeObserver(repaint);
     resized.observe(box.current);
     return () => {
       stop();
-      clearInterval(timer);
       resized.disconnect();
       last.current?.bitmap.close();
     };
   }, [bay]);
   useEffect(repaint, [overlay, aim?.u_px, aim?.v_px, aim?.tolerance_px]);
 
-  const { view, live, ageMs } = told;
+  const { view = null, id = null, age_ms: sentMs } = picture.last ?? {};
+  const live = picture.fresh(sentMs);
+  const why = trouble || (id === null ? 'waiting for a picture' : 'no new picture');
   const seen = !live
     ? null
     : view === null
@@ -94,7 +81,7 @@ export function LivePicture({ bay, aim, connected, fault, onShape }) {
       <h2 id="picture-title">Camera</h2>
       <div class="row compact">
         <span class=${live ? 'tag' : 'tag bad'}>${live ? 'LIVE' : 'NOT LIVE'}</span>
-        <span class="small value age">${live ? age(ageMs) : ''}</span>
+        <${Age} of=${picture} partMs=${sentMs} />
         <label class="row small"><input type="checkbox" checked=${overlay} onChange=${(event) => setOverlay(event.target.checked)} /> show what was seen</label>
       </div>
     </header>
@@ -105,12 +92,11 @@ export function LivePicture({ bay, aim, connected, fault, onShape }) {
         ${!live &&
         html`<div class="no-picture">
           <p class="big">NO LIVE PICTURE</p>
-          <p>${connected ? fault || told.text : 'no connection to the gateway'}</p>
-          ${ageMs !== null && html`<p>${text('what is behind is {0} old', age(ageMs))}</p>`}
+          <p>${connected ? fault || why : 'no connection to the gateway'}</p>
         </div>`}
       </div>
       <figcaption class="small">
-        <span class="muted">${told.id === null ? 'no frame' : `frame ${told.id}`}</span>
+        <span class="muted">${id === null ? 'no frame' : `frame ${id}`}</span>
         <span>${seen ?? ''}</span>
       </figcaption>
     </figure>

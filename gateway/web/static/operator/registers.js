@@ -2,9 +2,9 @@
 // and of the exported PLC programs, in English.
 
 import { html, useRef, useState } from '../lib/page.js';
-import { number } from '../lib/format.js';
+import { NONE, number } from '../lib/format.js';
 import { t, text } from '../lib/lang.js';
-import { useFetched, useKept } from './hooks.js';
+import { useKept, usePolled } from './hooks.js';
 import { Notice } from './notice.js';
 
 const hex = (words) => words.map((word) => word.toString(16).toUpperCase().padStart(4, '0')).join(' ');
@@ -30,10 +30,12 @@ export function found(rows, words) {
   });
 }
 
-export function Registers({ bay, known }) {
+export function Registers({ bay }) {
   const [open, setOpen] = useKept('operator.registers', false);
   const [filter, setFilter] = useState('');
-  const [answer, wrong] = useFetched(`/api/bays/${encodeURIComponent(bay)}/registers`, bay, 500, open);
+  const read = usePolled(`/api/bays/${encodeURIComponent(bay)}/registers`, 500, open);
+  const answer = read.last;
+  const known = read.fresh(answer?.age_ms);
   const before = useRef(new Map());
   const changed = useRef(new Map());
   const rows = answer === null ? [] : answer.registers;
@@ -51,15 +53,15 @@ export function Registers({ bay, known }) {
         <input type="search" placeholder="address, name, meaning" aria-label="search registers" value=${filter} onInput=${(event) => setFilter(event.target.value)} />
         <span class="small muted">${rows.length ? `${shown.length} of ${rows.length} rows; ◆ changed just now` : ''}</span>
       </div>
-      <${Notice} kind="warn" say=${wrong || !known ? text('These may be old: {0}.', t(wrong || 'no connection to the gateway')) : ''} />
+      <${Notice} kind="warn" say=${answer !== null && !known ? text('Not known now: {0}.', t(read.wrong || 'no new data')) : read.wrong} />
       <div class="scroll tall" tabindex="0" role="region" aria-label="register table">
         <table class="stack"><thead><tr><th scope="col" class="right">Address</th><th scope="col">Name</th><th scope="col" class="right">Value</th><th scope="col">Unit</th><th scope="col">Raw</th><th scope="col" class="wide">Meaning</th></tr></thead><tbody>
           ${shown.map((row) => {
-            const fresh = now - (changed.current.get(row.address) ?? -1e9) < 1200;
+            const fresh = known && now - (changed.current.get(row.address) ?? -1e9) < 1200;
             return html`<tr key=${row.address} class=${fresh ? 'changed' : ''}>
               <td class="right mono">${row.address}</td><td><span translate="no">${row.name}</span>${row.writable ? html` <span class="tag">PLC writes</span>` : ''}</td>
-              <td class="right value">${fresh ? html`<span class="diamond" aria-hidden="true">◆ </span>` : ''}${valueOf(row)}</td><td translate="no">${row.unit}</td>
-              <td class="mono nowrap" translate="no">${hex(row.words)}</td><td class="wide muted" translate="no">${row.meaning}</td></tr>`;
+              <td class="right value">${fresh ? html`<span class="diamond" aria-hidden="true">◆ </span>` : ''}${known ? valueOf(row) : NONE}</td><td translate="no">${row.unit}</td>
+              <td class="mono nowrap" translate="no">${known ? hex(row.words) : NONE}</td><td class="wide muted" translate="no">${row.meaning}</td></tr>`;
           })}
         </tbody></table>
       </div>`}

@@ -105,7 +105,7 @@ function strip(canvas, plot, series, from, to) {
   }
 }
 
-export function Trend({ state, limits, fresh, bay }) {
+export function Trend({ state, limits, bay }) {
   const holder = useRef(null);
   const tools = useRef(null);
   const [seconds, setSeconds] = useKept('operator.trend', 60);
@@ -177,16 +177,15 @@ export function Trend({ state, limits, fresh, bay }) {
   useEffect(() => {
     if (!tools.current) return;
     const { series, time } = tools.current;
-    series.add(time(), fresh && state
+    series.add(time(), state
       ? { radius_px: state.radius_px, distance_mm: inUnit(state.distance_mm), stop: state.stop, in_place: state.in_place, may_move: state.may_move }
       : { radius_px: null, distance_mm: null, stop: null, in_place: null, may_move: null });
-  }, [state, fresh]);
+  }, [state]);
   useEffect(() => tools.current?.paint(), [seconds, paused]);
 
-  const newest = state && fresh ? state : null;
   const read = cursor
     ? text('{0}: R {1}, Z {2}, stop {3}', clock(cursor.t * 1000), number(cursor.r, 1, 'px'), number(cursor.z, places(0), lengthUnit()), t(cursor.stop === null ? 'unknown' : cursor.stop ? 'on' : 'off'))
-    : text('now: R {0}, Z {1}', number(newest?.radius_px, 1, 'px'), distanceText(newest?.distance_mm));
+    : text('now: R {0}, Z {1}', number(state?.radius_px, 1, 'px'), distanceText(state?.distance_mm));
   return html`<section class="panel trend" aria-labelledby="trend-title">
     <header>
       <h2 id="trend-title">Trend</h2>

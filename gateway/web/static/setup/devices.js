@@ -6,6 +6,7 @@ import { get, post } from '../lib/api.js';
 import { age, number, words } from '../lib/format.js';
 import { listed, text } from '../lib/lang.js';
 import { follow } from '../lib/pictures.js';
+import { Age, useFresh, usePolled } from '../operator/hooks.js';
 import { distance, units } from '../lib/units.js';
 import { rangeHealth, visionHealth } from '../lib/views.js';
 
@@ -13,8 +14,6 @@ const LIST_MS = 4000;
 const AGAIN_MS = 3000; // while another page looks at a device
 const NEWS_MS = 15_000; // an answer waits for news for some seconds
 const STATE_MS = 500;
-const LIVE_MS = 1500; // an older picture is not live any more
-const OLD_MS = 3000; // nor is an older state
 const PICTURE_PX = 640;
 
 const pause = (ms, signal) => new Promise((done) => {
@@ -152,27 +151,10 @@ export function RangerLook({ look, what }) {
   </section>`;
 }
 
-/** The newest state of a bay that runs, again and again; null: not known (any more). */
-function useBayState(bay) {
-  const [state, setState] = useState(null);
-  useEffect(() => {
-    const end = new AbortController();
-    (async () => {
-      while (!end.signal.aborted) {
-        let now = null;
-        try {
-          const answer = await get(`/api/bays/${encodeURIComponent(bay)}/state`, { signal: end.signal });
-          if (answer.age_ms <= OLD_MS) now = answer.state;
-        } catch {
-          // no answer: nothing is known
-        }
-        if (!end.signal.aborted) setState(now === null ? null : { ...now });
-        await pause(STATE_MS, end.signal);
-      }
-    })();
-    return () => end.abort();
-  }, [bay]);
-  return state;
+/** The newest of a bay that runs, again and again: as `usePolled`; `state` null: not known (any more). */
+export function useBayState(bay) {
+  const polled = usePolled(`/api/bays/${encodeURIComponent(bay)}/state`, STATE_MS);
+  return { ...polled, state: polled.fresh(polled.last?.age_ms) ? polled.last.state : null };
 }
 
 /** What the bay makes of a sensor. @param {{sensor: any, health: string}} at of the state; health as in lib/views.js */
@@ -180,27 +162,28 @@ const Sensor = ({ sensor, health }) => html`<p class="line" role="status"><span 
 
 /** What the camera of a bay that runs sees, from the bay's own pictures: the camera is not opened a second time. */
 export function BayCamera({ bay }) {
-  const state = useBayState(bay);
+  const { state } = useBayState(bay);
   const canvas = useRef(null);
-  const [shown, setShown] = useState(null);
+  const picture = useFresh();
   useEffect(() => {
-    setShown(null);
+    picture.forget(true);
     return follow(bay, {
       width: () => PICTURE_PX,
-      picture({ bitmap, frame, ageMs, receivedMs, view }) {
+      picture(now, asked, heldMs) {
+        const { bitmap } = now;
         const { width, height } = bitmap;
         if (canvas.current) {
           Object.assign(canvas.current, { width, height });
           canvas.current.getContext('2d').drawImage(bitmap, 0, 0);
         }
         bitmap.close();
-        setShown({ frame, view, takenMs: receivedMs - (ageMs ?? 0) });
+        picture.take(now, asked, heldMs);
       },
       trouble: () => {},
     });
   }, [bay]);
-  const old = shown === null ? null : performance.now() - shown.takenMs; // drawn again with every state
-  const live = old !== null && old <= LIVE_MS;
+  const shown = picture.last;
+  const live = picture.fresh(shown?.age_ms);
   const circle = shown?.view?.circle;
   return html`<section class="look" aria-label="live picture">
     <div class="shot" hidden=${!live}>
@@ -211,7 +194,7 @@ export function BayCamera({ bay }) {
     ${live && html`<dl class="figures">
       <${Figure} name="picture">${`${shown.frame.width} x ${shown.frame.height} px`}<//>
       <${Figure} name="rate">${number(state?.rates.vision_hz, 1, '/s')}<//>
-      <${Figure} name="age of the picture">${age(old)}<//>
+      <${Figure} name="age of the picture"><${Age} of=${picture} partMs=${shown.age_ms} /><//>
       <${Figure} name="marker">${circle ? `R ${number(circle.radius, 1, 'px')}` : 'none in sight'}<//>
     </dl>`}
     ${state && html`<${Sensor} sensor=${state.vision} health=${visionHealth(state)} />`}
@@ -220,7 +203,7 @@ export function BayCamera({ bay }) {
 
 /** What the ranger of a bay that runs measures. */
 export function BayRanger({ bay }) {
-  const state = useBayState(bay);
+  const { state } = useBayState(bay);
   return html`<section class="look" aria-label="live distance">
     <p class="distance"><span class="value">${shownDistance(state?.distance_mm ?? null)}</span></p>
     <dl class="figures">

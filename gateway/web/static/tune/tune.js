@@ -6,7 +6,7 @@ import { widthFor } from '../lib/pictures.js';
 import { t, text } from '../lib/lang.js';
 import { titled } from '../lib/title.js';
 import { Brand, Pages, SessionMenu } from '../lib/top.js';
-import { useLive } from '../operator/hooks.js';
+import { Age, useLive } from '../operator/hooks.js';
 import { Health as Sign } from '../operator/signs.js';
 import { Camera } from './camera.js';
 import { CheckBanner } from './check.js';
@@ -22,7 +22,6 @@ import { CancelledError, TestSets, useTestSets } from './testsets.js';
 import { trials } from './trials.js';
 import { WarningDialog, confirmed } from '../lib/warnings.js';
 
-const STALE_MS = 1500;
 const LIVE_PAUSE_MS = 350; // between two trials on the running picture
 const TRIAL_MS = 60_000;
 const TAB = `t${Math.random().toString(36).slice(2, 12)}`;
@@ -120,9 +119,10 @@ function Page({ session, profile: first, taken: kept, renew }) {
   const testSets = useTestSets(send, at);
   const tiles = useRef(null);
   const working = useRef(false);
-  const { view, connected, freshness } = useLive([bay], 500, STALE_MS);
-  const fresh = freshness.fresh(performance.now(), Date.now());
-  const mine = fresh ? view?.bays.find((one) => one.bay === bay) ?? null : null;
+  const live = useLive([bay], 500);
+  const one = live.last?.bays.find((each) => each.bay === bay) ?? null;
+  const fresh = live.fresh(one?.age_ms);
+  const mine = fresh ? one : null;
 
   useEffect(() => { if (mine) setMode(mine.function_check); }, [mine?.function_check]);
 
@@ -152,7 +152,7 @@ function Page({ session, profile: first, taken: kept, renew }) {
     if (source.kind !== 'live') return undefined;
     const timer = setTimeout(() => !document.hidden && trialQueue.want({ source, settings, inForce }, { timed: false }), LIVE_PAUSE_MS);
     return () => clearTimeout(timer);
-  }, [trialQueue, source, settings, inForce, result, waiting, trouble, view]);
+  }, [trialQueue, source, settings, inForce, result, waiting, trouble, live.last]);
 
   const change = (name, value) => setSettings((was) => (typeof name === 'string' ? { ...was, [name]: value } : { ...was, ...name }));
   const tell = (what, bad = false) => setSaid({ text: what, bad });
@@ -325,10 +325,10 @@ function Page({ session, profile: first, taken: kept, renew }) {
   const remarks = result?.remarks ?? [];
   const elsewhere = shown !== null && !sameSource(shown.request.source, source) && !frozenFrom(shown, source, taken);
   const behind = shown !== null && (shown.request.settings !== settings || !sameSource(shown.request.source, source));
-  return html`<${Top} session=${session} connected=${connected} fresh=${fresh} />
+  return html`<${Top} session=${session} connected=${live.connected} fresh=${fresh} />
     <main class="page tuning">
       <h1 class="sr">${text('Tuning of {0}', bay)}</h1>
-      <${CheckBanner} mode=${fresh ? mode : null} state=${mine?.state ?? null} change=${check} busy=${busy !== ''} />
+      <${CheckBanner} mode=${fresh ? mode : null} state=${mine?.state ?? null} age=${html`<${Age} of=${live} partMs=${one?.age_ms} />`} change=${check} busy=${busy !== ''} />
       <${TeachIn} send=${send} url=${at('teach-in')} checking=${on} />
       <div class="controls">
         <${Camera} bay=${bay} send=${send} url=${at('camera')} checking=${on} />
