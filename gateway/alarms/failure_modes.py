@@ -269,7 +269,7 @@ MODES: Mapping[str, tuple[FailureMode, ...]] = {
     ),
     "Pages": (
         _same("W1", "the web process dies", "pages hang; the gateway waits for it", "replaced; the port stays open"),
-        _same("W2", "the web process hangs", "the same", "15 s without an answer: replaced"),
+        _same("W2", "the web process hangs", "the same", "silent for 15 s, or late to start: replaced"),
         _same("W3", "the web process is taken over, or floods", "a stranger commands the bay",
               "few rights; only named records, checked again; rates limited"),
         _same("W4", "viewers read slowly, or many look", "frames and ticks are late",

@@ -23,6 +23,7 @@ from gateway.clock import SystemClock
 from gateway.errors import LinkError
 from gateway.processes.channel import Failed, Gone
 from gateway.processes.codec import Codec
+from gateway.processes.deadlines import StartDeadline
 from gateway.processes.fork_server import Fork, Forked, Preloaded
 from gateway.processes.slot import ProcessSlot
 from gateway.processes.start import ForkedProcess, Process, Role, spawned
@@ -30,8 +31,8 @@ from gateway.processes.start import ForkedProcess, Process, Role, spawned
 log = logging.getLogger(__name__)
 
 PR_SET_CHILD_SUBREAPER = 36  # linux/prctl.h
-READY_S = 30.0  # real time; a template that is not ready by then is replaced, and what waited for it is spawned
-ANSWER_S = 2.0  # a template that has not answered a request by then is replaced
+READY_S = 30.0  # real time; what has waited so long for a template is spawned; a first start may take no longer
+ANSWER_S = 2.0  # a template that has not answered a request by then is replaced; a fork is a start, too
 KILL_S = 0.3  # for a killed process to end
 REAP_S = 0.05  # between two looks whether it has
 
@@ -59,6 +60,7 @@ class ProcessTemplate:
         self._number = 0
         self._forked: list[ForkedProcess] = []  # not reaped yet
         self._unwanted: list[Process] = []  # killed, to be reaped
+        self._start_deadline, self._answer_deadline = StartDeadline(READY_S), StartDeadline(ANSWER_S)
 
     def start(self, role: Role[Any], theirs: socket.socket, answer: Answer) -> None:
         """A process with this role and the other end of its channel, which is closed here. `answer` gets the process,
@@ -101,33 +103,41 @@ class ProcessTemplate:
 
     async def _serve(self, slot: ProcessSlot[Any, Any]) -> None:
         slot.start(self._role)
-        begun_s = _now_s()
+        begun_s = ready_s = _now_s()
         while True:
             for message in slot.messages():
                 match message:
                     case Preloaded():
-                        self._ready, waiting = True, self._waiting
+                        self._ready, ready_s, waiting = True, _now_s(), self._waiting
                         self._waiting = []
                         for request in waiting:
                             self._send(request)
                     case Forked(number, pid, why):
                         self._forked_one(number, pid, why)
+                        for deadline in (self._start_deadline, self._answer_deadline):
+                            deadline.ran(_now_s() - ready_s)
                     case Failed(why):
                         raise LinkError(why)
                     case Gone(how):
                         raise LinkError(f"the template {how}")
             self._unwanted = [process for process in self._unwanted if process.poll() is None]
             now_s = _now_s()
-            if not self._ready and now_s - begun_s >= READY_S:
-                raise LinkError(f"the template was not ready within {READY_S:g} s")
+            if not self._ready and now_s - begun_s >= (allowed_s := self._start_deadline.seconds):
+                self._start_deadline.missed()
+                raise LinkError(f"the template was not ready within {allowed_s:g} s")
+            if not self._ready and self._starting and now_s - begun_s >= READY_S:
+                self._starting = False
+                self._spawn_waiting()
             if any(now_s >= request.due_s for request in self._sent.values()):
-                raise LinkError(f"the template has not answered for {ANSWER_S:g} s")
+                allowed_s = self._answer_deadline.seconds
+                self._answer_deadline.missed()
+                raise LinkError(f"the template has not answered for {allowed_s:g} s")
             await slot.wait(self._left_s(now_s, begun_s))
 
     def _left_s(self, now_s: float, begun_s: float) -> float | None:
         due_s = [request.due_s for request in self._sent.values()]
         if not self._ready:
-            due_s.append(begun_s + READY_S)
+            due_s.append(begun_s + (READY_S if self._starting else self._start_deadline.seconds))
         if self._unwanted:
             due_s.append(now_s + REAP_S)
         return max(0.0, min(due_s) - now_s) if due_s else None
@@ -137,7 +147,7 @@ class ProcessTemplate:
         role = request.role
         message = Fork(self._number, role.module, role.name, role.cpus, role.fds)
         assert self._slot is not None
-        request.due_s = _now_s() + ANSWER_S
+        request.due_s = _now_s() + self._answer_deadline.seconds
         self._sent[self._number] = request
         self._slot.send(message, (request.theirs.fileno(), *role.fds))
         self._slot.wake()

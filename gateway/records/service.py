@@ -28,6 +28,7 @@ from gateway.core.visit_summary import VisitSummary
 from gateway.errors import LinkError
 from gateway.modbus.registers.bay_identity import identities
 from gateway.processes.channel import Failed, Gone
+from gateway.processes.deadlines import SignsOfLife, StartDeadline
 from gateway.processes.slot import ProcessSlot
 from gateway.processes.start import Role
 from gateway.records.collector import Collector
@@ -54,7 +55,7 @@ MODULE = "gateway.records.process"
 PERIOD_S = 1.0
 CLOSE_POLL_S = 0.02
 UNACKNOWLEDGED_BYTES = 96 * 1024  # below what the kernel holds of unread messages
-SILENT_S = 30.0  # a disk may take long; a process that acknowledges nothing for so long is replaced
+SILENT_S = 30.0  # real time; a disk may take long; a process that acknowledges nothing for so long is replaced
 KEPT = frozenset(
     {
         EventKind.STOP_RAISED,
@@ -121,6 +122,7 @@ class RecorderService:
     _slot: ProcessSlot[ToRecorder, FromRecorder] | None = None
     _outdated: bool = False  # the process, by its configuration
     _wanted: deque[KeepPictures] = field(default_factory=lambda: deque(maxlen=100))
+    _life: SignsOfLife = field(default_factory=lambda: SignsOfLife(StartDeadline(SILENT_S), SILENT_S))
 
     def __post_init__(self) -> None:
         self.folder = folder_of(self.config)
@@ -209,12 +211,14 @@ class RecorderService:
             self._slot = None
 
     async def _serve(self, slot: ProcessSlot[ToRecorder, FromRecorder]) -> None:
-        heard_ns = sent_ns = self.clock.now_ns()
+        sent_ns = self.clock.now_ns()
+        now_s = asyncio.get_running_loop().time
+        self._life.begin(now_s())
         while not self._outdated or self._closing:
             await slot.wait(CLOSE_POLL_S if self._closing else PERIOD_S)
             now_ns = self.clock.now_ns()
-            for message in slot.messages():
-                heard_ns = now_ns
+            messages = slot.messages()
+            for message in messages:
                 match message:
                     case Written(number):
                         self._acknowledged(number)
@@ -228,10 +232,9 @@ class RecorderService:
                         raise LinkError(why)
                     case Gone(how):
                         raise LinkError(f"the recorder process {how}")
-            if not self._unacknowledged:
-                heard_ns = now_ns
-            elif now_ns - heard_ns > SILENT_S * NS_PER_S:
-                raise LinkError(f"the recorder process has written nothing for {SILENT_S:g} s")
+            expected = bool(self._unacknowledged)
+            if why := self._life.missing(now_s(), heard=bool(messages), expected=expected):
+                raise LinkError(f"the recorder process {why}")
             if self._closing or now_ns - sent_ns >= 0.9 * PERIOD_S * NS_PER_S:
                 sent_ns = now_ns
                 self._send(slot)

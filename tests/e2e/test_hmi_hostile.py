@@ -1,4 +1,4 @@
-"""A web process that floods the main process: real processes, and an event loop that goes on."""
+"""A web process that floods the main process, or takes long to start: real processes, an event loop that goes on."""
 
 import asyncio
 import contextlib
@@ -10,7 +10,7 @@ from gateway.clock import SystemClock
 from gateway.config import GatewayConfig
 from gateway.errors import LinkError
 from gateway.web.host import service
-from gateway.web.ipc.messages import WebSetup
+from gateway.web.ipc.messages import StateReply, StateRequest, WebSetup
 from tests.unit.web.gateway_client import plant
 
 
@@ -53,3 +53,39 @@ def test_a_web_process_that_asks_without_end_is_ended_and_the_event_loop_goes_on
         return turns
 
     assert asyncio.run(scene()) > 100
+
+
+class EndOfTestError(Exception):
+    """The web process has been answered."""
+
+
+def test_a_web_process_that_starts_more_slowly_than_it_may_gets_more_time_until_it_is_there(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A loaded machine is this one, too: only the order of the deadlines is certain."""
+    monkeypatch.setattr(service, "MODULE", "tests.e2e.hmi_stand_ins")
+    monkeypatch.setattr(service, "START_S", 1.0)
+
+    ended: list[str] = []
+
+    def answer(_: StateRequest) -> StateReply:
+        raise EndOfTestError
+
+    async def scene() -> None:
+        async with plant(keep=False) as made:
+            monkeypatch.setattr(made.handler, "answer", answer)
+            door = socket.create_server(("127.0.0.1", 0))
+            with door, socket.create_connection(door.getsockname()):
+                about = WebSetup(GatewayConfig(instance="late"), SystemClock(), {})
+                web = service.WebProcessService(made.handler, about, (door,))
+                with contextlib.suppress(EndOfTestError):
+                    while True:
+                        try:
+                            await web.run()
+                        except LinkError as error:
+                            ended.append(str(error))
+
+    asyncio.run(asyncio.wait_for(scene(), 500))
+    deadlines = [f"the web process was not ready within {2**n} s" for n in range(len(ended))]
+    assert ended == deadlines
+    assert len(ended) >= 2  # one and two seconds are not enough for it

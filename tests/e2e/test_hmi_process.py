@@ -7,6 +7,8 @@ import os
 import re
 import signal
 import socket
+import subprocess
+import sys
 import time
 import urllib.parse
 from collections.abc import Iterator
@@ -92,6 +94,31 @@ def test_no_web_process_without_a_visitor_and_a_killed_one_comes_back_on_the_sam
     faults = [row for row in gateway.rows if row["type"] == "event" and row["kind"] == "sensor_fault"]
     assert {row["quality"] for row in faults} <= {"stale"}  # a machine that stands still for a moment, and no more
     gateway.wait_for(lambda row: row["type"] == "state" and (row["vision"], row["range"]) == ("good", "good"))
+
+
+@pytest.mark.timeout(600)
+def test_a_web_process_that_is_killed_comes_back_on_a_loaded_machine(gateway: Gateway) -> None:
+    """Its start takes two seconds of the processor, at low priority beside fourteen that never wait."""
+    url = address_of(gateway)
+    assert got(url, "/healthz")[0] == 200
+    (first,) = web(gateway)
+    cpu = {max(os.sched_getaffinity(0))}
+    os.sched_setaffinity(gateway.process.pid, cpu)  # its children inherit it
+    loops = [subprocess.Popen([sys.executable, "-c", "import os; os.nice(5)\nwhile True: pass"]) for _ in range(14)]
+    try:
+        for loop in loops:
+            os.sched_setaffinity(loop.pid, cpu)
+        first.kill()
+        assert got(url, "/login", timeout_s=550.0)[0] == 200
+    finally:
+        for loop in loops:
+            loop.kill()
+            loop.wait()
+    (second,) = web(gateway)
+    assert second.pid != first.pid
+    ended = re.findall(r"hmi: the web process (.*); trying again", gateway.stderr)
+    late = [f"was not ready within {30 * 2**n} s" for n in range(4)]  # where this machine is loaded by others, too
+    assert ended == ["was killed by SIGKILL", *late][: len(ended)]
 
 
 def frames_open_for(process: psutil.Process) -> set[int]:

@@ -17,7 +17,10 @@ Rules
 - Nothing that a process notes or sends is taken on trust: notes that cannot be are no notes, a result that cannot be is
   PROCESS_FAULT. So a damaged process neither hides its silence nor spoils the numbers of its successors.
 - After LINK_DOWN the next process is started with the delays of `camera.reconnect`; after PROCESS_FAULT at once, from
-  the second failure in a row on with a delay. A detector that could not be built gets up to four times as long.
+  the second failure in a row on with a delay.
+- A start ends with the first result. Each of its steps (detector, source, first frame in work) may take
+  `camera.open_deadline_s`; after a start that was late, twice as long the next time, until one has run well
+  (`processes.deadlines`): on a loaded machine it comes to an end, too.
 - A process is started only when the previous one has ended: one writer for the memory, one owner for the device.
 - A film that is not to be repeated (`finite`) is not begun again. Where no frame may be skipped (`lossless`), it
   continues after the frame that a detector failed on; else it stays lost.
@@ -30,6 +33,7 @@ from enum import Enum, auto
 from gateway.config import CameraConfig, Reconnect, VisionConfig
 from gateway.core.detection import Detection
 from gateway.core.readings import PictureHealth, Quality, VisionReading, VisionStats
+from gateway.processes.deadlines import StartDeadline
 from gateway.supervisor import delay_s
 from gateway.vision.picture.judge import PictureJudge
 from gateway.vision.process.frame_counts import FrameCounts
@@ -38,7 +42,6 @@ from gateway.vision.transport.progress import Progress
 
 NS_PER_S = 1_000_000_000
 PICTURE_NS = 3 * NS_PER_S  # a measurement of the picture itself is reported for so long
-MAX_BUILD_FACTOR = 4  # times as long may the next build of a detector take that was not ready in time
 MOST_SKIPPED = 1_000_000  # frames between two that are processed; a number beyond that is nonsense
 PROCESS_BACKOFF = Reconnect(min_s=0.1, max_s=2.0)  # from the second failure in a row on; the first is replaced at once
 
@@ -102,8 +105,9 @@ class ProcessMonitor:
     _link_is_down: bool = False  # why the last one ended: its source, else the process itself
     _link_failures: int = 0  # in a row
     _process_failures: int = 0
+    _start_deadline: StartDeadline = field(init=False)  # of each of its steps: detector, source, first result
     _opened_ns: int = 0  # the first frame was captured; 0: not yet
-    _result_ns: int = 0  # when the newest result arrived
+    _result_ns: int = 0  # when the newest result arrived; 0: none yet
     _reported_ns: int = 0  # the time of the newest reading
     _lossless: bool = False
     _film_begun: bool = False  # a finite source has given a frame
@@ -118,6 +122,7 @@ class ProcessMonitor:
 
     def __post_init__(self) -> None:
         self._judge = PictureJudge(self.camera.picture)
+        self._start_deadline = StartDeadline(self.camera.open_deadline_s)
 
     def successor(self, vision: VisionConfig) -> "ProcessMonitor":
         """The one that follows when the settings change: a new process, but frame numbers and counts continue.
@@ -125,12 +130,14 @@ class ProcessMonitor:
         What was not reported by then is counted, like what ends with its process.
         """
         self._count_out(lost=self._at_work())
-        return replace(
+        made = replace(
             ProcessMonitor(self.label, self.camera, vision, self.rng, FrameCounts(self.stats, self._counts.last_seq)),
             _token=self._token,
             _over=self._over,
             _reported_ns=self._reported_ns,
         )
+        made._start_deadline = self._start_deadline
+        return made
 
     def withdraw(self, why: str, now_ns: int) -> None:
         """No value that there is counts any more."""
@@ -161,6 +168,7 @@ class ProcessMonitor:
             self.failed(token, "result of a frame of another time", now_ns)
             return
         self._process_failures = 0
+        self._start_deadline.ran((now_ns - self._opened_ns) / NS_PER_S)
         self._received_ns = self._result_ns = now_ns
         if result.picture is not None:
             self._picture = self._judge.judged(result.picture, result.t_capture_ns)
@@ -245,14 +253,12 @@ class ProcessMonitor:
                 return None if self._over else self._due_ns
             case ProcessState.ENDING:
                 return None
-            case ProcessState.BUILDING:
-                return self._since_ns + round(self._build_s * NS_PER_S)
-            case ProcessState.OPENING:
-                return self._since_ns + round(self.camera.open_deadline_s * NS_PER_S)
-        work_ns = round(self.vision.deadline_s * NS_PER_S)
+            case ProcessState.BUILDING | ProcessState.OPENING:
+                return self._since_ns + round(self._start_deadline.seconds * NS_PER_S)
         if self._at_work():
-            return self._progress.work_began_ns + work_ns
+            return self._progress.work_began_ns + round(self._work_s * NS_PER_S)
         # Whether it has begun to work on a frame is known at the latest when that would have taken too long.
+        work_ns = round(self.vision.deadline_s * NS_PER_S)
         return min(self._silent_ns, self._stopped_ns, self._received_ns + work_ns)
 
     def reads_messages(self, now_ns: int) -> bool:
@@ -274,10 +280,10 @@ class ProcessMonitor:
     # Silence.
 
     @property
-    def _build_s(self) -> float:
-        """How long building the detector may take. One that failed gets more: on a machine that is busy for long, one
-        that is killed and begun again and again, always shortly before it is ready, would never give vision."""
-        return self.camera.open_deadline_s * min(MAX_BUILD_FACTOR, 1 << self._process_failures)
+    def _work_s(self) -> float:
+        """How long the detector may work on a frame. The first one is part of the start."""
+        deadline_s = self.vision.deadline_s
+        return deadline_s if self._result_ns else max(deadline_s, self._start_deadline.seconds)
 
     @property
     def _allowed_ns(self) -> int:
@@ -318,12 +324,15 @@ class ProcessMonitor:
         return self._progress.work_began_ns > 0 and self._progress.work_seq > self._counts.last_seq
 
     def _judge_silence(self, now_ns: int) -> None:
+        start_s, work_s = self._start_deadline.seconds, self._work_s
+        if self._state is not ProcessState.RUNNING or (self._at_work() and not self._result_ns):
+            self._start_deadline.missed()
         if self._state is ProcessState.BUILDING:
-            self._process_fault(f"vision process not ready within {self._build_s:g} s", now_ns)
+            self._process_fault(f"vision process not ready within {start_s:g} s", now_ns)
         elif self._state is ProcessState.OPENING:
-            self._link_down(f"{self.label}: no first frame within {self.camera.open_deadline_s:g} s", now_ns)
+            self._link_down(f"{self.label}: no first frame within {start_s:g} s", now_ns)
         elif self._at_work():
-            self._process_fault(f"vision process gave no result within {self.vision.deadline_s:g} s", now_ns)
+            self._process_fault(f"vision process gave no result within {work_s:g} s", now_ns)
         elif now_ns >= self._silent_ns and now_ns - self._alive_ns > self._allowed_ns // 2:
             self._process_fault(f"vision process has stopped: no sign of life for {self.camera.deadline_s:g} s", now_ns)
         elif now_ns >= self._silent_ns:
@@ -378,7 +387,8 @@ class ProcessMonitor:
         if not self._film_begun:
             self._film_first_seq = next_seq
         self._token += 1
-        self._state, self._since_ns, self._opened_ns = ProcessState.BUILDING, now_ns, 0
+        self._state, self._since_ns = ProcessState.BUILDING, now_ns
+        self._opened_ns = self._result_ns = 0
         self._started, self._reaped = True, False
         self._out.append(Start(self._token, next_seq, discard=next_seq - self._film_first_seq))
 

@@ -19,6 +19,7 @@ from gateway.errors import ConfigError, LinkError
 from gateway.net import tls
 from gateway.net.listener import listening
 from gateway.processes.channel import Failed, Gone
+from gateway.processes.deadlines import LOOK_S, SignsOfLife, StartDeadline
 from gateway.processes.slot import ProcessSlot
 from gateway.processes.start import Role
 from gateway.web.host.config_file_requests import ConfigFileRequests
@@ -27,7 +28,8 @@ from gateway.web.host.settings_file import SettingsFile
 from gateway.web.ipc.messages import FROM_WEB, Command, FileRequest, FromWeb, StateRequest, ToWeb, WebSetup
 from gateway.web.languages import memory_of, usable
 
-SILENT_S = 15.0  # real time; the web process sends a request at least once a second
+START_S = 30.0  # real time, as the next; a first start on an idle machine takes 2 s of the processor, at low priority
+SILENT_S = 15.0  # the web process sends a request at least once a second
 PAUSE_S = 0.01  # between two turns: a web process is not served more often
 MAX_MESSAGES = 8  # read in one turn; a web process in order has one request pending, and now and then a command
 MAX_FULL_TURNS = 100  # in a row with more messages than that, more than a second: it is out of control
@@ -61,6 +63,7 @@ class WebProcessService:
         self._texts = usable(setup.config)
         self._slot: ProcessSlot[ToWeb, FromWeb] | None = None
         self._outdated = False
+        self._life = SignsOfLife(StartDeadline(START_S), SILENT_S)
 
     def apply(self, config: GatewayConfig) -> None:
         """Continue with another configuration, of the same address: the web process, if there is one, is replaced."""
@@ -99,15 +102,17 @@ class WebProcessService:
             self._slot = slot
             own.callback(self._forget_slot)
             slot.start(role)
+            now_s = asyncio.get_running_loop().time
+            self._life.begin(now_s())
             full = 0
             while not self._outdated:
-                try:
-                    async with asyncio.timeout(SILENT_S):
+                with suppress(TimeoutError):
+                    async with asyncio.timeout(LOOK_S):
                         await slot.wait(None)
-                except TimeoutError:
-                    raise LinkError(f"the web process has sent nothing for {SILENT_S:g} s") from None
                 request: StateRequest | None = None
                 messages = slot.messages(most=MAX_MESSAGES)
+                if why := self._life.missing(now_s(), heard=bool(messages)):
+                    raise LinkError(f"the web process {why}")
                 full = full + 1 if len(messages) >= MAX_MESSAGES else 0
                 if full > MAX_FULL_TURNS:
                     raise LinkError("the web process sends messages without pause")
