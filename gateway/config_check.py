@@ -4,13 +4,13 @@ import re
 from collections.abc import Callable, Iterator
 from functools import partial
 
-from gateway.config import SHARED_SECTIONS, GatewayConfig
+from gateway.config import SHARED_SECTIONS, GatewayConfig, ModbusConfig, RangerConfig
 from gateway.config.strict.errors import Fault, FaultsError, located
 from gateway.errors import ConfigError
 from gateway.files import device_at
 from gateway.net import tls
 from gateway.net.tls import TlsFiles
-from gateway.ranger.service import check_port
+from gateway.ranger.service import check_port, ranger_type
 from gateway.sinks import registry as sink_registry
 from gateway.sinks.contract import SettingError
 from gateway.vision.detect import registry as detection_methods
@@ -39,6 +39,7 @@ def check(config: GatewayConfig, *, source: str, text: str) -> None:
         look(("bays", n, "camera", "exposure"), partial(check_exposure, bay.camera))
         look(("bays", n, "ranger", "port"), partial(check_port, bay.ranger))
         look(("bays", n, "vision", "proposals"), partial(detection_methods.method(bay.vision.method).check, bay.vision))
+        look(("modbus", "handshake", "trigger_timeout_s"), partial(_check_trigger, config.modbus, bay.ranger))
     if config.modbus.tls is not None:
         look(("modbus", "tls"), partial(tls.check, TlsFiles.of_modbus(config.modbus.tls)))
     for part in sink_registry.checks(config):
@@ -58,6 +59,16 @@ def check(config: GatewayConfig, *, source: str, text: str) -> None:
         ]
     if faults:
         raise FaultsError(faults)
+
+
+def _check_trigger(modbus: ModbusConfig, ranger: RangerConfig) -> None:
+    """Raises ConfigError where a triggered measurement would end before the ranger can have a result for it."""
+    period_s, timeout_s = ranger_type(ranger).period_s, modbus.handshake.trigger_timeout_s
+    if modbus.writes and period_s is not None and timeout_s < ranger.median * period_s:
+        raise ConfigError(
+            f"{timeout_s:g} is too short for a result: ranger.median = {ranger.median} readings younger than the "
+            f"trigger take {ranger.median * period_s:g} s"
+        )
 
 
 def check_languages(config: GatewayConfig, *, source: str, text: str) -> None:

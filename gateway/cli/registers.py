@@ -6,7 +6,8 @@ gateway registers --format ignition --config gateway.toml --bay bay2 --host 10.1
 gateway registers --format st --site north --instance gateway --bay bay1:1 --bay bay2:2 --host 10.1.2.3 --out plc/
 
 Every export is made from the same table and so fits the gateway that makes it. Programs also compare which bay answers:
-unit id, and a number made of site, instance and bay name. --config takes all that from the gateway's configuration;
+unit id, and a number made of site, instance and bay name. --config takes all that, and how long a triggered measurement
+may take, from the gateway's configuration;
 without it, give them as they are there ([modbus] word_order and writes, [[bays]] name and unit_id, site, instance), or
 the program reports the wrong bay (Diagnostic 13). docs/plc-integration.md describes the commissioning.
 """
@@ -113,6 +114,7 @@ def _targets(args: argparse.Namespace) -> "tuple[Target, ...]":
                 writes=args.writes or modbus.writes,
                 site=args.site or settings.site,
                 gateway=args.instance or settings.instance,
+                trigger_timeout_s=modbus.handshake.trigger_timeout_s,
             )
         )
     return distinct(tuple(targets))

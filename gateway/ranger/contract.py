@@ -59,3 +59,4 @@ class RangerType:
     session: Callable[[RangerConfig], RangerSession]
     connect: Callable[[RangerConfig], Connection] | None = None  # blocks; raises LinkError
     check_url: Callable[[str], None] | None = None  # raises ConfigError for a port that can never be opened
+    period_s: float | None = None  # between two readings, as shipped; None: not known

@@ -20,7 +20,7 @@ from gateway.core.state import Guidance, GuidanceCode, Moved, Reason, StateVecto
 from gateway.modbus.exports import node_red_function, openplc, structured_text
 from gateway.modbus.exports.diagnosis import CHECKS, HEARTBEAT_TIMEOUT_MS, SOUND, Diagnosis
 from gateway.modbus.exports.fields import fields
-from gateway.modbus.exports.interface import INPUTS, OUTPUTS, STEP_TIMEOUT_MS
+from gateway.modbus.exports.interface import INPUTS, OUTPUTS
 from gateway.modbus.exports.structured_text import FUNCTION_BLOCK
 from gateway.modbus.exports.target import Target
 from gateway.modbus.registers.bay_identity import BayIdentity
@@ -601,10 +601,10 @@ def test_each_request_has_its_bit_and_the_recipe_its_register(scan: Scan) -> Non
 class Measurement:
     """The function block opposite to a gateway that is told, image by image, how its handshake stands."""
 
-    def __init__(self, scan: Scan) -> None:
+    def __init__(self, scan: Scan, phase: TriggerPhase = TriggerPhase.READY) -> None:
         self.scan, self.heartbeat = scan, 0
         for _ in range(3):
-            self.see()
+            self.see(phase)
 
     def see(self, phase: TriggerPhase = TriggerPhase.READY, **how: object) -> tuple[int, bool, bool, bool]:
         """(bits 3 and 4 of PlcControl, Measuring, ResultReady, TriggerFailed) after that image."""
@@ -660,11 +660,28 @@ def test_a_measurement_without_a_result_fails_and_the_next_one_goes(scan: Scan) 
     assert plc.see(number=1, timed_out=True) == (TRIGGER, True, False, False)
 
 
+def test_a_result_that_is_held_from_before_the_start_is_acknowledged(scan: Scan) -> None:
+    """Else no trigger would be accepted for ever: the gateway waits for results_ack, and this block for nothing."""
+    scan.run([0] * BLOCK_WORDS, ok=False)
+    plc = Measurement(scan, TriggerPhase.VALID)
+    assert plc.see(TriggerPhase.VALID, number=1) == (ACK, False, False, False)
+    assert plc.see(TriggerPhase.VALID, number=1) == (ACK, False, False, False)  # until it is seen
+    # The bit was on when the gateway began: no edge, so that it must go off first.
+    assert plc.see(TriggerPhase.VALID, number=1, control=ACK)[0] == 0
+    assert plc.see(TriggerPhase.VALID, number=1)[0] == ACK
+    plc.put(Trigger=True)
+    assert plc.see(TriggerPhase.VALID, number=1)[:2] == (ACK, True), "also where a trigger waits for it"
+    assert plc.see(TriggerPhase.CLEARING, number=1, control=ACK)[0] == 0
+    assert plc.see(number=1) == (TRIGGER, True, False, False)
+    assert plc.see(TriggerPhase.VALID, number=2, ack=True, control=TRIGGER) == (0, True, False, False)
+    assert plc.see(TriggerPhase.VALID, number=2) == (0, False, True, False), "its own result is held"
+
+
 @pytest.mark.parametrize("writes_off", [True, False])
 def test_a_gateway_that_does_not_take_the_trigger_fails_it_in_time(scan: Scan, writes_off: bool) -> None:
     plc = Measurement(scan)
     plc.put(Trigger=True)
-    for n in range(STEP_TIMEOUT_MS // 10 + 2):
+    for n in range(Target().step_timeout_ms // 10 + 2):
         image = (
             words(permitted(100 + n))
             if writes_off

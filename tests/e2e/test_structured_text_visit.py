@@ -35,7 +35,8 @@ class Loop:
     """A bay, and a PLC that runs the exported block."""
 
     def __init__(self) -> None:
-        self.block = block_of(Program(structured_text.declarations((Target(),))))
+        self.program = Program(structured_text.declarations((Target(),)))
+        self.block = block_of(self.program)
         self.state = interlock.initial("bay1", 0, RULES)
         self.words = [0] * BLOCK_WORDS
         self.now_ms = 0
@@ -97,6 +98,18 @@ def test_one_visit_is_worked_to_its_end(loop: Loop) -> None:
     loop.play(LEAVING)
     assert loop.outputs() == (True, False, False)
     assert loop.block["Moved"] is False
+
+
+def test_a_block_that_begins_anew_while_a_result_is_held_measures_again(loop: Loop) -> None:
+    """A download or a restart of the PLC: the gateway would wait for an acknowledgement, and the block for nothing."""
+    loop.play(FAR)
+    loop.put(Trigger=True)
+    loop.play(FAR, until=lambda: bool(loop.block["ResultReady"]))
+    loop.block = block_of(loop.program)
+    loop.play(FAR, until=lambda: bool(loop.block["TriggerReady"]))
+    loop.put(Trigger=True)
+    loop.play(FAR, until=lambda: bool(loop.block["ResultReady"]))
+    assert loop.block["Data"]["result_id"] == 2
 
 
 def test_each_trigger_brings_its_own_result(loop: Loop) -> None:

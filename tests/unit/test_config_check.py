@@ -57,6 +57,20 @@ def test_what_an_address_names(tmp_path: Path) -> None:
     assert device_at("COM3") == "COM3"
 
 
+@pytest.mark.parametrize(
+    ("median", "expected"), [(15, "ranger.median = 15 readings younger than the trigger take 0.9 s"), (13, "")]
+)
+def test_a_trigger_s_timeout_that_no_result_can_meet(median: int, expected: str) -> None:
+    handshake = {"trigger_timeout_s": 0.8}
+    modbus = {"writes": True, "plc_addresses": ["10.0.0.9"], "handshake": handshake}
+    settings = GatewayConfig.model_validate({"modbus": modbus, "bays": [{"ranger": {"median": median}}]})
+    if not expected:
+        config_check.check(settings, source="bay.toml", text="")
+        return
+    with pytest.raises(FaultsError, match=expected):
+        config_check.check(settings, source="bay.toml", text="")
+
+
 @pytest.mark.parametrize(("port", "expected"), [(802, "the port of [modbus.tls], too"), (803, "")])
 def test_the_pages_on_the_port_of_modbus_tls(tmp_path: Path, port: int, expected: str) -> None:
     tls = {**Plant(tmp_path).config().model_dump(), "port": 802}

@@ -10,8 +10,6 @@ from gateway.core.plc import Control
 from gateway.modbus.exports.diagnosis import HEARTBEAT_TIMEOUT_MS
 from gateway.modbus.registers.register_map import BLOCK_WORDS, REGISTERS
 
-STEP_TIMEOUT_MS = 3000
-"""A step of a triggered measurement that takes longer has failed; the gateway's trigger_timeout_s is 1 s."""
 _ADDRESS = {register.name: register.address for register in REGISTERS}
 FIRST_WRITTEN = _ADDRESS["plc_heartbeat"]
 WRITTEN = ("PlcHeartbeat", "PlcControl", "RecipeSelect")

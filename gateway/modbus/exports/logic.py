@@ -23,7 +23,7 @@ from gateway.modbus.exports.diagnosis import (
     Diagnosis,
 )
 from gateway.modbus.exports.fields import fields
-from gateway.modbus.exports.interface import REQUESTS, STEP_TIMEOUT_MS
+from gateway.modbus.exports.interface import REQUESTS
 from gateway.modbus.exports.target import Target
 from gateway.modbus.registers.register_map import encode
 
@@ -108,7 +108,9 @@ END_IF;
 
 # The trigger's bit goes up only when the gateway knows this PLC and was seen to have the bit off: then it is an edge.
 _TRIGGER = """\
-(* A triggered measurement, step by step: request, accept, read, acknowledge. Each step but the read has a timeout. *)
+(* A triggered measurement, step by step: request, accept, read, acknowledge. Each step but the read has a timeout.
+   A result that nobody here has asked for, from before this block's start, is acknowledged: no trigger is accepted
+   until then. Its bit is taken back where it had been on already, and made no edge. *)
 #Entered := FALSE;
 IF #Trigger AND (NOT #TriggerWas) AND (#Stage = 0) THEN
   #Stage := 1;
@@ -117,6 +119,9 @@ IF #Trigger AND (NOT #TriggerWas) AND (#Stage = 0) THEN
 END_IF;
 #TriggerWas := #Trigger;
 IF #Alive THEN
+  IF (#Stage < 2) AND (NOT #TriggerBit) THEN
+    #AcknowledgeBit := #Data.handshake_status_results_valid AND (NOT #Data.plc_control_results_ack);
+  END_IF;
   IF #Stage = 1 THEN
     IF #Data.handshake_status_plc_alive AND #Data.handshake_status_trigger_ready
         AND (NOT #Data.plc_control_trigger) THEN
@@ -175,13 +180,13 @@ END_IF;"""
 
 def body(target: Target) -> str:
     """The body of the function block: decode, checks, heartbeat, outputs, triggered measurement, what is written."""
-    return f"{decode(target)}\n{logic()}"
+    return f"{decode(target)}\n{logic(target)}"
 
 
-def logic() -> str:
+def logic(target: Target) -> str:
     """All after the decoding: the same in every language of IEC 61131-3 and at Rockwell."""
     outputs = _OUTPUTS.format(first_alive=FIRST_ALIVE, last_alive=LAST_ALIVE, nothing=indented(nothing()))
-    trigger = _TRIGGER.format(limit=f"T#{STEP_TIMEOUT_MS}ms")
+    trigger = _TRIGGER.format(limit=f"T#{target.step_timeout_ms}ms")
     return "\n".join((judgement(), outputs, trigger, _requests()))
 
 

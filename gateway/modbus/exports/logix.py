@@ -36,7 +36,7 @@ def body(target: Target) -> str:
     for statement, here in _DECODING:
         text = re.sub(statement, here, text, flags=re.MULTILINE)
     text = re.sub(r"16#([0-9A-F]+)", lambda found: str(int(found[1], 16)), text)
-    return f"{text}\n{translated(logic())}"
+    return f"{text}\n{translated(logic(target))}"
 
 
 def off() -> str:

@@ -10,6 +10,7 @@ from gateway.modbus.registers.register import WordOrder
 
 # 192.0.2.0/24 is set aside for documentation: an address that no plant can have.
 EXAMPLE_HOST = "192.0.2.10"
+POLLS_S = 2.0  # for what is written and read about a measurement, in slow polls
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,6 +19,7 @@ class Target:
 
     `writes`: the gateway's [modbus] writes is on. Used only by tools that write whether they are answered or not.
     `site` and `gateway` (its `instance`) are the names in its configuration; with the bay's they make its identity.
+    `trigger_timeout_s`: as [modbus.handshake] has it.
     """
 
     bay: str = "bay1"
@@ -28,6 +30,7 @@ class Target:
     writes: bool = False
     site: str = "site1"
     gateway: str = "gateway"
+    trigger_timeout_s: float = 1.0
 
     def __post_init__(self) -> None:
         """Raises ConfigError for what no PLC could be given."""
@@ -44,6 +47,11 @@ class Target:
     def identity(self) -> BayIdentity:
         """What the image of this bay has in its registers 101 to 103."""
         return BayIdentity.of(self.unit_id, self.site, self.gateway, self.bay)
+
+    @property
+    def step_timeout_ms(self) -> int:
+        """A step of a triggered measurement that takes longer has failed: the gateway was given its time, and more."""
+        return round(1000 * (self.trigger_timeout_s + POLLS_S))
 
     @property
     def identifier(self) -> str:

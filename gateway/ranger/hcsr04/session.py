@@ -245,4 +245,4 @@ class Hcsr04Session:
         return f"no measurement for {seconds:.0f} s"
 
 
-RANGER = RangerType(Hcsr04Session)
+RANGER = RangerType(Hcsr04Session, period_s=PERIOD_MS / 1000)

@@ -449,7 +449,7 @@ def test_logix_decodes_the_image(target: Target) -> None:
 def test_logix_does_what_structured_text_does() -> None:
     """All that comes after the decoding is the common logic, statement by statement."""
     body = logix.body(Target())
-    common = logic.iec(logic.logic())
+    common = logic.iec(logic.logic(Target()))
     assert common in structured_text.document((Target(),))
     mine = body[body.index("(* The first check") :]
     code = re.sub(r"\(\*.*?\*\)|//[^\n]*", "", mine, flags=re.DOTALL)
@@ -737,14 +737,17 @@ def test_the_configuration_says_which_bays_there_are_and_who_they_are(tmp_path: 
     config = tmp_path / "plant.toml"
     config.write_text(
         'site = "north"\ninstance = "gw2"\n[modbus]\nport = 5020\nword_order = "little"\nwrites = true\n'
-        'plc_addresses = ["10.1.2.9"]\n[[bays]]\nname = "a"\nunit_id = 3\n[[bays]]\nname = "b"\nunit_id = 4\n'
+        'plc_addresses = ["10.1.2.9"]\n[modbus.handshake]\ntrigger_timeout_s = 4.0\n'
+        '[[bays]]\nname = "a"\nunit_id = 3\n[[bays]]\nname = "b"\nunit_id = 4\n'
     )
-    a = Target("a", "10.1.2.3", 5020, 3, "little", writes=True, site="north", gateway="gw2")
+    a = Target("a", "10.1.2.3", 5020, 3, "little", writes=True, site="north", gateway="gw2", trigger_timeout_s=4.0)
     argv = ["--format", "openplc", "--config", str(config), "--host", "10.1.2.3", "--out", f"{tmp_path}/"]
     for more, targets in (((), (a, replace(a, bay="b", unit_id=4))), (("--bay", "a"), (a,))):
         assert run(*argv, *more) == 0
         for file, text in export("openplc", targets).items():
             assert (tmp_path / file).read_text() == text
+    text = "".join(export("st", (replace(a, trigger_timeout_s=20.0),)).values())
+    assert "PT := T#22000ms" in text
     others = replace(a, bay="x"), replace(a, site="x"), replace(a, gateway="x")
     assert len({target.identity.number for target in (a, *others)}) == 4, "each name counts"
 
