@@ -21,11 +21,14 @@ from gateway.clock import NS_PER_S, SystemClock
 from gateway.config import MqttConfig
 from gateway.doctor import brokers, devices, plc
 from gateway.doctor.finding import Verdict
-from gateway.errors import GatewayError
+from gateway.errors import ConfigError, GatewayError
+from gateway.processes import sandbox, seccomp
 from gateway.processes.channel import Channel, Failed
 from gateway.processes.child import die_with, shown
 from gateway.processes.codec import record_packed
 from gateway.processes.forked import end_without_asker, write_all
+from gateway.vision.source.contract import Needs
+from gateway.vision.source.specs import source_spec
 from gateway.web.ipc.devices import (
     DEVICE_QUESTIONS,
     DEVICES_SETUP,
@@ -137,6 +140,7 @@ def _work(setup: DevicesSetup, question: DeviceQuestion, fd: int, ended: list[in
         _wait_for(ended)
         resource.setrlimit(resource.RLIMIT_DATA, (LIMIT_BYTES, LIMIT_BYTES))
         end_without_asker(fd)
+        _confine(question)
         answer(setup, question, lambda piece: _send(fd, piece))
         code = 0
     except (GatewayError, OSError, MemoryError) as error:
@@ -146,6 +150,19 @@ def _work(setup: DevicesSetup, question: DeviceQuestion, fd: int, ended: list[in
     finally:
         sys.stderr.flush()
         os._exit(code)
+
+
+def _confine(question: DeviceQuestion) -> None:
+    """What an address of somebody's choice sends is decoded with the rights that a bay's vision process has."""
+    if not isinstance(question, LookAtCamera) or not question.camera.confined:
+        return
+    try:
+        needs = getattr(source_spec(question.camera), "needs", None)
+    except ConfigError:
+        return  # nothing is opened
+    if needs in (Needs.FILES, Needs.CONNECTIONS):
+        sandbox.drop_privileges(None)
+        seccomp.refuse(connects=needs is Needs.CONNECTIONS)
 
 
 def _wait_for(ended: list[int]) -> None:

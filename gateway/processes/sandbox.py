@@ -1,4 +1,5 @@
-"""Reduced rights for this process: for one that serves network clients. They cannot be regained.
+"""Reduced rights for this process: for one that serves network clients, or decodes what a camera sends. They cannot be
+regained.
 
 Given up: the user, where the gateway runs as root and another is named; every capability; the right to gain any; core
 dumps and debuggers; and, by `seccomp`, writing files, running programs, reaching other processes, new connections.
@@ -26,6 +27,14 @@ def enter(user: str | None) -> list[str]:
 
     Raises ConfigError for a user that does not exist, or that can't read the program.
     """
+    lacking = drop_privileges(user)
+    if why := seccomp.refuse():
+        lacking.append(why)
+    return lacking
+
+
+def drop_privileges(user: str | None) -> list[str]:
+    """All of `enter` but the filter of system calls, which may follow later and from any thread."""
     lacking: list[str] = []
     if (others := len(os.listdir("/proc/self/task")) - 1) and _capable():
         lacking.append(f"{others} threads that a library has begun already keep their capabilities")
@@ -40,8 +49,6 @@ def enter(user: str | None) -> list[str]:
         lacking.append(f"capabilities can't be dropped: {os.strerror(ctypes.get_errno())}")
     libc.prctl(PR_SET_DUMPABLE, 0, 0, 0, 0)
     libc.prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0)
-    if why := seccomp.refuse():
-        lacking.append(why)
     return lacking
 
 

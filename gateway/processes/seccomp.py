@@ -29,8 +29,9 @@ REFUSED: dict[str, tuple[tuple[str, int | None, int | None], ...]] = {  # name, 
         ("fsetxattr", 190, 7), ("setxattrat", 463, 463), ("io_uring_setup", 425, 425),
     ),
     "to run another program": (("execve", 59, 221), ("execveat", 322, 281)),
-    "to open a new connection": (("socket", 41, 198), ("connect", 42, 203)),
 }  # fmt: skip
+CONNECTING = (("socket", 41, 198), ("connect", 42, 203))  # to open a new connection
+LISTENING = (("listen", 50, 201), ("accept", 43, 202), ("accept4", 288, 242))  # refused instead where one may connect
 OPEN = ((2, None, 1), (257, 56, 2))  # open, openat: number on both, and which argument holds the access mode
 OF_ITSELF = ((234, 131), (302, 261))  # tgkill, prlimit64: may name this process only (0 is this one, too)
 WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
@@ -44,11 +45,12 @@ _SET_MODE_FILTER, _ALL_THREADS = 1, 1
 Instruction = tuple[int, int, int, int]  # code, jump if true, jump if false, operand
 
 
-def program(column: int, arch: int, pid: int) -> Iterator[Instruction]:
-    """The filter. Every rule is complete in itself: it decides, or passes the call's number to the next."""
+def program(column: int, arch: int, pid: int, *, connects: bool = False) -> Iterator[Instruction]:
+    """The filter. Every rule is complete in itself: it decides, or passes the call's number to the next. `connects`:
+    it may open connections, and take none."""
     yield from ((_LOAD, 0, 0, _ARCH), (_EQUAL, 1, 0, arch), (_RETURN, 0, 0, _KILL), (_LOAD, 0, 0, _NUMBER))
     yield from ((_AT_LEAST, 0, 1, _X32), (_RETURN, 0, 0, _REFUSE))
-    for calls in REFUSED.values():
+    for calls in (*REFUSED.values(), LISTENING if connects else CONNECTING):
         for _, *numbers in calls:
             if (number := numbers[column]) is not None:
                 yield from ((_EQUAL, 0, 1, number), (_RETURN, 0, 0, _REFUSE))
@@ -62,14 +64,16 @@ def program(column: int, arch: int, pid: int) -> Iterator[Instruction]:
     yield (_RETURN, 0, 0, _ALLOW)
 
 
-def refuse() -> str:
+def refuse(*, connects: bool = False) -> str:
     """From now on, irrevocably, in all threads. Needs PR_SET_NO_NEW_PRIVS. Returns what prevented it; empty:
     nothing."""
     machine = platform.machine()
     if machine not in MACHINES:
         return f"no table of system calls for {machine}"
     column, arch, seccomp = MACHINES[machine]
-    code = b"".join(struct.pack("=HBBI", *instruction) for instruction in program(column, arch, os.getpid()))
+    code = b"".join(
+        struct.pack("=HBBI", *instruction) for instruction in program(column, arch, os.getpid(), connects=connects)
+    )
     buffer = ctypes.create_string_buffer(code, len(code))
     prog = struct.pack("@HP", len(code) // 8, ctypes.addressof(buffer))
     libc = ctypes.CDLL(None, use_errno=True)

@@ -6,7 +6,7 @@ same world at the same time.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from gateway.clock import NS_PER_S, Clock
 from gateway.errors import LinkError
@@ -14,7 +14,7 @@ from gateway.sim.controls import SimControls
 from gateway.sim.scenario import DEFAULT_EXPOSURE_MS, Camera, FaultKind, Scenario
 from gateway.sim.world import TruckHold, World
 from gateway.vision.exposure.settings import Exposure, ExposureLimits, ExposureRules
-from gateway.vision.source.contract import Frame, Source
+from gateway.vision.source.contract import Frame, Needs, Source
 from gateway.vision.source.v4l2_controls import CameraControls, ControlSetting, problem
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ FREEZE_STEP_S = 0.02  # how often a hung read looks whether the hang is over
 class SimCameraSpec:
     """What is sent to the vision process. World time 0 is `origin_ns` of the clock given to `open`."""
 
+    needs: ClassVar[Needs] = Needs.FILES
     scenario: Scenario
     origin_ns: int
     label: str = "simulated camera"

@@ -3,9 +3,13 @@
 import ctypes
 import os
 import signal
+import socket
+import tempfile
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO, ClassVar
 
 import numpy as np
 
@@ -13,7 +17,7 @@ from gateway.clock import Clock
 from gateway.core.detection import Circle, Detection
 from gateway.errors import ConfigError, LinkError
 from gateway.vision.pixels import Image
-from gateway.vision.source.contract import Frame
+from gateway.vision.source.contract import Frame, Needs
 
 if TYPE_CHECKING:  # the main process need not load OpenCV
     from gateway.vision.detect.method import Detector
@@ -35,7 +39,7 @@ def shade_reader(params: object, now_ns: object) -> "Detector":
             case _ if shade == HANG_LOCKED:
                 hang_locked()
             case _ if shade == DIE:
-                os.kill(os.getpid(), signal.SIGKILL)
+                signal.raise_signal(signal.SIGKILL)  # os.kill is refused
             case _ if shade == EXIT:
                 os._exit(7)
         return Detection(Circle(float(shade), float(image.shape[0]), 1.0))
@@ -64,6 +68,71 @@ def broken_detector(params: object, now_ns: object) -> "Detector":
     raise RuntimeError("no such model")
 
 
+def intruder(params: object, now_ns: object) -> "Detector":
+    """What a decoder's fault would be used for, tried with each frame: a stage of the result is what was tried, its
+    time the error number, or 0 where it was done."""
+    new = Path(tempfile.gettempdir(), f"intruder-{os.getpid()}")
+
+    def ran() -> None:
+        if (child := os.fork()) == 0:
+            try:
+                os.execv("/bin/true", ["true"])
+            except OSError as error:
+                os._exit(error.errno or 1)
+        if code := os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]):
+            raise OSError(code, "")
+
+    def connected() -> None:
+        with socket.socket() as sock, suppress(ConnectionRefusedError):
+            sock.connect(("127.0.0.1", 1))
+
+    def listened() -> None:
+        with socket.socket() as sock:
+            sock.listen()
+
+    def traced() -> None:
+        libc = ctypes.CDLL(None, use_errno=True)
+        if libc.ptrace(3, 0, 0, 0) == -1:  # PTRACE_PEEKUSER, of no process
+            raise OSError(ctypes.get_errno(), "")
+
+    tries: dict[str, Callable[[], object]] = {
+        "write a file": lambda: Path(os.devnull).write_bytes(b"x"),
+        "make a file": new.touch,
+        "remove a file": lambda: new.unlink(missing_ok=True),
+        "run a program": ran,
+        "reach the gateway": lambda: os.kill(os.getppid(), 0),
+        "trace": traced,
+        "open a connection": connected,
+        "take connections": listened,
+        "read a file": lambda: Path("/etc/passwd").read_bytes(),
+    }
+
+    def tried(what: Callable[[], object]) -> int:
+        try:
+            what()
+        except OSError as error:
+            return error.errno or -1
+        return 0
+
+    def detect(image: Image, t_ns: int = 0) -> Detection:
+        stages = tuple((name, tried(what)) for name, what in tries.items())
+        return Detection(None, stage_ns=stages)
+
+    return detect
+
+
+@dataclass(frozen=True)
+class DeviceSpec:
+    """A device is a file that is open for writing; once it is open, no other can be."""
+
+    device: str
+    needs: ClassVar[Needs] = Needs.DEVICE
+    label: str = "device"
+
+    def open(self, clock: Clock) -> "Shades":
+        return Shades(clock, 0, "", device=Path(self.device).open("r+b"))
+
+
 @dataclass
 class Shades:
     """A live source of plain pictures, 50 a second; `then` is what happens after so many. "": it never ends."""
@@ -75,9 +144,13 @@ class Shades:
     lossless: bool = False
     may_repeat: bool = True
     finite: bool = False
+    device: BinaryIO | None = None
 
     def read(self) -> Frame:
         self.clock.block(0.02)
+        if self.device is not None:
+            self.device.write(b"set")
+            self.device.flush()
         side = 16
         if self.given == self.frames:
             match self.then:

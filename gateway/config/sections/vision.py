@@ -199,6 +199,11 @@ class CameraConfig(Section):
     )
     open_deadline_s: float = Field(10.0, ge=0.5, le=120, description="opening a source may take so long")
     max_megapixels: float = Field(25.0, ge=0.01, le=100, description="a larger frame is refused")
+    confined: bool = Field(
+        True,
+        description="the vision process gives up every right that its source does not need; "
+        "false: only for a driver or method that can't do with so little",
+    )
     affinity: Cpus | None = Field(None, description="CPUs the capture thread of the vision process may use")
     reconnect: Reconnect = Field(default_factory=Reconnect)
     picture: PictureConfig = Field(default_factory=PictureConfig)

@@ -7,6 +7,7 @@ threads note.
 """
 
 import gc
+import logging
 import os
 import sys
 import threading
@@ -16,9 +17,11 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
+from gateway.clock import Clock
 from gateway.config import VisionConfig
 from gateway.core.detection import Detection
 from gateway.errors import ConfigError, GatewayError, LinkError
+from gateway.processes import sandbox, seccomp
 from gateway.processes.channel import Channel
 from gateway.processes.child import shown
 from gateway.vision.detect import registry
@@ -28,7 +31,7 @@ from gateway.vision.picture.measure import PictureMeter
 from gateway.vision.pixels import DeepImage, Image
 from gateway.vision.process.exposure_loop import ExposureLoop
 from gateway.vision.source.checks import FrameChecks
-from gateway.vision.source.contract import Controlled, Source
+from gateway.vision.source.contract import Controlled, Needs, Source, SourceSpec
 from gateway.vision.source.freshness import Changes, unchanged_since_ns
 from gateway.vision.transport.messages import (
     TO_VISION,
@@ -43,6 +46,8 @@ from gateway.vision.transport.messages import (
 )
 from gateway.vision.transport.progress import ProgressPage
 from gateway.vision.transport.ring import Ring
+
+log = logging.getLogger(__name__)
 
 CODEC = TO_VISION
 
@@ -59,6 +64,9 @@ def run(channel: Channel[FromVision, MarkerRadii | ControlsRequest], job: Vision
     limited = detect if isinstance(detect, RadiusLimited) else None
     sums = detect if isinstance(detect, Summing) else None
     meter = PictureMeter()
+    if job.needs is not None:
+        for line in sandbox.drop_privileges(None):  # before there are other threads: each keeps its own
+            log.warning("the vision process keeps a right that it does not need: %s", line)
     channel.send(Ready())
     newest, recent = NewestFrame(), RecentFrames()
     exposure = None if job.exposure is None else ExposureLoop(job.exposure, clock)
@@ -224,7 +232,7 @@ class Capture:
         if job.camera_affinity is not None:
             _run_on(job.camera_affinity)
         spec = job.source.spec()
-        source = spec.open(clock)
+        source = _opened(spec, job.needs, clock)
         self._lossless = source.lossless
         gc.collect()
         gc.freeze()  # 40,000 objects of the libraries, kept until the end, are not scanned again periodically
@@ -269,6 +277,15 @@ class Capture:
             if (wanted := self.wanted) is not self._done and wanted is not None:
                 self._done = wanted
                 self._channel.send(_tried(source, wanted))
+
+
+def _opened(spec: SourceSpec, needs: Needs | None, clock: Clock) -> Source:
+    """With only the rights that it needs, in all threads, before the first frame is decoded: FFmpeg decodes some when
+    it opens a stream. So what a frame makes of a decoder's fault stays in this process."""
+    source = spec.open(clock) if needs in (None, Needs.DEVICE) else None
+    if needs is not None and (why := seccomp.refuse(connects=needs is Needs.CONNECTIONS)):
+        log.warning("the vision process keeps a right that it does not need: %s", why)
+    return source or spec.open(clock)
 
 
 def _tried(source: Source, wanted: ControlsRequest) -> ControlsReport:

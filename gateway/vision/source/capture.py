@@ -14,6 +14,7 @@ from gateway.vision.source import ffmpeg, raw, v4l2_controls, v4l2_exposure
 from gateway.vision.source.contract import Frame, Source
 from gateway.vision.source.frame_time import ArrivalTime, BufferTime, FrameTime, PresentationTime
 from gateway.vision.source.v4l2_controls import CameraControls
+from gateway.vision.source.v4l2_device import V4l2Device, device_path
 from gateway.vision.source.v4l2_exposure import V4l2Exposure
 
 if TYPE_CHECKING:
@@ -80,12 +81,19 @@ class CaptureSource(Source):
 
 
 class CameraSource(CaptureSource):
-    """A V4L2 camera, whose exposure may be controlled. `controls`: None: it is left as it is."""
+    """A V4L2 camera, whose exposure may be controlled. `controls`: None: it is left as it is. `handle`: of its device,
+    for a process that may open none any more (`Needs.DEVICE`)."""
 
     def __init__(
-        self, capture: cv2.VideoCapture, spec: "CameraSpec", clock: Clock, controls: CameraControls | None = None
+        self,
+        capture: cv2.VideoCapture,
+        spec: "CameraSpec",
+        clock: Clock,
+        controls: CameraControls | None = None,
+        handle: V4l2Device | None = None,
     ) -> None:
         super().__init__(capture, spec, clock, BufferTime(suspended_ns))
+        self._handle = handle
         self._spec = spec
         self._raw = spec.raw
         self._exposure: V4l2Exposure | None = None
@@ -111,13 +119,13 @@ class CameraSource(CaptureSource):
 
     def exposure_controls(self, rules: ExposureRules) -> V4l2Exposure | None:
         fps = self._capture.get(cv2.CAP_PROP_FPS)
-        self._exposure = v4l2_exposure.exposure_controls(self._spec.device, self._label, rules, fps)
+        self._exposure = v4l2_exposure.exposure_controls(self._spec.device, self._label, rules, fps, self._handle)
         return self._exposure
 
     def controls(self) -> CameraControls:
         """Raises LinkError where the device can't be opened once more."""
         if self._controls is None:
-            self._controls = v4l2_controls.opened(self._spec.device, self._label, ())
+            self._controls = v4l2_controls.opened(self._spec.device, self._label, (), self._handle)
         return self._controls
 
     def close(self) -> None:
@@ -126,6 +134,8 @@ class CameraSource(CaptureSource):
             self._exposure.close()
         if self._controls is not None:
             self._controls.close()
+        if self._handle is not None:
+            self._handle.close()
         super().close()
 
 
@@ -149,15 +159,21 @@ def open_camera(spec: "CameraSpec", clock: Clock) -> CameraSource:
     if spec.raw is not None and int(capture.get(cv2.CAP_PROP_FOURCC)) != spec.raw.fourcc:
         capture.release()
         raise LinkError(f"{spec.label}: camera.raw.format: it does not give {spec.raw.name}")
-    if not spec.controls:
-        return CameraSource(capture, spec, clock)
     try:
-        controls = v4l2_controls.opened(spec.device, spec.label, spec.controls)
+        handle = V4l2Device(device_path(spec.device))
+    except OSError:  # what needs it tries again, and says why it can't
+        handle = None
+    if not spec.controls:
+        return CameraSource(capture, spec, clock, None, handle)
+    try:
+        controls = v4l2_controls.opened(spec.device, spec.label, spec.controls, handle)
         controls.apply(clock.now_ns())
     except LinkError:
         capture.release()
+        if handle is not None:
+            handle.close()
         raise
-    return CameraSource(capture, spec, clock, controls)
+    return CameraSource(capture, spec, clock, controls, handle)
 
 
 def open_stream(spec: "StreamSpec", clock: Clock) -> CaptureSource:

@@ -5,6 +5,7 @@ All frames are checked there (`checks`): their size, and that the picture is new
 """
 
 from dataclasses import dataclass
+from enum import Enum, auto
 from typing import Protocol, runtime_checkable
 
 from gateway.clock import Clock
@@ -81,9 +82,18 @@ class Controlled(Protocol):
         """Used in the capture thread only. Raises LinkError where there are none now."""
 
 
+class Needs(Enum):
+    """What a source needs of its process while it is open; all else is refused by the kernel (`processes/seccomp`)."""
+
+    FILES = auto()  # to read files, or nothing
+    DEVICE = auto()  # nothing but what `open` has opened: the rest is refused after it, before the first frame is read
+    CONNECTIONS = auto()  # to open connections, and to read files
+
+
 class SourceSpec(Protocol):
     """What is sent to the vision process instead of a source: a small dataclass that opens one there. Its
-    fields are data: numbers, texts, settings, and records of these."""
+    fields are data: numbers, texts, settings, and records of these. With a class attribute `needs` (`Needs`) the
+    process gives up all other rights; without it keeps them."""
 
     @property
     def label(self) -> str:

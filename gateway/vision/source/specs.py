@@ -6,7 +6,7 @@ The main process chooses, the vision process opens: OpenCV is loaded there and n
 import re
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 from urllib.parse import urlsplit
 
 from gateway.clock import Clock
@@ -14,7 +14,7 @@ from gateway.config import ControlsConfig
 from gateway.errors import ConfigError
 from gateway.registry import Registry
 from gateway.vision.exposure.settings import ExposureRules
-from gateway.vision.source.contract import Source, SourceSpec
+from gateway.vision.source.contract import Needs, Source, SourceSpec
 from gateway.vision.source.raw_format import RawFormat, raw_format
 from gateway.vision.source.v4l2_controls import ControlSetting, settings_of
 
@@ -35,6 +35,7 @@ FOLDER_FPS = 10.0  # pace of an image folder unless configured
 class CameraSpec:
     """A V4L2 camera by index or device path; sizes and rate are requested, the driver may give others (`checks`)."""
 
+    needs: ClassVar[Needs] = Needs.DEVICE
     device: int | str
     width_px: int | None = None
     height_px: int | None = None
@@ -58,6 +59,7 @@ class CameraSpec:
 class StreamSpec:
     """An RTSP or HTTP stream. The URL may hold a password: it is in no label, no repr and no command line."""
 
+    needs: ClassVar[Needs] = Needs.CONNECTIONS
     url: str = field(repr=False)
     open_timeout_s: float
     read_timeout_s: float
@@ -80,6 +82,7 @@ class FileSpec:
     """A video, a picture or a folder of pictures; which of them is determined when it is opened, for it may appear and
     disappear."""
 
+    needs: ClassVar[Needs] = Needs.FILES
     path: str
     fps: float = FOLDER_FPS
     fast: bool = False

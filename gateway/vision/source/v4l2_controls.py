@@ -226,10 +226,12 @@ class CameraControls:
         return LinkError(f"{self._label}: {what}: {why}")
 
 
-def opened(device: int | str, label: str, settings: Iterable[ControlSetting]) -> CameraControls:
-    """Raises LinkError where the device can't be opened."""
+def opened(
+    device: int | str, label: str, settings: Iterable[ControlSetting], handle: V4l2Device | None = None
+) -> CameraControls:
+    """`handle`: of the device, where there is one already. Raises LinkError where the device can't be opened."""
     try:
-        return CameraControls(V4l2Device(device_path(device)), label, settings)
+        return CameraControls(handle.again() if handle else V4l2Device(device_path(device)), label, settings)
     except OSError as error:
         raise LinkError(f"{label}: camera.controls: {error.strerror}") from error
 

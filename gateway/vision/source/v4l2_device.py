@@ -33,8 +33,9 @@ class Range:
 class V4l2Device:
     """The controls of one device. Every call raises OSError where the driver refuses."""
 
-    def __init__(self, path: str) -> None:
-        self._fd = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
+    def __init__(self, path: str, fd: int | None = None) -> None:
+        """`fd`: of the device, which is open already; it is this object's from now on."""
+        self._fd = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC) if fd is None else fd
 
     def range_of(self, control: int) -> Range | None:
         """None: there is no such control, or it can't be set."""
@@ -57,6 +58,10 @@ class V4l2Device:
         """Returns what it is now: a driver may round."""
         fcntl.ioctl(self._fd, S_CTRL, bytearray(CONTROL.pack(control, value)))
         return self.get(control)
+
+    def again(self) -> "V4l2Device":
+        """The same device, to be closed by itself; also where this process may open none any more."""
+        return V4l2Device("", os.dup(self._fd))
 
     def close(self) -> None:
         if self._fd >= 0:

@@ -105,10 +105,13 @@ class V4l2Exposure:
             self._found.append((control, before))
 
 
-def exposure_controls(device: int | str, label: str, rules: ExposureRules, fps: float) -> V4l2Exposure | None:
-    """None: it has no exposure time that can be set. Raises LinkError where it refuses."""
+def exposure_controls(
+    device: int | str, label: str, rules: ExposureRules, fps: float, handle: V4l2Device | None = None
+) -> V4l2Exposure | None:
+    """None: it has no exposure time that can be set. `handle`: of the device, where there is one already. Raises
+    LinkError where it refuses."""
     try:
-        opened = V4l2Device(device_path(device))
+        opened = handle.again() if handle else V4l2Device(device_path(device))
     except OSError as error:
         raise _refused(label, error) from error
     time = opened.range_of(EXPOSURE_ABSOLUTE)

@@ -21,7 +21,7 @@ from gateway.processes.codec import Codec, Message, record_of, record_packed
 from gateway.vision.detect.radii import MarkerRadii
 from gateway.vision.exposure.settings import ExposureRules
 from gateway.vision.source.checks import FrameRules
-from gateway.vision.source.contract import SourceSpec
+from gateway.vision.source.contract import Needs, SourceSpec
 from gateway.vision.source.v4l2_controls import ControlSetting, OfferedControl
 from gateway.vision.transport.ring import RingSpec
 
@@ -78,6 +78,7 @@ class VisionJob(Message, frozen=True):
     camera_affinity: tuple[int, ...] | None = None  # of the capture thread
     detector_beat_s: float = 0.25  # the detector's thread notes that it runs at least so often
     exposure: ExposureRules | None = None  # None: left to the camera
+    needs: Needs | None = None  # of the source; None: the process keeps its rights
 
 
 class ControlsRequest(Message, frozen=True):

@@ -101,6 +101,32 @@ def test_a_device_that_a_bay_has_is_not_opened(answering: Answering) -> None:
     ended(answering)
 
 
+@pytest.mark.parametrize(
+    ("question", "refused"),
+    [
+        (LookAtCamera(CameraConfig(url="rtsp://127.0.0.1/live")), "Operation not permitted"),
+        (LookAtCamera(CameraConfig(url="/films/a.mp4")), "Operation not permitted"),
+        (LookAtCamera(CameraConfig(url="/films/a.mp4", confined=False)), "nothing"),
+        (LOOK, "nothing"),
+        (ListDevices(), "nothing"),
+    ],
+)
+def test_what_an_address_sends_is_decoded_with_few_rights(
+    answering: Answering, monkeypatch: pytest.MonkeyPatch, question: DeviceQuestion, refused: str
+) -> None:
+    def writes(setup: object, question: object, send: Callable[[DeviceAnswer], None]) -> None:
+        try:
+            Path(os.devnull).write_bytes(b"x")
+        except OSError as error:
+            send(Failed(str(error.strerror)))
+        else:
+            send(Failed("nothing"))
+
+    monkeypatch.setattr(device_process, "answer", writes)
+    assert pieces(begun(answering, question)) == [Failed(refused)]
+    ended(answering)
+
+
 def test_what_hangs_is_killed_at_its_limit(answering: Answering, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(device_process, "answer", hangs)
     monkeypatch.setattr(device_process, "LIMIT_S", 0.05)

@@ -184,10 +184,10 @@ READ = {"x86_64": 0, "aarch64": 63}
 PID = 4711
 
 
-def answered(machine: str, number: int, *arguments: int, arch: int | None = None) -> int:
+def answered(machine: str, number: int, *arguments: int, arch: int | None = None, connects: bool = False) -> int:
     """What the kernel would do: the same few instructions of classic BPF."""
     column, own, _ = seccomp.MACHINES[machine]
-    code = list(seccomp.program(column, own, PID))
+    code = list(seccomp.program(column, own, PID, connects=connects))
     data = {0: number, 4: own if arch is None else arch}
     data |= {16 + 8 * n: value & 0xFFFFFFFF for n, value in enumerate(arguments)}
     at, loaded = 0, 0
@@ -212,13 +212,17 @@ ALLOWED, REFUSED, KILLED = 0x7FFF0000, 0x50000 | errno.EPERM, 0x80000000
 
 @pytest.mark.parametrize("machine", seccomp.MACHINES)
 class TestFilter:
-    def test_every_row_is_refused_and_what_is_in_none_is_allowed(self, machine: str) -> None:
+    @pytest.mark.parametrize("connects", [False, True])
+    def test_every_row_is_refused_and_what_is_in_none_is_allowed(self, machine: str, connects: bool) -> None:
         column = seccomp.MACHINES[machine][0]
-        rows = {call[1 + column] for calls in seccomp.REFUSED.values() for call in calls} - {None}
+        calls = [call for row in seccomp.REFUSED.values() for call in row]
+        calls += seccomp.LISTENING if connects else seccomp.CONNECTING
+        rows = {call[1 + column] for call in calls} - {None}
         for number in range(470):
             opens = {call[column] for call in seccomp.OPEN} | {call[column] for call in seccomp.OF_ITSELF}
             if number not in opens:
-                assert answered(machine, number) == (REFUSED if number in rows else ALLOWED), number
+                expected = REFUSED if number in rows else ALLOWED
+                assert answered(machine, number, connects=connects) == expected, number
         assert answered(machine, READ[machine]) == ALLOWED
 
     def test_files_are_opened_for_reading_only(self, machine: str) -> None:
@@ -253,7 +257,7 @@ def test_numbers_are_those_of_the_kernel_s_own_list() -> None:
     pattern = re.compile(r"#define __NR(?:3264)?_(\w+)\s+(\d+)")
     for column, header in enumerate(headers):
         known = dict(pattern.findall(header.read_text())) if header.is_file() else {}
-        for calls in seccomp.REFUSED.values():
+        for calls in (*seccomp.REFUSED.values(), seccomp.CONNECTING, seccomp.LISTENING):
             for name, *numbers in calls:
                 if numbers[column] is not None and name in known:
                     assert int(known[name]) == numbers[column], name

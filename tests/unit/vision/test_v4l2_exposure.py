@@ -221,4 +221,4 @@ def test_a_camera_offers_its_controls_with_its_own_rate(monkeypatch: pytest.Monk
     assert isinstance(camera, ExposureControlled)
     assert camera.exposure_controls(RULES) is None
     camera.close()
-    assert asked == [(2, "camera 2", RULES, 60.0)]
+    assert asked == [(2, "camera 2", RULES, 60.0, None)]
