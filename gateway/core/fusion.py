@@ -105,7 +105,7 @@ def step(
     if calm and not _no_cause_for_long(memory, now_ns, config):
         calm = False
         if state.stop and config.fail_safe:  # what has just gone may be back in a moment: stop must not flicker
-            stop, reason = True, state.reason
+            stop, reason = True, Reason.CLEARING
     return StateVector(
         bay=state.bay,
         t_ns=now_ns,

@@ -31,7 +31,7 @@ VALID_PERIODS = 2  # fewer than the usual ten: this is the last line, and slow t
 VALID_MIN_S = 0.25  # a busy machine may hold the event loop for a moment
 # A lost PLC is reported before these: they are how an idle bay looks, or how a good one stops.
 _BELOW_PLC_LOST = frozenset(
-    {Reason.NONE, Reason.TARGET_REACHED, Reason.STARTING, Reason.NO_TARGET, Reason.TARGET_COASTED}
+    {Reason.NONE, Reason.TARGET_REACHED, Reason.CLEARING, Reason.STARTING, Reason.NO_TARGET, Reason.TARGET_COASTED}
 )
 
 
@@ -155,7 +155,7 @@ def _step(state: StateVector, observation: fusion.Observation, now_ns: int, rule
     allowed = rules.handshake is None or _allowed(plc, rules.handshake)
     working = fused.function_check is FunctionCheck.MAY_MOVE_OFF
     may_move = (fused.may_move or released) and not stop and allowed and not working
-    reason = _reason(fused, plc, stop=stop, fail_safe=fail_safe, visit=current)
+    reason = _reason(fused, plc, stop=stop, held=held, fail_safe=fail_safe, visit=current)
     # Most steps decide as fusion did; a frame waits for this, and a copy of all fields takes longer than to see it.
     same = (stop, may_move, reason) == (fused.stop, fused.may_move, fused.reason)
     if same and memory is fused.memory and plc is fused.plc and current is fused.visit:
@@ -281,12 +281,13 @@ def _allowed(plc: Handshake, config: HandshakeConfig) -> bool:
     )
 
 
-def _reason(fused: StateVector, plc: Handshake, *, stop: bool, fail_safe: bool, visit: Visit) -> Reason:
+def _reason(fused: StateVector, plc: Handshake, *, stop: bool, held: bool, fail_safe: bool, visit: Visit) -> Reason:
+    """`held`: the visit or the latch keeps `stop` on, whatever the sensors report."""
     if not stop:
         return Reason.NONE
     if plc.missed and fail_safe and fused.reason in _BELOW_PLC_LOST:
         return Reason.PLC_LOST
-    if fused.reason is Reason.NONE:
+    if held and fused.reason in (Reason.NONE, Reason.CLEARING):
         if visit.moved is not Moved.NO:
             return Reason.MOVED
         return Reason.TARGET_REACHED if visit.in_place else Reason.STOP_LATCHED

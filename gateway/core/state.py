@@ -16,6 +16,7 @@ class Reason(IntEnum):
     TARGET_REACHED = 1
     STOP_LATCHED = 2
     MOVED = 3
+    CLEARING = 4
     STARTING = 10
     VISION_STALE = 11
     CAMERA_DOWN = 12
@@ -41,6 +42,7 @@ REASON_MEANING: dict[Reason, str] = {
     Reason.TARGET_REACHED: "D = 1: the marker is large enough and the distance short enough",
     Reason.STOP_LATCHED: "D was 1, or the gateway has started; until a reset, a release, or the truck has left",
     Reason.MOVED: "a truck that was in place has moved without release; until it has left, a release or a reset",
+    Reason.CLEARING: "D is 0, and both sensors are good and fit; until that has been so for clear_hold_s",
     Reason.STARTING: "a sensor has sent nothing yet",
     Reason.VISION_STALE: "the newest frame is older than its deadline",
     Reason.CAMERA_DOWN: "the camera cannot be opened or was lost",

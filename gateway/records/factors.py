@@ -93,6 +93,7 @@ def _rank(factor: Factor, state: StateVector) -> int:
     of_reason = {
         Reason.TARGET_REACHED: Factor.TARGET,
         Reason.STOP_LATCHED: Factor.LATCH,
+        Reason.CLEARING: Factor.HOLD,
         Reason.SENSORS_DISAGREE: Factor.CONTRADICTION,
         Reason.PLC_LOST: Factor.PLC_LOST,
     } | dict.fromkeys(VISION_REASON.values(), Factor.CAMERA)

@@ -15,6 +15,7 @@ REMEDY: dict[Reason, str] = {
     Reason.TARGET_REACHED: "nothing: the truck is at its mark; in_place turns on when it has stopped there",
     Reason.STOP_LATCHED: "let the truck leave, or reset the stop; handshake.md",
     Reason.MOVED: "look at the truck and the spout; then let it leave, or reset and bring it back; visit.md",
+    Reason.CLEARING: "nothing: it ends by itself, as stop off, or with another reason",
     Reason.STARTING: "wait; after 10 s look at vision_quality and range_quality",
     Reason.VISION_STALE: "camera's cable and frame rate; the gateway's load",
     Reason.CAMERA_DOWN: "camera's power, cable and address; `gateway check` shows the configured one",

@@ -992,8 +992,8 @@ class FusionMachine(RuleBasedStateMachine):
         else:
             assert state.stop == (state.d is True)
         assert (state.reason is Reason.NONE) == (not state.stop)
-        if state.reason is Reason.TARGET_REACHED:
-            assert state.d is True
+        if state.reason in (Reason.TARGET_REACHED, Reason.CLEARING):
+            assert state.d is (state.reason is Reason.TARGET_REACHED)
         if state.memory.disagree:
             assert self.config.cross_check is not None
 

@@ -374,6 +374,43 @@ def test_a_recipe_can_not_end_a_stop() -> None:
     assert bay.state.plc.recipe == 0, "the marker is only hidden; the truck may stand there still"
 
 
+# What `reason` is while every cause has gone, and stop stays on for clear_hold_s.
+
+
+@pytest.mark.parametrize("cause", [Quality.LINK_DOWN, Quality.NO_TARGET, Quality.COASTED])
+def test_while_stop_clears_the_reason_does_not_contradict_what_is_beside_it(cause: Quality) -> None:
+    bay = Bay(rules(decision="held", clear_hold_s=0.3, recovery_s=0.1))
+    for _ in range(30):
+        bay.see()
+    assert bay.outputs == ON_ITS_WAY
+    for _ in range(3):
+        bay.wait(20 * MS)
+        bay.step(VisionReading(bay.now_ns, cause))
+    assert bay.outputs[0]
+    reasons = set()
+    while bay.see().stop:
+        good = (bay.state.d, bay.state.vision.quality, bay.state.range.quality) == (False, Quality.GOOD, Quality.GOOD)
+        assert (bay.state.reason is Reason.CLEARING) == good
+        reasons.add(bay.state.reason)
+    assert Reason.CLEARING in reasons
+    assert bay.outputs == ON_ITS_WAY
+
+
+def test_while_stop_clears_a_lost_plc_and_a_latch_are_the_reason() -> None:
+    latched = Bay(rules(decision="held", clear_hold_s=0.3, latch_stop=True))
+    latched.see()
+    for _ in range(30):
+        latched.see()
+    assert latched.outputs == LATCHED
+    latched.step(VisionReading(latched.now_ns, Quality.COASTED))
+    latched.see()
+    assert latched.outputs == LATCHED
+    lost = Bay(rules("heartbeat_required", decision="held", clear_hold_s=0.3))
+    lost.wait(2 * S)
+    lost.see()
+    assert (lost.state.d, lost.state.reason) == (False, Reason.PLC_LOST)
+
+
 # Wear, for NE 107.
 
 

@@ -122,7 +122,9 @@ def test_visit_person_is_a_contradiction_that_ends_with_the_person() -> None:
     stops = [m for m in bench.moments if m.t_s < 13 and m.state.stop]
     assert 9.3 < stops[0].t_s < 10.5
     assert stops[-1].t_s < 12.8
-    assert {moment.state.reason for moment in stops} == {Reason.SENSORS_DISAGREE}
+    assert {moment.state.reason for moment in stops} == {Reason.SENSORS_DISAGREE, Reason.CLEARING}
+    cleared = [m.t_s for m in stops if m.state.reason is Reason.CLEARING]
+    assert cleared[-1] == stops[-1].t_s
 
 
 @pytest.mark.failure_mode("T3")

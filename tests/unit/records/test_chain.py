@@ -237,7 +237,7 @@ def test_a_chain_goes_from_the_camera_s_last_frame_to_stop() -> None:
     assert stopped.why.startswith("the newest frame was 0.3")
     assert links[n - 1].why.startswith("the newest frame, number ")
     assert stopped.unix_ns - links[n - 1].unix_ns == pytest.approx(0.31 * S, abs=0.02 * S)
-    gone = next(link for link in links[n:] if link.what == "stop 1 -> 0, may_move 0 -> 1, reason vision_stale -> none")
+    gone = next(link for link in links[n:] if link.what == "stop 1 -> 0, may_move 0 -> 1, reason clearing -> none")
     assert gone.unix_ns > story.at_s(5)
     assert "nothing stops the truck: D = 0" in gone.why
 

@@ -96,7 +96,7 @@ def test_every_reason_has_its_kind() -> None:
     }  # fmt: skip
     assert {reason for reason, kind in kinds.items() if kind is CauseKind.NO_MEASUREMENT} == {
         Reason.STARTING, Reason.NO_TARGET, Reason.TARGET_COASTED, Reason.NO_ECHO, Reason.RANGE_TOO_FAR,
-        Reason.SHUTDOWN,
+        Reason.CLEARING, Reason.SHUTDOWN,
     }  # fmt: skip
     assert Cause("of_a_later_version", 1.0, 1).kind is CauseKind.FAULT
 

@@ -19,7 +19,7 @@ export const SCALES = {
 export const firstScale = (spanMs) => Object.keys(SCALES).find((name) => name === 'day' || SCALES[name].ms >= spanMs) ?? 'day';
 
 /** Reasons for stop that are no fault: the truck is where it should be, or nobody is there, or the gateway was told. */
-const NORMAL = new Set(['none', 'target_reached', 'stop_latched', 'starting', 'no_target', 'target_coasted', 'range_too_far', 'no_echo', 'shutdown']);
+const NORMAL = new Set(['none', 'target_reached', 'stop_latched', 'clearing', 'starting', 'no_target', 'target_coasted', 'range_too_far', 'no_echo', 'shutdown']);
 /** Kinds of events that are marked on the timeline. */
 export const MARKED = ['sensor_fault', 'plc_lost', 'rolling', 'moved', 'operator_mark', 'function_check_begun', 'settings_changed', 'start', 'shutdown'];
 const BAD = new Set(['sensor_fault', 'plc_lost', 'rolling', 'moved']);

@@ -7,6 +7,7 @@ export const REASONS = {
   TARGET_REACHED: ['at the mark', 'The truck is at the mark. It is in place once it has stood still for a moment, straight and not too far in.'],
   STOP_LATCHED: ['stop is kept', 'The stop is kept: until somebody resets it, the PLC releases the truck, or the truck has left.'],
   MOVED: ['moved without release', 'The truck has left its place without being released. Reset, release, or let it leave.'],
+  CLEARING: ['clear in a moment', 'Nothing stops the truck any more: the stop ends when that has been so for a moment.'],
   STARTING: ['starting', 'The gateway has just started: camera or distance sensor have sent nothing yet.'],
   VISION_STALE: ['no new picture', 'The camera has stopped sending new pictures.'],
   CAMERA_DOWN: ['no camera', 'The camera is not connected, or cannot be opened.'],
