@@ -178,6 +178,39 @@ def test_a_message_that_was_long_on_its_way_is_not_taken_for_a_new_one(display: 
     assert shows(page) == "STOP over all"
 
 
+# Every eighth answer comes late. How long each STOP stood that came of it, ms.
+UNSTEADY = """
+let asked = 0;
+window.__unsteady = false;
+Object.defineProperty(window, '__delay_ms', { get: () => ((asked += 1) % 8 || !window.__unsteady ? 20 : 560) });
+window.__stops = [];
+let begun = null;
+addEventListener('DOMContentLoaded', () => {
+  new MutationObserver(() => {
+    const stop = document.body.dataset.fresh === 'false';
+    if (stop && begun === null) begun = performance.now();
+    if (!stop && begun !== null) window.__stops.push(performance.now() - begun);
+    if (!stop) begun = null;
+  }).observe(document.body, { attributeFilter: ['data-fresh'] });
+});
+"""
+
+
+def test_a_display_on_the_edge_of_stale_data_does_not_flash(display: Display) -> None:
+    """STOP for want of data is held until data has come without a break for a second."""
+    page = display(before=UNSTEADY)
+    says(page, GOOD, "FORWARD")
+    page.evaluate("() => { window.__stops = []; window.__unsteady = true; }")
+    until_shown(page, "STOP over all")
+    page.wait_for_timeout(3000)
+    page.evaluate("() => { window.__unsteady = false; }")
+    until_shown(page, "FORWARD")
+    stops_ms = page.evaluate("() => window.__stops")
+    assert min(stops_ms) >= 1000
+    says(page, {**GOOD, "code": "STOP", "stop": True}, "STOP")
+    says(page, GOOD, "FORWARD")  # a STOP by the decision is not held
+
+
 @pytest.mark.parametrize("hours", [-1, 1])
 def test_a_clock_that_is_set_is_stop_until_the_next_message(display: Display, hours: int) -> None:
     page = display()

@@ -92,3 +92,15 @@ test('forget: the link is lost', () => {
   fresh.forget();
   assert.equal(fresh.fresh(at(1001)), false);
 });
+
+test('fresh without a break: a gap begins it anew, even one that ended before anybody looked', () => {
+  const fresh = received(10);
+  for (const ms of [1400, 1800, 2200]) fresh.received(10, at(ms), at(ms));
+  assert.equal(fresh.freshForMs(at(2300)), 1300);
+  fresh.received(10, at(2691), at(2691)); // 501 ms after what was 10 ms old
+  assert.equal(fresh.freshForMs(at(2700)), 9);
+  assert.equal(fresh.freshForMs(at(3182)), 0); // stale
+  fresh.received(600, at(3200), at(3200)); // fresh data only counts
+  fresh.received(10, at(3300), at(3300));
+  assert.equal(fresh.freshForMs(at(3400)), 100);
+});

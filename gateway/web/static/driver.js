@@ -14,6 +14,10 @@ import { remember, remembered } from './lib/memory.js';
 import { Sound, pattern } from './lib/sound.js';
 import { PATHS } from './lib/symbols.js';
 
+// A sign that gave way to STOP for want of fresh data comes back only after data that was fresh for so long without a break:
+// a display on the edge does not flash (WCAG 2.3.1). STOP by the decision is no such STOP, and none comes later for it.
+const UNBROKEN_MS = 1000;
+const FRAME_MS = 20; // the compositor may have shown STOP already
 const AGAIN_MS = 5000; // between two requests for a language, while the gateway does not answer
 
 const query = new URLSearchParams(location.search);
@@ -32,6 +36,7 @@ const hold = deadman.animate(
 hold.finish();
 
 let connected = false;
+let broken = false; // a sign has given way
 let shown = ''; // what stands there, so that the page is touched only when that changes
 /** @type {import('./lib/guidance.js').DriverView|null} */
 let view = null;
@@ -42,7 +47,9 @@ function put(id, value) {
 }
 
 function stopNow(reason) {
+  if (view !== null) broken = true;
   view = null;
+
   if (hold.playState !== 'finished') hold.finish();
   element('show').setAttribute('aria-hidden', 'true');
   document.body.dataset.code = 'STOP';
@@ -114,8 +121,10 @@ function message(text, asked) {
     stopNow(t('driver|no data'));
   } else {
     const at = moment();
+    if (fresh.ageMs(at) > LIMIT_MS - FRAME_MS) forget();
     fresh.received(now.age_ms, asked, at, now.held_ms);
-    if (fresh.fresh(at)) {
+    if (fresh.fresh(at) && (!broken || fresh.freshForMs(at) >= UNBROKEN_MS)) {
+      broken = false;
       view = now;
       show(now);
       hold.currentTime = fresh.ageMs(at); // ends when the data is too old, whatever this script does

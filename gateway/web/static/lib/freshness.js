@@ -29,6 +29,8 @@ export class Freshness {
     this.limitMs = limitMs;
     /** @type {{ageMs: number, at: Moment}|null} */
     this.last = null;
+    /** Since when it has been fresh without a break. @type {Moment|null} */
+    this.since = null;
   }
 
   /**
@@ -36,15 +38,17 @@ export class Freshness {
    * held the question. @param {number} sentAgeMs @param {Moment} asked @param {Moment} now
    */
   received(sentAgeMs, asked, now, heldMs = 0) {
+    if (!this.fresh(now)) this.since = null;
     const wayMs = passedMs(asked, now);
     const held = Number.isFinite(heldMs) ? Math.min(Math.max(0, heldMs), wayMs) : 0;
     const makesSense = Number.isFinite(sentAgeMs) && sentAgeMs >= 0 && Number.isFinite(wayMs);
     this.last = makesSense ? { ageMs: sentAgeMs + wayMs - held, at: now } : null;
+    this.since = this.fresh(now) ? this.since ?? now : null;
   }
 
   /** Nothing is known until the next answer: the link is lost, or an answer made no sense. */
   forget() {
-    this.last = null;
+    this.last = this.since = null;
   }
 
   /** Age of the answer, ms; Infinity: nothing is known. @param {Moment} now */
@@ -57,5 +61,10 @@ export class Freshness {
   /** Is a part of the answer that was `partMs` old when it was sent still true? @param {Moment} now @param {number|null} [partMs] null: not known */
   fresh(now, partMs = 0) {
     return Number.isFinite(partMs) && this.ageMs(now) + /** @type {number} */ (partMs) <= this.limitMs;
+  }
+
+  /** For how long it has been fresh without a break, ms. @param {Moment} now */
+  freshForMs(now) {
+    return this.fresh(now) && this.since !== null ? passedMs(this.since, now) : 0;
   }
 }
