@@ -13,7 +13,7 @@ from gateway.alarms.states import AlarmState
 from gateway.web.server import models
 from tests.browser.alone import HOST, SOCKET, from_disk, say
 from tests.browser.chromium import Watch, until
-from tests.browser.test_operator_alone import alarm, summary
+from tests.browser.test_operator_alone import alarm, broken, live, state, summary
 
 HOUR_MS = 3_600_000
 LAST_MS = 1_795_000_020_000  # a full minute
@@ -82,6 +82,35 @@ def test_every_page_has_the_alarm_to_see_first_and_their_number(
     say(page, "nonsense")
     expect(bar).to_contain_text("The alarms are not known")
     expect(page).to_have_title(about)  # nor is their number
+
+
+def test_no_alarm_is_not_said_where_alarms_are_suppressed_and_sensors_missing(desk: Open) -> None:
+    page = desk("/history")
+    counts = {"suppressed": 20, "shelved": 1, "out_of_service": 2, "silent_sensors": 2, "function_checks": 1}
+    say(page, models.AlarmsLiveView(alarms=summary(()).model_copy(update=counts)).model_dump(mode="json"))
+    expect(page.locator(".alarmbar")).to_have_text(
+        "No alarm is shown. Suppressed: 20. Shelved: 1. Out of service: 2. Function checks that are on: 1."
+        " Cameras and rangers that deliver nothing: 2."
+    )
+    say(page, models.AlarmsLiveView(alarms=summary(())).model_dump(mode="json"))
+    expect(page.locator(".alarmbar")).to_have_text("No alarm.")
+
+
+def test_a_bay_is_set_up_only_when_its_camera_and_its_ranger_are_seen_working(desk: Open, answers: Answers) -> None:
+    """And what was seen does not stay when the gateway says no more."""
+    (fine, dead) = live([state("bay1"), broken("bay1")])["bays"]
+    answers["/api/bays/bay1/state"] = dead
+    page = desk("/setup/new-bay?started=bay1", excused="status of 404")
+    heading, missing = page.locator("#step-title"), page.locator(".step [role=alert] li")
+    expect(heading).to_have_text("bay1 is not set up yet")
+    expect(missing).to_have_text(["camera: link down; connection refused"])
+    answers["/api/bays/bay1/state"] = fine
+    expect(heading).to_have_text("bay1 is set up")
+    expect(page.locator("[data-started]")).to_contain_text("MAY MOVE")
+    answers["/api/bays/bay1/state"] = lambda _: None  # no answer to the end of the test
+    expect(heading).to_have_text("bay1 is not set up yet")
+    expect(missing).to_have_text(["camera: not known", "ranger: not known"])
+    expect(page.locator("[data-started]")).to_contain_text("NOT KNOWN")
 
 
 def test_a_login_that_has_ended_leads_to_the_login(desk: Open, answers: Answers) -> None:

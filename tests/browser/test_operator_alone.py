@@ -108,6 +108,8 @@ def summary(alarms: tuple[models.AlarmView, ...]) -> models.AlarmSummary:
         shelved=0,
         suppressed=0,
         out_of_service=0,
+        silent_sensors=0,
+        function_checks=0,
         by_bay=by_bay,
         first=shown[0] if shown else None,
         newest_change=len(alarms),

@@ -10,6 +10,8 @@ from gateway.alarms.records import Alarm, AlarmChange
 from gateway.alarms.states import AlarmState
 from gateway.alarms.table import ALARM_DEFINITIONS
 from gateway.config import BayConfig
+from gateway.core.readings import DEAD
+from gateway.core.state import FunctionCheck
 from gateway.errors import ProtocolError
 from gateway.modbus.registers.register import Register
 from gateway.modbus.registers.register_map import REGISTERS, decode
@@ -54,6 +56,7 @@ def alarm_summary(client: GatewayClient) -> AlarmSummary:
     reported = client.links.alarms
     count = Counter(dict(reported.counts))
     shown = [alarm for alarm in reported.alarms if alarm.state not in HIDDEN]
+    states = [report.now.state for bay in client.bays if (report := client.report(bay)) is not None]
     return AlarmSummary(
         age_ms=client.age_ms(client.answered_ns if client.answers else None),
         unacknowledged=count[AlarmState.UNACKNOWLEDGED]
@@ -65,6 +68,8 @@ def alarm_summary(client: GatewayClient) -> AlarmSummary:
         shelved=count[AlarmState.SHELVED],
         suppressed=count[AlarmState.SUPPRESSED],
         out_of_service=count[AlarmState.OUT_OF_SERVICE],
+        silent_sensors=sum(at.quality in DEAD for state in states for at in (state.vision, state.range)),
+        function_checks=sum(state.function_check is not FunctionCheck.OFF for state in states),
         by_bay=dict(Counter(alarm.bay for alarm in shown if alarm.bay is not None)),
         first=alarm_view(client, shown[0]) if shown else None,
         newest_change=reported.newest_change,

@@ -226,7 +226,7 @@ class AlarmView(View):
 
 
 class AlarmSummary(View):
-    """Number of the gateway's alarms, and the one to see first."""
+    """Number of the gateway's alarms, the one to see first, and what is not to be read as "no alarm"."""
 
     age_ms: float | None = Field(description="of this knowledge, when it was sent; null: nothing known yet")
     unacknowledged: Count = Field(description="states unacknowledged, returned and latched_unacknowledged")
@@ -236,6 +236,8 @@ class AlarmSummary(View):
     shelved: Count
     suppressed: Count
     out_of_service: Count
+    silent_sensors: Count = Field(description="cameras and rangers of all bays that deliver nothing now")
+    function_checks: Count = Field(description="bays whose function check is on")
     by_bay: dict[str, int] = Field(description="alarms that are shown (neither normal nor hidden), by bay, if any")
     first: AlarmView | None = Field(description="the most important of those that are shown; null: none")
     newest_change: Count = Field(description="number of the newest change; grows with each")

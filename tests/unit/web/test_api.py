@@ -319,9 +319,12 @@ class TestAlarms:
 async def test_a_function_check_suppresses_and_is_shown() -> None:
     async with plant() as made:
         made.controls["bay1"].check_function(FunctionCheck.MAY_MOVE_OFF)
+        lost(made)
         await asyncio.sleep(2)
         summary = fitting(await api_client(made).get("/api/alarms"), "AlarmsView")["summary"]
         hidden = sum(Suppression.FUNCTION_CHECK in kind.suppressed_by for kind in BAY_ALARMS)
         assert (summary["suppressed"], summary["active"], summary["first"]) == (hidden, 0, None)
+        assert (summary["function_checks"], summary["silent_sensors"]) == (1, 1)  # no alarm, and yet not all is well
+        assert summary["age_ms"] < 1500
         one = fitting(await api_client(made).get("/api/bays/bay1/state"), "BayView")
         assert one["function_check"] == "MAY_MOVE_OFF"

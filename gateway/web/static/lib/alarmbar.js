@@ -6,6 +6,7 @@ import { moment } from './freshness.js';
 import { kiosk } from './kiosk.js';
 import { html, useEffect, useRef, useState } from './page.js';
 import { NONE } from './format.js';
+import { listed, t, text } from './lang.js';
 import { open } from './live.js';
 import { useFresh, useKept } from '../operator/hooks.js';
 import { Priority } from '../operator/signs.js';
@@ -19,6 +20,14 @@ const TEXTS = {
   gateway: 'gateway',
   count: (waiting, all) => alarmCount(all, waiting),
   none: 'No alarm.',
+  quiet: 'No alarm is shown.',
+  behind: [
+    ['suppressed', 'Suppressed: {0}.'],
+    ['shelved', 'Shelved: {0}.'],
+    ['out_of_service', 'Out of service: {0}.'],
+    ['function_checks', 'Function checks that are on: {0}.'],
+    ['silent_sensors', 'Cameras and rangers that deliver nothing: {0}.'],
+  ],
   list: 'To the alarms',
   old: 'The alarms are not known: no connection to the gateway.',
   sound: 'sound',
@@ -30,6 +39,12 @@ const ASK_MS = 1000; // while no live link can be had
 const AGAIN_MS = 15_000; // while one of high priority is not acknowledged
 const STARTS_MS = 500; // a browser that lets it sound has begun by then
 const TONE_HZ = { high: 880, medium: 660, low: 440 };
+
+/** What stands there where no alarm is shown: nor is one that was not to be shown. */
+function quiet(summary) {
+  const behind = TEXTS.behind.filter(([name]) => summary[name] > 0).map(([name, said]) => text(said, summary[name]));
+  return behind.length ? listed([t(TEXTS.quiet), ...behind], ' ') : TEXTS.none;
+}
 
 /** A short sound, as often as the priority is high. */
 function beep(audio, priority) {
@@ -161,7 +176,7 @@ export function AlarmBar({ session, given }) {
   const unknown = summary === null && (pulled === null || known.current !== null);
   alarmsInTitle(unknown ? 0 : all); // nor does the tab keep a number that may be wrong by now
   if (unknown) return html`<p class="alarmbar old" role="status">${TEXTS.old}</p>`;
-  if (first === null) return html`<p class="alarmbar none muted small">${summary === null ? NONE : TEXTS.none}</p>`; // nothing moves when an alarm appears
+  if (first === null) return html`<p class="alarmbar none muted small">${summary === null ? NONE : quiet(summary)}</p>`; // nothing moves when an alarm appears
   const bay = first.bay ?? session.bays[0] ?? '';
   const waits = TO_ACKNOWLEDGE.includes(first.state);
   return html`<div class=${`alarmbar ${waits ? first.priority : ''}`} role="region" aria-label="the alarm to see first">

@@ -11,6 +11,7 @@ import { Priority } from './signs.js';
 const TEXTS = {
   title: 'Alarms',
   none: 'No alarm.',
+  quiet: 'No alarm is shown.',
   summary: (all, open) => (all === 0 ? 'none' : alarmCount(all, open)),
   waiting: (count, first) => text('alarms to acknowledge: {0}, {1}', count, t(first)),
   old: (why) => text('The list may be old: {0}.', t(why)),
@@ -139,13 +140,13 @@ export function Alarms({ bay, answer, wrong, again, session, known }) {
   return html`<section id="alarms" ref=${panel} tabindex="-1" data-bay=${bay ?? ''} class=${`panel alarms ${listed.length ? '' : 'none'}`} aria-labelledby="alarms-title">
     <header>
       <h2 id="alarms-title">${TEXTS.title}</h2>
-      <span class="small">${answer === null ? '' : TEXTS.summary(listed.length, open.length)}</span>
+      <span class="small">${answer === null || (hidden.length > 0 && listed.length === 0) ? '' : TEXTS.summary(listed.length, open.length)}</span>
       ${open.length > 1 && html`<span class="compact"><button type="button" disabled=${!mayAcknowledge(session)} title=${TEXTS.acknowledge[mayAcknowledge(session) ? 1 : 2]} onClick=${acknowledgeAll}>${TEXTS.all(open.length)}</button></span>`}
     </header>
     <p class="sr" role="status" aria-live="assertive">${open.length ? TEXTS.waiting(open.length, open[0].title) : ''}</p>
     <${Notice} kind="warn" say=${wrong || !known ? TEXTS.old(wrong || TEXTS.noConnection) : ''} />
     <${Notice} kind="bad" loud say=${refused && TEXTS.notDone(refused)} />
-    <p class="muted" hidden=${answer === null || listed.length > 0}>${TEXTS.none}</p>
+    <p class="muted" hidden=${answer === null || listed.length > 0}>${hidden.length > 0 ? TEXTS.quiet : TEXTS.none}</p>
     <ul tabindex=${listed.length > 2 ? 0 : undefined} aria-label="alarms, the most important first">${listed.map(row)}</ul>
     ${hidden.length > 0 && html`<details class="hidden-alarms"><summary>${TEXTS.hidden(hidden.length)}</summary><ul>${hidden.map(row)}</ul></details>`}
     ${others > 0 && html`<p class="small muted">${TEXTS.others(others)}</p>`}

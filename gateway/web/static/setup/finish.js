@@ -1,15 +1,16 @@
 // The last step: the difference of the file, save, restart; and the bay once the gateway has started with it.
 
-import { html, useEffect, useState } from '../lib/page.js';
-import { get, post, toLogin } from '../lib/api.js';
+import { html, useEffect, useRef, useState } from '../lib/page.js';
+import { post, toLogin } from '../lib/api.js';
 import { Diff } from '../lib/dialog.js';
-import { decisionWords } from '../lib/views.js';
+import { decisionWords, rangeHealth, visionHealth } from '../lib/views.js';
 import { words } from '../lib/format.js';
 import { listed, t, text } from '../lib/lang.js';
+import { Age } from '../operator/hooks.js';
+import { useBayState } from './devices.js';
 import { ofBays } from './draft.js';
 import { restarted } from './restarting.js';
 
-const ASK_MS = 1000;
 const SET_UP = 'bay-set-up'; // in this tab: the bay whose first start is still to be looked at
 const PATIENCE_MS = 120_000; // until a restart counts as failed
 
@@ -119,35 +120,25 @@ export const Waiting = ({ session, settings }) => html`<section class="panel ste
 
 /** The bay at work under its function check, which is begun here where the gateway could not keep it. */
 export function Started({ session, bay }) {
-  const [state, setState] = useState(null);
-  const [wrong, setWrong] = useState('');
+  const live = useBayState(bay);
+  const { state } = live;
+  const [refused, setRefused] = useState('');
+  const asking = useRef(false);
   useEffect(() => {
-    const end = new AbortController();
-    let first = sessionStorage.getItem(SET_UP) === bay; // not when the address is opened again some day
-    (async () => {
-      while (!end.signal.aborted) {
-        try {
-          const now = await get(`/api/bays/${encodeURIComponent(bay)}/state`, { signal: end.signal });
-          if (first && now.state !== null) {
-            if (now.function_check === 'OFF') await post(`/api/bays/${encodeURIComponent(bay)}/function-check`, { mode: 'may_move_off' }, session.csrf);
-            first = false;
-            sessionStorage.removeItem(SET_UP);
-          }
-          setState(now);
-          setWrong('');
-        } catch (error) {
-          if (!end.signal.aborted) setWrong(error.message);
-        }
-        await new Promise((done) => setTimeout(done, ASK_MS));
-      }
-    })();
-    return () => end.abort();
-  }, [bay]);
-  const check = state && state.function_check !== 'OFF';
+    if (state === null || asking.current || sessionStorage.getItem(SET_UP) !== bay) return; // not when the address is opened again some day
+    asking.current = true;
+    const begun = live.last.function_check === 'OFF' ? post(`/api/bays/${encodeURIComponent(bay)}/function-check`, { mode: 'may_move_off' }, session.csrf) : Promise.resolve();
+    begun.then(() => { sessionStorage.removeItem(SET_UP); setRefused(''); }, (error) => setRefused(error.message)).finally(() => { asking.current = false; });
+  });
+  const wrong = live.wrong || refused;
+  const works = [['camera: {0}', state?.vision, state && visionHealth(state)], ['ranger: {0}', state?.range, state && rangeHealth(state)]]
+    .map(([name, sensor, health]) => ({ said: text(name, sensor ? t(words(sensor.quality.name)) : t('not known')), detail: sensor?.detail, fine: ['ok', 'warn'].includes(health) }));
+  const missing = works.filter(({ fine }) => !fine);
   return html`<section class="panel step whole" aria-labelledby="step-title">
-    <h1 id="step-title">${text('{0} is set up', bay)}</h1>
+    <h1 id="step-title">${missing.length === 0 ? text('{0} is set up', bay) : text('{0} is not set up yet', bay)}</h1>
     ${wrong && html`<p class="notice bad" role="alert">${wrong}</p>`}
-    ${state?.state && html`<p role="status" data-started>${listed([t(decisionWords(state.state)), text('camera: {0}', t(words(state.state.vision.quality.name))), text('ranger: {0}', t(words(state.state.range.quality.name)))])} · ${check ? html`<b>function check is on</b>` : 'function check is off'}</p>`}
+    ${missing.length > 0 && html`<div class="notice bad" role="alert"><p>Set up is a bay whose camera and ranger are seen working. Missing now:</p><ul>${missing.map(({ said, detail }) => html`<li translate="no">${listed([said, detail].filter(Boolean), '; ')}</li>`)}</ul></div>`}
+    <p role="status" data-started>${listed([t(decisionWords(state)), ...works.map(({ said }) => said)])} · ${state === null ? 'function check: not known' : live.last.function_check !== 'OFF' ? html`<b>function check is on</b>` : 'function check is off'} <${Age} of=${live} partMs=${live.last?.age_ms} /></p>
     <p>Its thresholds are those of the paper, or of the other bays, until a truck has stood right: teach it in, try it with a truck, then end the function check.</p>
     <p class="row"><a class="button primary" href=${`/tune/${encodeURIComponent(bay)}`}>${text('Teach in and tune {0}', bay)}</a>
       <a class="button" href=${`/#${encodeURIComponent(bay)}`}>Operator's page</a><a class="button" href="/setup/new-bay?new">Set up another bay</a></p>
