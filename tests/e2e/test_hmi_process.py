@@ -157,6 +157,35 @@ def test_a_hung_web_process_costs_the_bay_nothing_and_is_not_missed_at_the_end(g
     assert survivors([process]) == []
 
 
+def test_a_main_process_that_hangs_is_reported_and_outlived(gateway: Gateway) -> None:
+    url = address_of(gateway)
+    assert eventually(lambda: got(url, "/healthz")[0] == 200)
+    (process,) = web(gateway)
+    os.kill(gateway.process.pid, signal.SIGSTOP)
+    stopped_s = time.monotonic()
+    try:
+        status, _, body = got(url, "/healthz")
+        assert (status, json.loads(body)["reasons"][0]["part"]) == (503, "main")
+        eventually(lambda: time.monotonic() - stopped_s > 8.0)
+        state = json.loads(got(url, "/api/bays/bay1/state")[2])
+        assert state["age_ms"] >= 7000
+        assert [state["state"][key] for key in ("stop", "may_move", "radius_px", "distance_mm")] == [
+            True,
+            False,
+            None,
+            None,
+        ]
+        assert state["state"]["reason"]["name"] == "GATEWAY_FAULT"
+        status, headers, _ = got(url, "/api/alarms")
+        assert (status, headers["content-type"], headers["retry-after"]) == (503, "application/problem+json", "1")
+        assert got(url, "/api/bays/bay1/picture")[0] == 204
+    finally:
+        os.kill(gateway.process.pid, signal.SIGCONT)
+    assert eventually(lambda: got(url, "/healthz")[0] == 200)
+    assert got(url, "/api/alarms")[0] == 200
+    assert web(gateway) == [process]
+
+
 def test_the_web_process_dies_with_a_gateway_that_is_killed(gateway: Gateway) -> None:
     url = address_of(gateway)
     assert got(url, "/api/bays/bay1/picture")[0] == 200

@@ -16,7 +16,7 @@ from gateway.web.auth.audit_log import AuditKind, AuditRecord, printable
 from gateway.web.auth.headers import Headers, header
 from gateway.web.auth.login_throttle import LoginThrottle
 from gateway.web.auth.passwords import LoginsBusyError, Passwords
-from gateway.web.auth.refusals import RefusalError
+from gateway.web.auth.refusals import AGAIN, RefusalError
 from gateway.web.auth.sessions import Caller, Session, Sessions
 
 MAX_COOKIES = 4096  # characters of the header
@@ -149,7 +149,7 @@ class Logins:
         try:
             user = await self.passwords.check(name, password)
         except LoginsBusyError as error:
-            raise RefusalError(503, "busy", str(error), headers={"Retry-After": "1"}) from None
+            raise RefusalError(503, "busy", str(error), headers=AGAIN) from None
         if user is None:
             self.record(AuditRecord(AuditKind.LOGIN_FAILED, printable(name), address, "wrong name or password"))
             raise RefusalError(401, "login", "wrong name or password")

@@ -16,6 +16,7 @@ from gateway.errors import GatewayError
 
 MISSING_PAGE = Path(str(files("gateway.web") / "static" / "missing.html"))
 MEDIA_TYPE = "application/problem+json"
+AGAIN = {"Retry-After": "1"}  # s, with a 503 that may be over by then
 PROBLEM_CONTENT: dict[str, Any] = {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}  # for OpenAPI
 
 

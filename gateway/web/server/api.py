@@ -21,7 +21,7 @@ from gateway.clock import NS_PER_MS
 from gateway.errors import LinkError
 from gateway.web.auth.access import Level
 from gateway.web.auth.addresses import Addresses, Description, Endpoint, whole_number
-from gateway.web.auth.refusals import RefusalError
+from gateway.web.auth.refusals import AGAIN, RefusalError
 from gateway.web.ipc.messages import MarkMoment
 from gateway.web.server import health, lists, views
 from gateway.web.server.gateway_client import KEPT_EVENTS
@@ -48,13 +48,13 @@ BAY = "/api/bays/{bay}"
 
 _NO_BAY = {404: "no such bay"}
 _NO_STATE = _NO_BAY | {503: "nothing is known of it yet"}
+_SILENT = {503: "the main process does not answer"}
 _WRONG_QUERY = {400: "a number out of its range"}
 _ACTION_ERRORS = {
     400: "the body is not what is described here",
     404: "no such alarm",
     409: "not possible in the alarm's state, or it has occurred again since",
-    503: "the main process does not answer",
-}
+} | _SILENT
 
 After = Annotated[int, whole_number(0, MAX_NUMBER), Query(description="only events with a greater number")]
 Limit = Annotated[int, whole_number(1, KEPT_EVENTS), Query(description="at most so many, the oldest of them")]
@@ -120,13 +120,13 @@ _snapshot("png", "image/png", "the newest frame, without loss")
     f"{BAY}/mark",
     Level.VIEWER,
     "mark this moment: an event, and the pictures round it are kept",
-    Description("mark", MarkView, errors=_NO_BAY),
+    Description("mark", MarkView, errors=_NO_BAY | _SILENT),
 )
 async def _mark(services: WebServices, caller: RequestCaller, bay: Bay, body: MarkBody) -> MarkView:
     try:
         await services.client.command(MarkMoment(bay.name, body.note), caller.writer)
     except LinkError as error:
-        raise RefusalError(503, "gateway", str(error)) from None
+        raise RefusalError(503, "gateway", str(error), headers=AGAIN) from None
     return MarkView(marked=True)
 
 
@@ -135,8 +135,17 @@ async def _events(services: WebServices, after: After = 0, limit: Limit = KEPT_E
     return lists.events_view(services.client, views.gateway_of(services.client), None, after, limit)
 
 
-@_get("/api/alarms", "alarms", "every alarm that is not normal, the most important first", AlarmsView)
+@_get(
+    "/api/alarms",
+    "alarms",
+    "every alarm that is not normal, the most important first",
+    AlarmsView,
+    _SILENT,
+)
 async def _alarms(services: WebServices) -> AlarmsView:
+    await services.client.fresh(*services.client.bays)
+    if not services.client.links_known:
+        raise LinkError("the gateway does not answer: which alarms there are is not known")
     return lists.alarms_view(services.client)
 
 
@@ -177,7 +186,7 @@ async def _act(
     try:
         await services.client.command(action, caller.writer)
     except LinkError as error:
-        raise RefusalError(503, "gateway", str(error)) from None
+        raise RefusalError(503, "gateway", str(error), headers=AGAIN) from None
     return lists.alarms_view(services.client)
 
 
@@ -211,7 +220,7 @@ _VERBOSE = {
     Description("health", HealthView, failing={503: "a restart may help; the reasons are listed"}, query=(_VERBOSE,)),
 )
 async def _healthz(services: WebServices, request: Request, response: Response) -> HealthView:
-    await services.client.fresh(*services.client.bays)
+    await services.client.fresh(*services.client.bays, anew=True)
     view = health.health(services.client, verbose="verbose" in request.query_params)
     response.status_code = health.status_code(view)
     return view

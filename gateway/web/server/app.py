@@ -16,7 +16,7 @@ from gateway.clock import Clock
 from gateway.errors import ConfigError, GatewayError, LinkError
 from gateway.web.auth import login
 from gateway.web.auth.logins import Logins
-from gateway.web.auth.refusals import RefusalError, problem
+from gateway.web.auth.refusals import AGAIN, RefusalError, problem
 from gateway.web.auth.security import SecurityMiddleware
 from gateway.web.calibration import routes as calibration
 from gateway.web.calibration.sessions import CalibrationError
@@ -94,7 +94,7 @@ async def of_gateway(_: Request, error: Exception) -> Response:
         return problem(error.status, error.code, str(error), error.headers, error.members)
     for kind, status, code in _STATUS:
         if isinstance(error, kind):
-            return problem(status, code, str(error), {"Retry-After": "1"} if status == 503 else None)
+            return problem(status, code, str(error), AGAIN if status == 503 else None)
     raise error
 
 

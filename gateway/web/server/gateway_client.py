@@ -48,10 +48,10 @@ from gateway.web.ipc.messages import (
 
 WATCHED_S = 0.1
 IDLE_S = 1.0
-ANSWER_S = 5.0  # the main process answers within milliseconds; after this it is taken for hung
+SILENT_S = 2.0  # the main process answers within milliseconds; after this it is taken for hung
 COMMAND_S = 5.0
 YOUNG_S = 1.5  # data for a program is at most so old, where the main process answers
-FRESH_WAIT_S = 3.0
+FRESH_WAIT_S = 2.2  # then it is known whether the main process is silent
 KEPT_EVENTS = 1000
 URGENT_SHARE = MAX_STATES - 2  # of one answer; the rest is taken from all bays in turn
 
@@ -91,6 +91,8 @@ class GatewayClient:
         self.links_ns: int | None = None  # the gateway's clock when they were reported
         self.answered_ns = 0  # the gateway's clock at the newest answer
         self.answers = 0
+        self._asked = 0  # number of the newest request
+        self._asked_ns = 0  # real time
         self.listeners: list[Callable[[str, BayReport], None]] = []  # told of every report of a bay
         self._link = link
         self._pace = pace
@@ -118,6 +120,17 @@ class GatewayClient:
     def unix_ms(self, t_ns: int | None) -> int | None:
         """Unix time of a time of the gateway's clock."""
         return None if t_ns is None else max(0, t_ns + self.clock.wall_ns() - self.clock.now_ns()) // NS_PER_MS
+
+    @property
+    def silent(self) -> bool:
+        """Does the main process leave a request unanswered for too long? It is waited for: nothing known is shown as
+        fresh meanwhile, and a web process of its own is needed to say so."""
+        return self.answers < self._asked and self._pace.now_ns() - self._asked_ns >= SILENT_S * NS_PER_S
+
+    @property
+    def links_known(self) -> bool:
+        """Whether links and alarms are those of a main process that answers."""
+        return self.links_ns is not None and not self.silent
 
     @property
     def watchers(self) -> int:
@@ -169,8 +182,8 @@ class GatewayClient:
         await self._until(lambda: self.answers > number, seconds)
         return self.answers
 
-    async def _until(self, holds: Callable[[], bool], seconds: float) -> None:
-        """Waits for answers until one makes it hold, at most so long."""
+    async def _until(self, holds: Callable[[], bool], seconds: float | None) -> None:
+        """Waits for answers until one makes it hold, at most so long (None: without limit)."""
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(seconds):
                 while not holds():
@@ -208,6 +221,8 @@ class GatewayClient:
         return reply.result
 
     async def _reply_to(self, request: Command | FileRequest) -> CommandReply:
+        if self.silent:  # it would be carried out later, when nobody expects it any more
+            raise LinkError("the gateway does not answer")
         future: asyncio.Future[CommandReply] = asyncio.get_running_loop().create_future()
         self._waiting[request.number] = future
         try:
@@ -229,17 +244,24 @@ class GatewayClient:
         self._wanted.set()
         await self._until(lambda: self.links_ns != before_ns, IDLE_S)
 
-    async def fresh(self, *bays: str) -> None:
-        """Wait for a while until what is known of these bays is young. Of many, each is pulled in its turn."""
+    async def fresh(self, *bays: str, anew: bool = False) -> None:
+        """Wait for a while until what is known of these bays is young. Of many, each is pulled in its turn.
+
+        `anew`: and until a request that is sent from now on has been answered. Of a silent main process nothing is
+        waited for.
+        """
+        number = self._asked if anew else -1
         with self.watching(*bays, urgent=False):
-            await self._until(lambda: all(map(self._young, bays)), FRESH_WAIT_S)
+            if not self.silent:
+                await self._until(lambda: self.answers > number and all(map(self._young, bays)), FRESH_WAIT_S)
 
     def _young(self, bay: str) -> bool:
         report = self._reports.get(bay)
         return report is not None and self.clock.now_ns() - report.now_ns <= YOUNG_S * NS_PER_S
 
     async def keep(self) -> None:
-        """Pull until cancelled. Raises LinkError when the main process has ended or does not answer any more."""
+        """Pull until cancelled; an answer is waited for without limit. Raises LinkError when the main process has
+        ended."""
         loop = asyncio.get_running_loop()
         self._link.sock.setblocking(False)
         loop.add_reader(self._link.sock, self._receive)
@@ -262,9 +284,8 @@ class GatewayClient:
         known = self.links.alarms.newest_change
         if not self._link.offer(StateRequest(number, self._due(), self._last_event, self._links_due(), known)):
             raise LinkError("the gateway has ended")
-        await self._until(lambda: self.answers >= number, ANSWER_S)
-        if self.answers < number:
-            raise LinkError(f"the gateway has not answered within {ANSWER_S:g} s")
+        self._asked, self._asked_ns = number, self._pace.now_ns()
+        await self._until(lambda: self.answers >= number, None)
 
     def _links_due(self) -> bool:
         """About once a second is enough for how the parts do; what changes in the alarms comes by itself."""

@@ -272,7 +272,7 @@ class AlarmsView(View):
 class AlarmsLiveView(LiveMessage):
     """What pages without a live view show of the alarms, live."""
 
-    alarms: AlarmSummary
+    alarms: AlarmSummary | None = Field(description="null: not known, as the main process does not answer")
 
 
 class LiveView(LiveMessage):

@@ -54,7 +54,7 @@ class ErrorThrottle(logging.Filter):
 
 
 def run(channel: Channel[FromWeb, ToWeb], about: WebSetup) -> None:
-    """Until the main process has ended. Raises LinkError when it does not answer any more."""
+    """Until the main process has ended. One that does not answer is waited for."""
     # A plant may give the gateway a real-time policy, which the children inherit and which ignores `nice`.
     os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     os.nice(NICE)

@@ -82,7 +82,7 @@ def live_json(client: GatewayClient, bays: tuple[str, ...]) -> str:
 
 def alarms_json(client: GatewayClient, _: tuple[str, ...]) -> str:
     """For `Live`: the alarm to see first, and how many there are, of all bays."""
-    return AlarmsLiveView(alarms=lists.alarm_summary(client)).model_dump_json()
+    return AlarmsLiveView(alarms=lists.alarm_summary(client) if client.links_known else None).model_dump_json()
 
 
 def driver_json(client: GatewayClient, bays: tuple[str, ...]) -> str:

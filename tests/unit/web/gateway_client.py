@@ -1,9 +1,10 @@
 """A web process's gateway client with a real main process's side at the other end of a real link, in one event loop."""
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -70,7 +71,7 @@ PLAIN = FusionConfig(decision="plain", recovery_s=0)
 
 @dataclass
 class Plant:
-    """Both ends. `answering` False: the main process hangs."""
+    """Both ends. `hang` and `go_on`: what is sent to a main process that hangs waits in its socket."""
 
     client: GatewayClient
     handler: RequestHandler
@@ -82,7 +83,8 @@ class Plant:
     links: SystemStatus = field(default_factory=SystemStatus)  # how everything but the alarms does
     conditions: GatewayConditions = field(default_factory=GatewayConditions)
     requests: list[StateRequest] = field(default_factory=list)
-    answering: bool = True
+    hang: Callable[[], object] = lambda: None
+    go_on: Callable[[], object] = lambda: None
 
     def loading(self, bay: str = "bay1", **seen: Any) -> None:
         """A truck at 900 mm, seen by both sensors now."""
@@ -160,15 +162,15 @@ async def plant(
             match message:
                 case StateRequest():
                     made.requests.append(message)
-                    if made.answering:
-                        assert near.offer(handler.answer(message))
+                    assert near.offer(handler.answer(message))
                 case Command():
                     assert near.offer(handler.execute(message))
                 case FileRequest() if (refused := file.submit(message)) is not None:
                     assert near.offer(refused)
 
     loop = asyncio.get_running_loop()
-    loop.add_reader(near.sock, receive)
+    made.hang, made.go_on = partial(loop.remove_reader, near.sock), partial(loop.add_reader, near.sock, receive)
+    made.go_on()
     try:
         async with asyncio.TaskGroup() as group:
             ticking = [group.create_task(control.run()) for control in controls.values()]

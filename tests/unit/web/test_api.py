@@ -1,7 +1,9 @@
 """What programs receive, and actions on alarms: over a real link from a real main process's side."""
 
 import asyncio
+import json
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -21,7 +23,7 @@ from gateway.web.auth.sessions import Caller
 from gateway.web.server.api import MAX_NUMBER
 from tests.unit.web.asgi import Answer
 from tests.unit.web.gateway_client import Plant, plant
-from tests.unit.web.programs import COMPONENTS, api_client, fits
+from tests.unit.web.programs import COMPONENTS, DOCUMENT, api_client, fits
 from tests.virtual_time import in_virtual_time
 
 
@@ -114,6 +116,41 @@ async def test_a_silent_main_process_is_reported() -> None:
         wrong(await client.get("/api/bays/bay1/registers"), 503, "not_known")
         wrong(await client.get("/api/bays/bay1/snapshot.jpg"), 503, "no_frame")
         assert (await client.get("/healthz")).status == 503
+
+
+PLACES = {"{bay}": "bay1", "{alarm}": "broker_lost", "{number}": "1", "{frame}": "0", "{begun_ms}": "1"}
+VALUES = {
+    "mode": "may_move_off", "minutes": 5, "name": "a", "data": "AAAA", "vision": {}, "u_px": 1, "v_px": 1, "text": "",
+    "digest": 64 * "0", "marker": None, "controls": {},
+}  # fmt: skip
+SILENT_LIMIT_S = 12.0  # a trial's own limit; everything else is answered sooner
+
+
+@pytest.mark.parametrize(("method", "path"), [(m, path) for path, ways in DOCUMENT["paths"].items() for m in ways])
+@in_virtual_time
+async def test_no_address_fails_or_hangs_while_the_main_process_hangs(method: str, path: str, tmp_path: Path) -> None:
+    body = DOCUMENT["paths"][path][method].get("requestBody")
+    schema = {} if body is None else body["content"]["application/json"]["schema"]
+    required = COMPONENTS["schemas"].get(schema.get("$ref", "").rpartition("/")[2], {}).get("required", ())
+    sent = json.dumps({key: VALUES[key] for key in required}).encode()
+    for place, value in PLACES.items():
+        path = path.replace(place, value)
+    (file := tmp_path / "gateway.toml").write_text('[[bays]]\nname = "bay1"\n')
+    async with plant(source=str(file)) as made:
+        await asyncio.sleep(1.2)
+        made.loading()
+        made.rings["bay1"].write(np.zeros((48, 64, 3), np.uint8), 7, made.client.clock.now_ns())
+        await asyncio.sleep(1.2)
+        made.hang()
+        await asyncio.sleep(3.0)
+        begun_s = asyncio.get_running_loop().time()
+        answer = await api_client(made).call(method.upper(), path, sent)
+        assert asyncio.get_running_loop().time() - begun_s <= SILENT_LIMIT_S
+        assert answer.status != 500
+        if answer.status >= 400 and path != "/healthz":
+            assert answer.headers["content-type"] == "application/problem+json"
+            if "does not answer" in answer.json["detail"]:
+                assert (answer.status, answer.headers["retry-after"]) == (503, "1")
 
 
 @in_virtual_time

@@ -122,11 +122,25 @@ async def test_a_new_alarm_comes_with_the_next_answer_and_no_links_where_none_ha
 
 
 @in_virtual_time
-async def test_a_hung_main_process_is_noticed() -> None:
-    async with plant(keep=False) as made:
-        made.answering = False
-        with pytest.raises(LinkError, match="not answered within 5 s"):
-            await made.client.keep()
+async def test_a_hung_main_process_is_noticed_and_waited_for() -> None:
+    async with plant() as made:
+        await asyncio.sleep(2.5)
+        made.hang()
+        with made.client.watching("bay1"):
+            await asyncio.sleep(1.9)
+            before = made.client.silent
+            await asyncio.sleep(0.3)
+            assert (before, made.client.silent) == (False, True)
+            before_s = asyncio.get_running_loop().time()
+            with pytest.raises(LinkError, match="does not answer"):
+                await made.client.command(SetFunctionCheck("bay1", FunctionCheck.MAY_MOVE_OFF), ANNA)
+            await made.client.fresh("bay1", anew=True)
+            assert asyncio.get_running_loop().time() == before_s
+            await asyncio.sleep(600.0)
+            made.go_on()
+            report = await made.client.newer("bay1", made.client.answers, 0.05)
+            assert (report is not None, made.client.silent) == (True, False)
+        assert made.hub.state("bay1").function_check is FunctionCheck.OFF  # what was refused is not done later
 
 
 @in_virtual_time

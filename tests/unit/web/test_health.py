@@ -94,13 +94,34 @@ async def test_a_silent_main_process_fails() -> None:
         assert faults(health(made.client))[0] == ("main", "failing")
     async with plant() as made:
         await judged(made)
-        made.answering = False
+        made.hang()
         await asyncio.sleep(3.5)
         view = health(made.client)
         assert view.status == "failing"
         assert ("main", "failing") in faults(view)
         assert ("bay1.control", "failing") in faults(view)
-        made.answering = True
+        made.go_on()
+
+
+@pytest.mark.parametrize("since_s", [0.0, 0.9, 30.0])
+@in_virtual_time
+async def test_a_main_process_that_hangs_fails_in_time_and_is_well_as_soon_as_it_goes_on(since_s: float) -> None:
+    async with plant() as made:
+        await judged(made)
+        made.hang()
+        await asyncio.sleep(since_s)
+        now_s = asyncio.get_running_loop().time
+        asked_s = now_s()
+        answer = await api_client(made).get("/healthz")
+        assert (answer.status, now_s() - asked_s <= 2.5) == (503, True)
+        reasons = {reason["part"]: reason["text"] for reason in answer.json["reasons"]}
+        assert reasons["main"] == "the main process has not answered for 2 s"
+        made.go_on()
+        await asyncio.sleep(0.2)
+        made.loading()
+        asked_s = now_s()
+        assert (await api_client(made).get("/healthz")).json == {"status": "ok", "reasons": [], "parts": None}
+        assert now_s() - asked_s <= 0.2
 
 
 @pytest.mark.parametrize(

@@ -135,8 +135,9 @@ function useSummary(on) {
         clearInterval(asks);
         asks = 0;
         try {
-          const message = JSON.parse(said);
-          live.take(message.alarms ?? null, asked, message.held_ms);
+          const { alarms, held_ms } = JSON.parse(said);
+          if (alarms) live.take(alarms, asked, held_ms);
+          else forget(); // the gateway is silent: nothing is known of its alarms
         } catch {
           forget();
         }
