@@ -39,6 +39,7 @@ def write(
     documents = tree / f"usr/share/doc/{NAME}"
     compressed(fill(HERE / "debian/changelog", filled).encode(), documents / "changelog.gz")
     compressed((ROOT / "CHANGELOG.md").read_bytes(), documents / "CHANGELOG.md.gz")
+    (documents / "sbom.cdx.json").symlink_to(f"../../{NAME}/sbom.cdx.json")
     (tree / "usr/bin").mkdir()
     (tree / f"usr/bin/{NAME}").symlink_to(f"/opt/{NAME}/current/bin/gateway")
     everything = [path for path in sorted(tree.rglob("*")) if path.is_file() and not path.is_symlink()]

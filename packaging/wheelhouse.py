@@ -1,7 +1,7 @@
 """The wheelhouse: every wheel that an installation of the gateway needs, as uv.lock states them, for one architecture.
 
-A folder with `wheels/`, `requirements.txt` (with hashes), `wheelhouse.json` and `install_version.py`, which makes an
-installation of it without a network. The Debian package carries it, and an archive of its own.
+A folder with `wheels/`, `requirements.txt` (with hashes), `wheelhouse.json`, `sbom.cdx.json` and `install_version.py`,
+which makes an installation of it without a network. The Debian package carries it, and an archive of its own.
 """
 
 import hashlib
@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import sbom
 from packaging.markers import Marker
 from packaging.tags import Tag, compatible_tags, cpython_tags
 from packaging.utils import parse_wheel_filename
@@ -79,6 +80,7 @@ def write(folder: Path, architecture: Architecture, pythons: list[str], version:
     shutil.copy(fetched(pip_wheel), wheels)
     about = {"version": version, "architecture": architecture.name, "pythons": pythons}
     (folder / "wheelhouse.json").write_text(json.dumps(about) + "\n")
+    (folder / "sbom.cdx.json").write_text(sbom.document(list(wheels.glob("*.whl")), PROJECT, version))
     shutil.copy(ROOT / "packaging/install_version.py", folder)
     for path in sorted(folder.rglob("*")):
         path.chmod(0o755 if path.is_dir() else 0o644)
