@@ -9,9 +9,10 @@ Conversions of a picture, so that a number can be traced back to its pixel:
 - animations and multi-page files give every frame, counted from 0, like a video.
 
 A file that breaks off is an error, except a video's: containers often announce a wrong number of frames, so a video
-just ends where no more can be decoded.
+just ends where no more can be decoded. A frame within it that can't be is skipped with a warning, and keeps its number.
 """
 
+import logging
 import os
 import re
 import stat
@@ -28,6 +29,8 @@ from numpy.typing import NDArray
 from gateway.errors import ConfigError, GatewayError
 from gateway.vision.pixels import PICTURE_SUFFIXES, DeepImage, Image, bgr8, deep_of, natural_key
 from gateway.vision.source import ffmpeg
+
+log = logging.getLogger(__name__)
 
 MAX_PIXELS = 1 << 28  # of one picture: some 3 GB while it is worked on
 MAX_BYTES = (1 << 31) - 1  # of one file that is not a video
@@ -192,9 +195,12 @@ def _video(path: Path) -> Iterator[Picture]:
     try:
         frame = 0
         while True:
-            done, image = capture.read()
-            if not done:
+            image, damaged = ffmpeg.read(capture)
+            if image is None:
                 break
+            if damaged:
+                log.warning("%s: %d frames from %d on can't be decoded; skipped", path, damaged, frame)
+            frame += damaged
             yield Picture(_image(image), frame)
             frame += 1
     except cv2.error as error:

@@ -236,8 +236,9 @@ class Capture:
         self._lossless = source.lossless
         gc.collect()
         gc.freeze()  # 40,000 objects of the libraries, kept until the end, are not scanned again periodically
-        for _ in range(job.discard):
-            source.read()
+        discarded = 0
+        while discarded < job.discard:
+            discarded += 1 + source.read().damaged
         checks = FrameChecks(spec.label, job.rules, self._progress.size_px(), may_repeat=source.may_repeat)
         seq, opened = job.first_seq - 1, False
         last: Image | DeepImage | None = None

@@ -20,8 +20,6 @@ from gateway.vision.source.v4l2_exposure import V4l2Exposure
 if TYPE_CHECKING:
     from gateway.vision.source.specs import CameraSpec, StreamSpec
 
-MOST_DAMAGED = 10  # frames in a row that can't be decoded: the source is lost, and opened anew
-
 
 class CaptureSource(Source):
     """A live source: frames arrive at its own pace, and the newest is the one that counts.
@@ -44,7 +42,7 @@ class CaptureSource(Source):
 
     def read(self) -> Frame:
         why = ""
-        for damaged in range(MOST_DAMAGED):
+        for damaged in range(ffmpeg.MOST_DAMAGED):
             try:
                 return replace(self._next(), damaged=damaged)
             except ValueError as error:

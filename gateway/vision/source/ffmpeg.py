@@ -7,11 +7,14 @@ this machine any codec is decoded.
 
 import os
 from collections.abc import Sequence
+from typing import Any
 
 import cv2
+from numpy.typing import NDArray
 
 OPTIONS = "OPENCV_FFMPEG_CAPTURE_OPTIONS"  # read by OpenCV when it opens; set, it replaces OpenCV's own default
 CODECS = {"h264": "h264", "hevc": "hevc", "MJPG": "mjpeg", "FMP4": "mpeg4"}  # OpenCV's name, FFmpeg's
+MOST_DAMAGED = 10  # frames in a row that can't be decoded: there is no other
 NETWORK = {
     # Without `nobuffer` and `low_delay` FFmpeg holds back several frames.
     "rtsp_transport": "tcp",
@@ -40,6 +43,15 @@ def opened(target: str, options: dict[str, str], parameters: Sequence[int] = ())
             del os.environ[OPTIONS]
         else:
             os.environ[OPTIONS] = own
+
+
+def read(capture: cv2.VideoCapture) -> tuple[NDArray[Any] | None, int]:
+    """The next frame of a film that can be decoded, and how many before it can't be; None: there is no other."""
+    for damaged in range(MOST_DAMAGED):
+        done, image = capture.read()
+        if done:
+            return image, damaged
+    return None, 0
 
 
 def codec_of(capture: cv2.VideoCapture) -> str:

@@ -10,6 +10,7 @@ from gateway.clock import NS_PER_S, Clock
 from gateway.errors import LinkError
 from gateway.vision.offline import inputs
 from gateway.vision.pixels import PICTURE_SUFFIXES, bgr8, natural_key
+from gateway.vision.source import ffmpeg
 from gateway.vision.source.contract import Frame, Source
 
 if TYPE_CHECKING:
@@ -134,16 +135,16 @@ class VideoSource(Source):
         return capture
 
     def read(self) -> Frame:
-        ok, image = self._capture.read()
-        if not ok and not self.finite:
+        image, damaged = ffmpeg.read(self._capture)
+        if image is None and not self.finite:
             self.close()
             self._capture = self._open()  # seeking to 0 is not exact in every container; opening is
-            ok, image = self._capture.read()
+            image, damaged = ffmpeg.read(self._capture)
         if self._pace:
             self._pace.wait()  # at the end, too: the last frame has its full time
-        if not ok or image is None:
+        if image is None:
             raise LinkError(f"{self._label}: ended")
-        return Frame(bgr8(image), self._clock.now_ns())
+        return Frame(bgr8(image), self._clock.now_ns(), damaged=damaged)
 
     def close(self) -> None:
         self._capture.release()

@@ -1,6 +1,7 @@
 """Files of every kind, whole and broken, as they lie on a disk."""
 
 import os
+import re
 import struct
 import zlib
 from collections.abc import Callable
@@ -262,6 +263,20 @@ def test_a_video_is_read_frame_by_frame_and_may_be_left(tmp_path: Path) -> None:
     first = next(iter(pictures))
     assert isinstance(first, Picture)
     assert first.frame == 0
+
+
+def test_a_damaged_frame_of_a_video_is_skipped_and_the_others_keep_their_numbers(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = video(tmp_path / "a.avi", "MJPG", 8)
+    data = path.read_bytes()
+    third, fourth = [match.start() for match in re.finditer(rb"\xff\xd8\xff", data)][2:4]
+    path.write_bytes(data[:third] + bytes(fourth - 8 - third) + data[fourth - 8 :])  # 8: the chunk's head
+
+    assert [picture.frame for picture in read(path)] == [0, 1, 3, 4, 5, 6, 7]
+    assert [record.getMessage() for record in caplog.records] == [
+        f"{path}: 1 frames from 2 on can't be decoded; skipped"
+    ]
 
 
 # -- names -------------------------------------------------------------------------------------------------------------
