@@ -17,6 +17,7 @@ from gateway.sim.world import Truth
 SENSOR_MM = 17.0
 SENSOR_PX = 3.0
 LATE_S = 0.3
+AWAY_S = 1.5  # the speed is that of the last second
 NEARER = frozenset({"forward", "slow", "left", "right", "drive_up"})
 """Guidance codes that tell a truck to come nearer."""
 
@@ -99,7 +100,7 @@ class Row:
 def complaints(rows: Iterable[Row], config: GatewayConfig, *, late_s: float = LATE_S) -> list[str]:
     """Everything that must not be, with the world time at which it was said; empty: all is well."""
     known = list(rows)
-    checks = (_of_one_row, _of_stop, _of_silence, _of_in_place, _of_moved, _of_release)
+    checks = (_of_one_row, _of_stop, _of_silence, _of_in_place, _of_moved, _of_release, _of_departure)
     return [line for check in checks for line in check(known, config, late_s)]
 
 
@@ -218,3 +219,15 @@ def _of_release(rows: list[Row], config: GatewayConfig, late_s: float) -> Iterat
         nearer_s = (row.t_s if nearer_s is None else nearer_s) if wrong else None
         if nearer_s is not None and row.t_s - nearer_s > late_s:
             yield f"{row.t_s:.2f}: let go, though it comes nearer or is another truck ({row.z_mm:.0f} mm)"
+
+
+def _of_departure(rows: list[Row], config: GatewayConfig, late_s: float) -> Iterator[str]:
+    """A truck that has been driving away for a while, seen by both sensors, is not told to come nearer."""
+    away_mm_s = 2 * config.bays[0].guidance.still_mm_s
+    since_s: float | None = None
+    for before, row in pairwise(rows):
+        gone_mm = row.z_mm - before.z_mm
+        away = row.good and row.truck == before.truck and gone_mm > away_mm_s * (row.t_s - before.t_s)
+        since_s = (row.t_s if since_s is None else since_s) if away else None
+        if since_s is not None and row.t_s - since_s > AWAY_S + late_s and row.guidance in NEARER:
+            yield f"{row.t_s:.2f}: it drives away, and the driver is told {row.guidance}"

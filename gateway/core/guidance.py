@@ -1,6 +1,7 @@
 """The instruction for the driver: (state, configuration) -> guidance code and the numbers behind it. Pure.
 
-It decides nothing: it follows `stop`. While stop is on, no code ever instructs the truck to approach.
+It decides nothing: it follows `stop`. While stop is on, no code ever instructs the truck to approach; nor while it
+drives away: one on its way out is told LEAVE, any other STOP, and to approach again once it stands.
 
 Distance to go, until D = 1. Z falls to Z_th, and R, which for a pinhole grows as 1 / Z, reaches R_th at Z R / R_th:
 
@@ -127,7 +128,7 @@ def _code(
         return code
     if found := [code for code in _WORST_FIRST if code in active]:
         return found[0]
-    if state.stop or go_mm is None:
+    if state.stop or go_mm is None or _backs(speed, config):
         return _at_mark(state, config, go_mm, speed)
     if offset_u_px is not None and abs(offset_u_px) > config.tolerance_px:
         # The marker is right of the aim point: the truck must go to the picture's left.
@@ -169,6 +170,11 @@ def _from_visit(
     return None
 
 
+def _backs(speed: float | None, config: GuidanceConfig) -> bool:
+    """Does the truck drive away, beyond the noise of one that stands?"""
+    return speed is not None and speed < -config.still_mm_s
+
+
 def _brakes(state: StateVector, fusion: FusionConfig, config: GuidanceConfig) -> bool:
     """Does it roll, and is not the truck that goes back as it is told?"""
     visit, reference = state.visit, state.visit.reference
@@ -180,7 +186,7 @@ def _brakes(state: StateVector, fusion: FusionConfig, config: GuidanceConfig) ->
 
 
 def _at_mark(state: StateVector, config: GuidanceConfig, go_mm: float | None, speed: float | None) -> GuidanceCode:
-    """Stop is on though nothing is broken: at the mark and not yet in place, or past it."""
+    """Stop is on though nothing is broken: at the mark and not yet in place, or past it; or the truck drives away."""
     if state.d is not True or go_mm is None:
         return GuidanceCode.STOP
     # BACK stays until the middle of what is allowed, where it ends for a truck that goes back, too: noise at the edge
@@ -194,8 +200,7 @@ def _past(go_mm: float, speed: float | None, config: GuidanceConfig) -> Guidance
     """Too far in: BACK also while the truck goes back, until it comes to the middle of what is allowed."""
     if speed is None or speed >= config.still_mm_s:
         return GuidanceCode.TOO_FAR
-    backs = speed < -config.still_mm_s
-    if backs and config.stop_lead_s and go_mm - speed * config.stop_lead_s >= -config.overshoot_mm / 2:
+    if _backs(speed, config) and config.stop_lead_s and go_mm - speed * config.stop_lead_s >= -config.overshoot_mm / 2:
         return GuidanceCode.STOP
     return GuidanceCode.BACK
 

@@ -12,7 +12,16 @@ from gateway.core import guidance
 from gateway.core.detection import Circle
 from gateway.core.guidance import TRACK_MAX, closing_mm_s, to_go_mm, tracked
 from gateway.core.readings import Quality, RangeReading, VisionReading
-from gateway.core.state import FunctionCheck, FusionMemory, Guidance, GuidanceCode, StateVector, Visit, VisitPhase
+from gateway.core.state import (
+    FunctionCheck,
+    FusionMemory,
+    Guidance,
+    GuidanceCode,
+    StateVector,
+    TruckPosition,
+    Visit,
+    VisitPhase,
+)
 
 MS = 1_000_000
 S = 1000 * MS
@@ -128,7 +137,9 @@ def test_mm_to_the_side_need_the_markers_size() -> None:
         (800.0, 0.0, GuidanceCode.SLOW),  # 500 mm to go
         (1300.0, 166.0, GuidanceCode.FORWARD),
         (1300.0, 167.0, GuidanceCode.SLOW),  # 1000 mm to go within 6 s
-        (1300.0, -167.0, GuidanceCode.FORWARD),
+        (1300.0, -20.0, GuidanceCode.FORWARD),  # still_mm_s is not yet driving away
+        (1300.0, -20.5, GuidanceCode.STOP),
+        (500.0, -20.5, GuidanceCode.STOP),
         (1300.0, None, GuidanceCode.FORWARD),
     ],
 )
@@ -203,7 +214,8 @@ def test_past_the_mark_is_stop_while_d_is_0() -> None:
     ("phase", "released", "speed", "code"),
     [
         (VisitPhase.ARRIVING, False, 0.0, GuidanceCode.DRIVE_UP),
-        (VisitPhase.APPROACHING, False, -100.0, GuidanceCode.FORWARD),
+        (VisitPhase.APPROACHING, False, -20.0, GuidanceCode.FORWARD),
+        (VisitPhase.APPROACHING, False, -100.0, GuidanceCode.STOP),
         (VisitPhase.APPROACHING, True, 0.0, GuidanceCode.FORWARD),
         (VisitPhase.RELEASED, True, 0.0, GuidanceCode.LEAVE),
         (VisitPhase.RELEASED, False, None, GuidanceCode.LEAVE),
@@ -222,7 +234,19 @@ def test_a_truck_that_may_move_is_directed_by_its_visit(
     visit = Visit(phase=phase, released=released)
     assert advise(visit=visit, may_move=True, speed=speed).code is code
     if code is not GuidanceCode.FORWARD:
-        assert advise(visit=visit, may_move=False, speed=speed).code is GuidanceCode.FORWARD, "it may not move"
+        withheld = advise(visit=visit, may_move=False, speed=speed).code
+        assert withheld is (GuidanceCode.STOP if speed == -100.0 else GuidanceCode.FORWARD), "it may not move"
+
+
+@pytest.mark.parametrize(("speed", "code"), [(-20.0, GuidanceCode.SLOW), (-20.5, GuidanceCode.STOP)])
+def test_a_truck_that_backs_out_is_told_no_arrow_towards_the_mark(speed: float, code: GuidanceCode) -> None:
+    """It has left its place before it was loaded; beside the aim as well."""
+    place = TruckPosition(280.0, Circle(320, 240, 190.0))
+    visit = Visit(phase=VisitPhase.LEAVING, place=place, seen_moving=True)
+    assert advise(150.0, 350.0, visit=visit, may_move=True, speed=speed).code is code
+    aside = advise(150.0, 350.0, u_px=100.0, visit=visit, may_move=True, speed=speed).code
+    assert aside is (GuidanceCode.RIGHT if speed == -20.0 else GuidanceCode.STOP)
+    assert advise(u_px=100.0, speed=-20.5).code is GuidanceCode.STOP
 
 
 @pytest.mark.parametrize("in_place", [True, False])

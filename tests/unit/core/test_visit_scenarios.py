@@ -16,7 +16,7 @@ from gateway.sim import scenario as scenarios
 from gateway.sim.scenario import FaultKind
 from tests.examples import examples
 from tests.visit_bench import MOMENTS_HZ, Bench, Levels, Moment, gateway, truck
-from tests.visit_judge import Row, complaints
+from tests.visit_judge import NEARER, Row, complaints
 from tests.visit_stories import play
 
 pytestmark = pytest.mark.one_interpreter
@@ -125,6 +125,19 @@ def test_visit_person_is_a_contradiction_that_ends_with_the_person() -> None:
     assert {moment.state.reason for moment in stops} == {Reason.SENSORS_DISAGREE, Reason.CLEARING}
     cleared = [m.t_s for m in stops if m.state.reason is Reason.CLEARING]
     assert cleared[-1] == stops[-1].t_s
+
+
+@pytest.mark.parametrize("name", ["day", "dusk", "approach"])
+def test_no_truck_that_drives_away_is_told_to_come_nearer(name: str) -> None:
+    """Seven departures of `day`, none of them released."""
+    scenario = scenarios.load(ROOT / "scenarios" / f"{name}.toml")
+    bench = Bench(scenario, gateway(writes=False, guidance={"aim_u_px": 319.5}))
+    bench.run(200.0 if scenario.repeat else scenario.duration_s)
+    speeds = [moment.state.guidance.closing_mm_s or 0.0 for moment in bench.moments]
+    away = [moment for moment, speed in zip(bench.moments, speeds, strict=True) if speed < -100.0]
+    assert len(away) > 50
+    assert not {moment.state.guidance.code.name.lower() for moment in away} & NEARER
+    assert complaints(rows(bench), bench.config) == []
 
 
 @pytest.mark.failure_mode("T3")
