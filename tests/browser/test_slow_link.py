@@ -29,11 +29,12 @@ window.WebSocket = class extends Real {
 };
 setInterval(() => {
   const said = document.querySelector('.decision .word, .bay-now')?.textContent ?? '';
-  if (/IN PLACE|STOP|MAY/.test(said)) window.__oldest = Math.max(window.__oldest, performance.now() - window.__of);
+  const known = /^(?!.*NOT KNOWN).*(IN PLACE|STOP|MAY)/.test(said);
+  if (known) window.__oldest = Math.max(window.__oldest, performance.now() - window.__of);
 }, 20);
 """
 LIMIT_MS, SLACK_MS = 1500, 1500
-KNOWN, UNKNOWN = re.compile("IN PLACE|STOP|MAY"), re.compile("NOT KNOWN|not known")
+KNOWN, UNKNOWN = re.compile("^(?!.*NOT KNOWN).*(IN PLACE|STOP|MAY)"), re.compile("NOT KNOWN")
 DELAYS = NetworkConditions(delay_s=1.75)  # each way
 SLOW = NetworkConditions(bytes_per_s=50_000)
 STALLS = NetworkConditions(swallow=True)

@@ -67,7 +67,7 @@ function Tile({ name, state, age, limits, alarms, everyMs }) {
   return html`<li><a class=${`tile ${trouble ? 'trouble' : ''}`} href=${`#${encodeURIComponent(name)}`}>
     <span class="row spread"><b translate="no">${name}</b><${Ne107} name=${state?.ne107.name ?? null} label=${false} alarm=${alarms > 0} /></span>
     ${everyMs > 0 && html`<${Thumbnail} name=${name} everyMs=${everyMs} state=${state} />`}
-    <span class="state"><${Decision} stop=${state?.stop ?? null} mayMove=${state?.may_move ?? null} inPlace=${state?.in_place ?? false} fault=${trouble} /><b>${decisionWords(state)}</b>${age}</span>
+    <span class="state"><${Decision} stop=${state?.stop ?? null} mayMove=${state?.may_move ?? null} inPlace=${state?.in_place ?? false} fault=${trouble} /><span><b>${decisionWords(state)}</b> ${age}</span></span>
     <span class="why">${state && html`<${Arrow} name=${CODES[state.guidance.name]?.symbol ?? 'stop'} />`}${shortWhy(state)}</span>
     ${limits && html`<${SmallBars} state=${state} limits=${limits} />`}
     ${alarms > 0 && html`<span class="tag bad">${alarmCount(alarms, 0)}</span>`}

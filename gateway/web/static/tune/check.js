@@ -11,8 +11,8 @@ import { Decision, Ne107 } from '../operator/signs.js';
 export function CheckBanner({ mode, state, age, change, busy }) {
   const [kept, setKept] = useState(false);
   const on = mode === 'MAY_MOVE_OFF' || mode === 'MAY_MOVE_KEPT';
-  const decision = state === null ? 'not known' : `${translated(decisionWords(state))}: ${translated(why(state))}`;
-  const live = html`<span class="bay-now"><${Decision} stop=${state?.stop ?? null} mayMove=${state?.may_move ?? null} inPlace=${state?.in_place ?? false} fault=${state?.ne107.name === 'FAILURE'} /><span translate=${state === null ? undefined : 'no'}>${decision}</span> ${age}</span>`;
+  const decision = `${translated(decisionWords(state))}: ${translated(why(state))}`;
+  const live = html`<span class="bay-now"><${Decision} stop=${state?.stop ?? null} mayMove=${state?.may_move ?? null} inPlace=${state?.in_place ?? false} fault=${state?.ne107.name === 'FAILURE'} /><span translate="no">${decision}</span> ${age}</span>`;
   if (!on)
     return html`<section class="check notice" aria-labelledby="check-title">
       <div class="row spread"><h2 id="check-title">${mode === null ? 'Function check: not known' : 'The bay is at work'}</h2>${live}</div>

@@ -324,7 +324,7 @@ function Page({ session, profile: first, taken: kept, renew }) {
   const frameId = shown?.frame_id ?? null; // of all that is on the page
   const remarks = result?.remarks ?? [];
   const elsewhere = shown !== null && !sameSource(shown.request.source, source) && !frozenFrom(shown, source, taken);
-  const behind = shown !== null && (shown.request.settings !== settings || !sameSource(shown.request.source, source));
+  const behind = shown !== null && ((source.kind === 'live' && !fresh) || shown.request.settings !== settings || !sameSource(shown.request.source, source));
   return html`<${Top} session=${session} connected=${live.connected} fresh=${fresh} />
     <main class="page tuning">
       <h1 class="sr">${text('Tuning of {0}', bay)}</h1>
