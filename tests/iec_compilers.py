@@ -26,10 +26,10 @@ from gateway.modbus.exports.interface import OUTPUTS
 from gateway.modbus.exports.structured_text import FUNCTION_BLOCK
 from gateway.modbus.exports.target import Target
 from gateway.modbus.registers.register_map import BLOCK_WORDS, REGISTERS
-from tests.plc_images import answered, doubtful
+from tests.plc_images import BAY, answered, block_of, doubtful
 from tests.structured_text import Instance, Program
 
-INPUTS = ("EnableRequest", "TruckPresent", "Reset", "Trigger", "Acknowledge", "Release")
+INPUTS = ("EnableRequest", "TruckPresent", "Reset", "Trigger", "Acknowledge", "Release", "SpoutUp", "Start")
 SHOWN = [var.name for var in OUTPUTS if var.name != "Data"]
 MEMBERS = [field.name for field in fields()]
 IMAGES = 600
@@ -112,16 +112,22 @@ def cycles() -> list[Cycle]:
         *ready,
         *taken,
     ]
+    block = block_of(Program(structured_text.declarations((Target(),))))
+    _walk(block, made)
     for n, how in enumerate([*story, {"number": 2, "timed_out": True}, *ready]):
         now += 20
-        asked = [True, True, False, n not in (0, 11), n > 6, False]
-        made.append((now, True, asked, 1, answered(100 + n, **how)))
+        asked = [True, True, False, n not in (0, 11), n > 6, False, True, False]
+        made.append((now, True, asked, 1, answered(100 + n, echo=block["PlcHeartbeat"], **how)))
+        _walk(block, made[-1:])
     return made
 
 
 def walked(made: list[Cycle]) -> list[list[float]]:
     """What the tree walk says."""
-    block = Program(structured_text.declarations((Target(),))).instance(FUNCTION_BLOCK)
+    return _walk(block_of(Program(structured_text.declarations((Target(),)))), made)
+
+
+def _walk(block: Instance, made: list[Cycle]) -> list[list[float]]:
     answers = []
     for now, ok, inputs, recipe, image in made:
         block.call(now, PollOk=ok, Words=image, Recipe=recipe, **dict(zip(INPUTS, inputs, strict=True)))
@@ -140,6 +146,7 @@ def strucpp(home: Path, text: str, folder: Path) -> list[str]:
     _run(["node", str(home / "dist/node/cli.js"), str(source), "-o", str(folder / "program.cpp")])
     show = _show("fb.{}", "fb.DATA.{}", "(double)")
     given = " ".join(f"fb.{name.upper()} = in[{n}] != 0;" for n, name in enumerate(INPUTS))
+    given += f" fb.UNITID = {BAY.unit_id}; fb.BAYIDENTITY = {BAY.number};"
     (folder / "main.cpp").write_text(CPP_MAIN.format(inputs=len(INPUTS), size=BLOCK_WORDS, set_inputs=given, show=show))
     include = str(home / "src/runtime/include")
     _run(["g++", "-std=c++17", "-O1", "-w", f"-I{include}", "main.cpp", "program.cpp", "-o", "program"], folder)
@@ -154,6 +161,7 @@ def matiec(home: Path, text: str, folder: Path) -> list[str]:
     block = FUNCTION_BLOCK.upper()
     show = _show("fb.{}.value", "fb.DATA.value.{}", "(double)")
     given = " ".join(f"fb.{name.upper()}.value = in[{n}];" for n, name in enumerate(INPUTS))
+    given += f" fb.UNITID.value = {BAY.unit_id}; fb.BAYIDENTITY.value = {BAY.number};"
     main = C_MAIN.format(inputs=len(INPUTS), size=BLOCK_WORDS, set_inputs=given, show=show, block=block)
     (folder / "main.c").write_text(main)
     _run(["gcc", "-O1", "-w", f"-I{home / 'lib/C'}", "main.c", "-lm", "-o", "program"], folder)

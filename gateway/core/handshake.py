@@ -184,6 +184,12 @@ def rose(before: Handshake, after: Handshake, bit: Control) -> bool:
     return before.control_known and after.on(bit) and not before.on(bit)
 
 
+def may_release(plc: Handshake, config: HandshakeConfig | None) -> bool:
+    """Is a release requested by a living PLC whose spout is up, as far as that is required?"""
+    spout_up = config is None or not config.spout_up_required or plc.on(Control.SPOUT_UP)
+    return plc.on(Control.RELEASE) and plc.link is PlcLink.ALIVE and spout_up
+
+
 def acquired(plc: Handshake, state: StateVector) -> Acquired | None:
     """The result of the acquisition at work, if both sensors have reported since its trigger."""
     vision, rng = state.vision, state.range

@@ -138,7 +138,7 @@ def _step(state: StateVector, observation: fusion.Observation, now_ns: int, rule
         fused,
         speed,
         limits,
-        released=plc.on(Control.RELEASE) and plc.link is PlcLink.ALIVE,
+        released=handshake.may_release(plc, rules.handshake),
         release=handshake.rose(before, plc, Control.RELEASE),
     )
     memory, plc = _latch(state.memory, before, plc, fused, current, limits)

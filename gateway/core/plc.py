@@ -16,6 +16,7 @@ class Control(IntEnum):
     TRIGGER = 3
     RESULTS_ACK = 4
     RELEASE = 5
+    SPOUT_UP = 6
 
 
 CONTROL_MEANING: dict[Control, str] = {
@@ -27,6 +28,7 @@ CONTROL_MEANING: dict[Control, str] = {
     Control.RESULTS_ACK: "0 to 1: the held result has been read; go back to 0 before the next trigger",
     Control.RELEASE: "0 to 1 while the truck is or was in place, with a heartbeat: it may leave, stop goes off; hold "
     "it until it has left the mark",
+    Control.SPOUT_UP: "1: the spout is up; where spout_up_required is set, a release needs it, and ends with it",
 }
 
 

@@ -7,6 +7,7 @@ import random
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -16,7 +17,16 @@ from gateway.core.detection import Circle
 from gateway.core.plc import Handshake, PlcLink, TriggerPhase
 from gateway.core.readings import FRESH_FRAME, Quality, RangeReading, VisionReading
 from gateway.core.shown import withdrawn
-from gateway.core.state import Guidance, GuidanceCode, Moved, Reason, StateVector, Visit, VisitPhase
+from gateway.core.state import (
+    Guidance,
+    GuidanceCode,
+    Moved,
+    Reason,
+    ReferencePosition,
+    StateVector,
+    Visit,
+    VisitPhase,
+)
 from gateway.modbus.exports import node_red_function, openplc, structured_text
 from gateway.modbus.exports.diagnosis import CHECKS, HEARTBEAT_TIMEOUT_MS, SOUND, Diagnosis
 from gateway.modbus.exports.fields import fields
@@ -95,7 +105,8 @@ def test_every_register_is_decoded_as_the_gateway_encodes_it(scan: Scan) -> None
             continue
         if f"{name}_valid" in data:
             assert data[f"{name}_valid"] is (value is not None), name
-        assert data[name] == pytest.approx(0 if value is None else value, rel=2e-7), name
+        none = 1e38 if isinstance(data[name], float) else 0
+        assert data[name] == pytest.approx(none if value is None else value, rel=2e-7), name
     assert data["u_f32"] == pytest.approx(640.28, rel=1e-7)
     assert data["v"] == pytest.approx(-3.2)
     assert data["distance"] == 812
@@ -479,10 +490,13 @@ def test_a_dead_gateway_and_a_doubtful_image_leave_no_good_looking_value(scan: S
     assert (data["stop"], data["may_move"], data["status_gateway_fault"]) == (1, 0, True)
     assert Quality.GOOD not in (data["vision_quality"], data["range_quality"])
     assert [name for name, value in data.items() if name.endswith("_valid") and value] == []
+    reals = [data[field.register.name] for field in fields() if field.part == "valid"]
+    assert min(value for value in reals if isinstance(value, float)) > 9e37, "0.0 would touch the sensor"
 
 
 visits = st.builds(
     Visit,
+    phase=st.sampled_from(VisitPhase),
     in_place=st.booleans(),
     moved=st.sampled_from(Moved),
     covered_since_ns=st.sampled_from([None, 0]),
@@ -509,10 +523,18 @@ def test_each_output_is_on_for_what_it_says_and_for_nothing_else(program: Progra
     """Any state at all, also such as no gateway makes."""
     scan = Scan(block_of(program)).start()
     scan.run(words(state))
-    good = state.range.quality is Quality.GOOD and not (state.may_move and state.in_place)
-    moves = state.may_move and not state.stop and state.reason is Reason.NONE and state.vision.quality is Quality.GOOD
+    one = not (state.may_move and state.in_place)
+    good = state.range.quality is Quality.GOOD and one
+    seen = state.vision.quality is Quality.GOOD
+    covered = state.visit.released and state.vision.quality in FRESH_FRAME
+    beyond = (
+        (seen and state.d is False and state.range.quality in (Quality.NO_ECHO, Quality.TOO_FAR))
+        and state.visit.phase in (VisitPhase.ARRIVING, VisitPhase.LEAVING)
+        and one
+    )
+    moves = state.may_move and not state.stop and state.reason is Reason.NONE
     stands = state.in_place and state.stop and state.d is not False and state.visit.moved is Moved.NO
-    assert scan.may_move is (good and moves)
+    assert scan.may_move is (moves and ((good and (seen or covered)) or beyond))
     assert scan.in_place is (good and stands and state.vision.quality in FRESH_FRAME)
     assert scan.block["MustStop"] is (state.stop or not scan.block["Alive"])
 
@@ -561,7 +583,9 @@ def test_the_openplc_program_around_the_block_is_structured_text_too() -> None:
     whole = text[text.index("PROGRAM loading_bay") : text.index("CONFIGURATION")]
     (made,) = parse(whole).items
     assert str(made.name) == "loading_bay"
-    assert len(made.body.statements) == BLOCK_WORDS + 12  # the copies, the call, six outputs, two codes, three to write
+    assert (
+        len(made.body.statements) == BLOCK_WORDS + 14
+    )  # the copies, the call, eight outputs, two codes, three to write
 
 
 def test_the_program_of_several_bays_is_structured_text_too() -> None:
@@ -587,7 +611,7 @@ TRIGGER, ACK = 8, 16
 
 
 def test_each_request_has_its_bit_and_the_recipe_its_register(scan: Scan) -> None:
-    bits = {"EnableRequest": 1, "TruckPresent": 2, "Reset": 4, "Release": 32}
+    bits = {"EnableRequest": 1, "TruckPresent": 2, "Reset": 4, "SpoutUp": 64}
     for name, bit in bits.items():
         scan.block.values[name] = True
         scan.run(words(permitted()), ok=False)  # whether the gateway answers or not
@@ -595,7 +619,55 @@ def test_each_request_has_its_bit_and_the_recipe_its_register(scan: Scan) -> Non
         scan.block.values[name] = False
     scan.block.values |= dict.fromkeys(bits, True) | {"Recipe": 7}
     scan.run(words(permitted()))
-    assert (scan.block["PlcControl"], scan.block["RecipeSelect"]) == (39, 7)
+    assert (scan.block["PlcControl"], scan.block["RecipeSelect"]) == (71, 7)
+
+
+def test_a_release_is_sent_from_its_own_edge_on_while_the_spout_is_up(scan: Scan) -> None:
+    def sent(**inputs: bool) -> bool:
+        scan.block.values |= inputs
+        scan.run(words(permitted()), ok=False)
+        return bool(scan.block["PlcControl"] & 32)
+
+    assert not sent(Release=True, SpoutUp=True), "on since before the start"
+    assert not sent(Release=False)
+    assert sent(Release=True)
+    assert sent()
+    assert not sent(SpoutUp=False)
+    assert not sent(SpoutUp=True), "a spout that goes up releases no truck"
+    assert not sent(Release=False, SpoutUp=False)
+    assert not sent(Release=True)
+    assert not sent(SpoutUp=True)
+
+
+def test_loading_is_permitted_from_a_start_in_place_until_the_first_loss(scan: Scan) -> None:
+    heartbeat = 7
+
+    def permit(state: Callable[..., StateVector] = standing, *, start: bool, ok: bool = True, **more: Any) -> bool:
+        nonlocal heartbeat
+        heartbeat += 1
+        scan.block.values["Start"] = start
+        scan.run(words(state(heartbeat, **more)), ok=ok)
+        return bool(scan.block["LoadPermit"])
+
+    scan.block.values["Start"] = True
+    scan.start()
+    assert not permit(permitted, start=True)
+    assert not permit(start=True), "a start from before"
+    assert not permit(start=False)
+    assert permit(start=True)
+    assert permit(start=False)
+    assert permit(start=False, covered=True)
+    rolling = replace(standing().visit, reference=ReferencePosition(rolling_since_ns=0))
+    assert not permit(start=False, visit=rolling)
+    assert (scan.in_place, scan.block["Rolling"], scan.block["Moved"]) == (True, True, False)
+    assert not permit(start=False), "it does not go on by itself"
+    assert permit(start=True)
+    for ok in (False, True, True, True, True):
+        assert not permit(start=True, ok=ok)
+    assert scan.in_place
+    assert not permit(start=False)
+    assert permit(start=True)
+    assert not permit(permitted, start=True)
 
 
 class Measurement:

@@ -5,6 +5,7 @@ a poll every 100 ms. No sockets: those are tried in test_structured_text.py and 
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
@@ -14,13 +15,17 @@ from gateway.core.fusion import Observation
 from gateway.core.interlock import Rules
 from gateway.core.plc import Outcome, PlcWrite, Writer
 from gateway.core.readings import Quality
-from gateway.core.state import Tick
-from gateway.modbus.exports import structured_text
+from gateway.core.shown import shown
+from gateway.core.state import GuidanceCode, Tick
+from gateway.modbus.exports import node_red_function, structured_text
 from gateway.modbus.exports.target import Target
-from gateway.modbus.reference.situations import Scene
+from gateway.modbus.reference.situations import EMPTY, Scene
+from gateway.modbus.registers.lamps import Lamp
 from gateway.modbus.registers.register_map import BLOCK_WORDS
-from tests.plc_images import block_of, words
+from tests.node_function import Messages, run_each
+from tests.plc_images import ADDRESS, block_of, words
 from tests.structured_text import Program
+from tests.visit_stories import play
 
 pytestmark = [pytest.mark.xdist_group("structured text"), pytest.mark.timeout(300)]  # the parser takes its time
 
@@ -45,8 +50,10 @@ class Loop:
     def put(self, **inputs: bool | int) -> None:
         self.block.values |= inputs
 
-    def play(self, scene: Scene, until: Callable[[], bool] | None = None) -> None:
-        """The whole scene, or until something is so; then it must be so before the scene ends."""
+    def play(
+        self, scene: Scene, until: Callable[[], bool] | None = None, every: Callable[[], object] = lambda: None
+    ) -> None:
+        """The whole scene, or until something is so; then it must be so before the scene ends. `every`: each cycle."""
         for at_ms in range(0, scene.for_ms, 20):
             seen: list[Observation] = [Tick()]
             if self.now_ms % 60 == 0:
@@ -62,6 +69,7 @@ class Loop:
             self.block.call(self.now_ms, PollOk=True, Words=self.words)
             assert not (self.block["MayMove"] and self.block["InPlace"])
             self.now_ms += 20
+            every()
             if until is not None and until():
                 return
         assert until is None, "not before the scene ended"
@@ -92,12 +100,60 @@ def test_one_visit_is_worked_to_its_end(loop: Loop) -> None:
     assert loop.outputs() == (False, True, False)
     loop.play(COVERED)
     assert loop.outputs() == (False, True, True)
-    loop.put(Release=True)
+    loop.put(Release=True, SpoutUp=True)
     loop.play(STANDING, until=lambda: bool(loop.block["MayMove"]))
     assert loop.block["MustStop"] is False
     loop.play(LEAVING)
     assert loop.outputs() == (True, False, False)
     assert loop.block["Moved"] is False
+
+
+def lights(image: list[int]) -> bool:
+    """Is green or amber shown to the driver?"""
+    return bool(image[ADDRESS["signal_lamps"]] & (1 << Lamp.GREEN | 1 << Lamp.AMBER))
+
+
+def test_may_move_is_that_of_the_register_and_the_lamps_in_every_cycle_of_a_visit(loop: Loop) -> None:
+    """Also beyond the ranger's range, on the way in and out, and released while the spout still covers the marker."""
+    beyond = Scene(2000, z_mm=4900.0, range=Quality.TOO_FAR)
+    scenes = (EMPTY, beyond, replace(beyond, range=Quality.NO_ECHO), FAR, DRIVING, STANDING, COVERED)
+    out = (COVERED, LEAVING, Scene(500, z_mm=1000.0, to_mm=3400.0), beyond, EMPTY)
+    driven = []
+    loop.play(EMPTY)
+    for n, scene in enumerate(scenes + out):
+        loop.put(Release=n >= len(scenes), SpoutUp=True)
+        cycles: list[bool] = []
+
+        def compared(cycles: list[bool] = cycles) -> None:
+            assert loop.block["MayMove"] is bool(loop.words[ADDRESS["may_move"]])
+            # Red comes earlier: the driver is told to stop while D is 0 still.
+            early = loop.words[ADDRESS["guidance"]] == GuidanceCode.STOP
+            assert lights(loop.words) is (loop.block["MayMove"] and not early)
+            cycles.append(loop.block["MayMove"])
+
+        loop.play(scene, every=compared)
+        driven.append(sum(cycles) / len(cycles))
+    assert [share > 0.7 for share in driven[:10]] == [False, *[True] * 4, False, False, *[True] * 3]
+
+
+def test_may_move_is_that_of_the_register_whatever_happens() -> None:
+    """Visits made up by chance, with dying sensors and a PLC that does as it likes; in Node-RED, which is quick."""
+    runs: list[Messages] = []
+    for seed in range(8):
+        bench = play(seed)
+        states = [moment.state for moment in bench.moments[::5]]
+        runs.append([(100, words(shown(state, state.t_ns))) for state in states])
+    exceptions = 0
+    for run, ran in zip(runs, run_each(node_red_function.code(Target()), runs), strict=True):
+        moves = False
+        for n, ((_, image), (outputs, status)) in enumerate(zip(run, ran, strict=True)):
+            moves = outputs[0]["payload"] if outputs[0] else moves
+            if n > 2 and status not in ("heartbeat", "torn"):
+                assert moves is bool(image[ADDRESS["may_move"]]), (n, status)
+                assert moves or not lights(image)
+            good = image[ADDRESS["vision_quality"]] == image[ADDRESS["range_quality"]] == Quality.GOOD
+            exceptions += moves and not good
+    assert exceptions > 0
 
 
 def test_a_block_that_begins_anew_while_a_result_is_held_measures_again(loop: Loop) -> None:

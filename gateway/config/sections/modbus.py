@@ -11,6 +11,10 @@ from gateway.config.strict.section import Section
 Network = Annotated[str, AfterValidator(network)]
 
 
+BITS_REQUIRED = ("enable_required", "truck_required", "spout_up_required")
+"""Keys of HandshakeConfig: each requires a bit that only a living PLC can vouch for."""
+
+
 class HandshakeConfig(Section):
     """The gateway's requirements of the PLC. In force only with modbus.writes = true."""
 
@@ -22,11 +26,14 @@ class HandshakeConfig(Section):
     )
     enable_required: bool = Field(False, description="may_move needs the PLC's enable bit")
     truck_required: bool = Field(False, description="may_move needs the PLC's truck_present bit")
+    spout_up_required: bool = Field(
+        False, description="a release needs the PLC's spout_up bit, and ends when that goes off at the mark"
+    )
     trigger_timeout_s: float = Field(1.0, ge=0.05, le=60, description="a triggered measurement may take so long")
 
     @model_validator(mode="after")
     def _watched(self) -> Self:
-        for key in ("enable_required", "truck_required"):
+        for key in BITS_REQUIRED:
             if getattr(self, key) and not self.heartbeat_required:
                 raise FieldError("needs heartbeat_required: the bit of a dead PLC would stay on", key)
         return self
@@ -102,10 +109,10 @@ class ModbusConfig(Section):
 
     @model_validator(mode="after")
     def _asked(self) -> Self:
-        for key in ("enable_required", "truck_required"):
+        for key in BITS_REQUIRED:
             if getattr(self.handshake, key) and not self.writes:
                 raise FieldError(
-                    "needs modbus.writes = true: no PLC could set the bit, and may_move would not wait for it",
+                    "needs modbus.writes = true: no PLC could set the bit, and nothing would wait for it",
                     "handshake",
                     key,
                 )

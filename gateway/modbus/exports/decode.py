@@ -8,6 +8,10 @@ from gateway.modbus.exports.fields import Field, fields, measured
 from gateway.modbus.exports.target import Target
 from gateway.modbus.registers.register_map import Register
 
+NO_VALUE = "1.0E+38"
+"""A REAL that has none, beside its `_valid`: beyond every limit, and no truck at the sensor. Not NaN, which not every
+language has, and which stops programs where floating point exceptions are on (TwinCAT)."""
+
 UDINT_BODY = """\
 #LG_UDInt := WORD_TO_UDINT(#High) * UDINT#65536 + WORD_TO_UDINT(#Low);
 """
@@ -86,4 +90,4 @@ def _valid(register: Register, target: Target) -> str:
 
 
 def _zero(register: Register) -> str:
-    return "0.0" if measured(register) else "0"
+    return NO_VALUE if measured(register) else "0"

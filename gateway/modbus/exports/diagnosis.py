@@ -9,11 +9,12 @@ with `#` before every local name (as in SCL); it is true when the check fails. `
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 
 from gateway.core.readings import FRESH_FRAME, Quality
+from gateway.core.state import VisitPhase
 from gateway.modbus.registers.register_map import BLOCK_WORDS, KNOWN_FLOAT32, KNOWN_UINT32, MAP_VERSION
 
 HEARTBEAT_TIMEOUT_MS = 500
@@ -71,8 +72,21 @@ class Check:
         return f"{self.needs.value}({self.fails})" if self.needs.value else self.fails
 
 
-def _none_of(name: str, qualities: frozenset[Quality]) -> str:
-    return " AND ".join(f"(#Raw.{name} <> {quality.value})" for quality in sorted(qualities))
+def _none_of(name: str, codes: Collection[IntEnum]) -> str:
+    return " AND ".join(f"(#Raw.{name} <> {code.value})" for code in sorted(codes))
+
+
+def _one_of(name: str, codes: Collection[IntEnum]) -> str:
+    return " OR ".join(f"(#Raw.{name} = {code.value})" for code in sorted(codes))
+
+
+# Where the gateway lets a truck drive though one sensor has no good value: docs/visit.md. All else needs both.
+BEYOND_THE_RANGER = (
+    "(#Raw.may_move = 1) AND (#Raw.vision_quality = 0) AND #Raw.d_valid AND (#Raw.d = 0)"
+    f" AND ({_one_of('visit_phase', (VisitPhase.ARRIVING, VisitPhase.LEAVING))})"
+    f" AND ({_one_of('range_quality', (Quality.NO_ECHO, Quality.TOO_FAR))})"
+)
+RELEASED_COVERED = f"#Raw.position_status_released AND ({_one_of('vision_quality', FRESH_FRAME)})"
 
 
 # Two facts of one image that can't both be true. What the gateway guarantees: docs/visit.md, gateway/core/visit.py.
@@ -179,15 +193,15 @@ VALUES: tuple[Check, ...] = (
     ),
     Check(
         Diagnosis.VISION,
-        "#Raw.vision_quality <> 0",
-        "the camera's measurement is not good",
+        f"(#Raw.vision_quality <> 0) AND (NOT ({RELEASED_COVERED}))",
+        "the camera's measurement is not good (of a released truck the marker may be covered)",
         "the cause is in register vision_quality",
         Needs.MAY_MOVE,
     ),
     Check(
         Diagnosis.RANGER,
-        "#Raw.range_quality <> 0",
-        "the ranger's measurement is not good",
+        f"(#Raw.range_quality <> 0) AND (NOT ({BEYOND_THE_RANGER}))",
+        "the ranger's measurement is not good (a truck that the camera sees may be beyond its range)",
         "the cause is in register range_quality",
     ),
     Check(

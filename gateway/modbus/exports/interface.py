@@ -48,14 +48,20 @@ INPUTS: tuple[Var, ...] = (
     Var(
         "Release",
         "BOOL",
-        "rising while the truck is or was in place: it may leave; hold TRUE until it has left its mark",
+        "rising while SpoutUp and the truck is or was in place: it may leave; hold TRUE until it has left its mark",
     ),
+    Var("SpoutUp", "BOOL", "the spout is up; without it no release is sent, and one that was sent ends"),
+    Var("Start", "BOOL", "rising while InPlace: loading begins, see LoadPermit"),
     Var("Recipe", "UINT", "id of the recipe wanted; 0: the configuration as it is"),
 )
 
 OUTPUTS: tuple[Var, ...] = (
     Var("MayMove", "BOOL", "TRUE: the truck may move. Never a condition for loading"),
     Var("InPlace", "BOOL", "TRUE: the truck is in place. The only condition for loading"),
+    Var("LoadPermit", "BOOL", "TRUE from Start on, until InPlace ends or the truck rolls; then a new Start is needed"),
+    Var(
+        "Rolling", "BOOL", "TRUE: a truck that was in place begins to move without release: stop loading; before Moved"
+    ),
     Var("Moved", "BOOL", "TRUE: the truck left its place without release"),
     Var("Held", "BOOL", "TRUE: InPlace is held by the ranger alone, the marker is covered"),
     Var("MustStop", "BOOL", "TRUE: the truck must stop; also whenever nothing is known", "TRUE"),
@@ -94,6 +100,9 @@ MEMORY: tuple[Var, ...] = (
     Var("TriggerWas", "BOOL", ""),
     Var("TriggerBit", "BOOL", "as it is written"),
     Var("AcknowledgeBit", "BOOL", "as it is written"),
+    Var("StartWas", "BOOL", "", "TRUE"),
+    Var("ReleaseWas", "BOOL", "", "TRUE"),
+    Var("ReleaseBit", "BOOL", "as it is written"),
     Var("Stage", "UINT", "of a triggered measurement: 0 none, 1 requested, 2 accepted, 3 result held, 4 acknowledged"),
     Var("Entered", "BOOL", "Stage has just changed"),
     Var("StageTimer", TIMER, ""),
@@ -105,6 +114,7 @@ REQUESTS: tuple[tuple[str, Control], ...] = (
     ("Reset", Control.RESET),
     ("TriggerBit", Control.TRIGGER),
     ("AcknowledgeBit", Control.RESULTS_ACK),
-    ("Release", Control.RELEASE),
+    ("ReleaseBit", Control.RELEASE),
+    ("SpoutUp", Control.SPOUT_UP),
 )
 """What is in PlcControl, and at which bit."""

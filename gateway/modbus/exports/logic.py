@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 
 from gateway.core.shown import withdrawn
 from gateway.core.state import StateVector
-from gateway.modbus.exports.decode import decode
+from gateway.modbus.exports.decode import NO_VALUE, decode
 from gateway.modbus.exports.diagnosis import (
     ALIVE,
     FIRST_ALIVE,
@@ -102,6 +102,14 @@ END_IF;
 #InPlace := (#Diagnostic = 0) AND (#Data.in_place = 1) AND (#Data.stop = 1);
 #Moved := #Data.moved <> 0;
 #Held := #InPlace AND #Data.position_status_held;
+#Rolling := #Data.position_status_rolling;
+(* What has stopped loading must not let it go on by itself: each begin has its own Start. *)
+IF (NOT #InPlace) OR #Rolling THEN
+  #LoadPermit := FALSE;
+ELSIF #Start AND (NOT #StartWas) THEN
+  #LoadPermit := TRUE;
+END_IF;
+#StartWas := #Start;
 #MustStop := #Data.stop <> 0;
 #Reason := #Data.reason;
 """
@@ -169,6 +177,14 @@ END_IF;
 #ResultReady := #Alive AND (#Stage = 3);
 """
 
+_RELEASE = """\
+IF NOT (#Release AND #SpoutUp) THEN
+  #ReleaseBit := FALSE;
+ELSIF NOT #ReleaseWas THEN
+  #ReleaseBit := TRUE;
+END_IF;
+#ReleaseWas := #Release;"""
+
 _HEARTBEAT_OUT = """\
 #RecipeSelect := #Recipe;
 IF #PlcHeartbeat >= 65535 THEN
@@ -206,13 +222,16 @@ def indented(text: str) -> str:
 
 
 def dead_fields() -> Iterator[tuple[str, str]]:
-    """(field, value) of every code, flag and bit that is not 0 in the image of a gateway that has stopped deciding.
+    """(field, value) of every code, flag and bit that is not 0 in the image of a gateway that has stopped deciding, and
+    of every REAL without a value.
 
-    Without them an empty structure would mean "quality good, no reason".
+    Without them an empty structure would mean "quality good, no reason", and a truck that touches the sensor.
     """
     image = encode(withdrawn(StateVector(""), 0), 0, "big")
     for field in fields():
         register = field.register
+        if field.kind == "REAL" and register.kind.no_value is not None:
+            yield field.name, NO_VALUE
         if register.codes is None and register.bits is None and register.name != "stop":
             continue
         word = image[register.address]
@@ -243,11 +262,12 @@ def _chain(checks: Sequence[Check]) -> Iterator[str]:
 
 def _requests() -> str:
     """What is written to the gateway: its bits are put together by adding, which every language can."""
-    lines = ["#PlcControl := 0;"]
+    lines = [_RELEASE, "#PlcControl := 0;"]
     for name, bit in REQUESTS:
         lines.append(f"IF #{name} THEN\n  #PlcControl := #PlcControl + {1 << bit};\nEND_IF;")
     return f"""\
-(* What is written to the gateway, where it accepts writes. Another bay gets no request of this one, no heartbeat. *)
+(* What is written to the gateway, where it accepts writes. Another bay gets no request of this one, no heartbeat.
+   A release begins with its own edge while the spout is up: no spout that goes up releases a truck by itself. *)
 IF #Diagnostic <> {int(Diagnosis.WRONG_BAY)} THEN
 {indented(chr(10).join([*lines, _HEARTBEAT_OUT]))}
 END_IF;

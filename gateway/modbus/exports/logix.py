@@ -24,7 +24,6 @@ _DECODING = (
     (r"\w+_TO_REAL\((.+)\)", r"\1"),
     (rf":= {_WORD} <>", r":= (\1 AND 65535) <>"),
     (r":= (.+ <> .+);", r":= (\1);"),
-    (r":= 0\.0;", ":= 0;"),
 )
 """Statements of decode.py, and what they are here."""
 _COPY = re.compile(r"^( *)Data := (Raw|Nothing);$", re.MULTILINE)
@@ -50,8 +49,9 @@ def off() -> str:
     kept = {"PlcHeartbeat", "PlcControl", "RecipeSelect", "Data"}
     lines = [f"{var.name} := {started.get(var.name, '0')};" for var in OUTPUTS if var.name not in kept]
     memory = ["Sound", "Seen", "Changed", "Changes", "Beating", "Answers", "Answering"]
-    memory += ["TriggerWas", "TriggerBit", "AcknowledgeBit", "Stage"]
+    memory += ["TriggerWas", "TriggerBit", "AcknowledgeBit", "ReleaseBit", "Stage"]
     lines += [f"{name} := 0;" for name in memory]
+    lines += ["StartWas := 1;", "ReleaseWas := 1;"]
     lines.append(f"PlcControl := PlcControl AND {1 << Control.TRUCK_PRESENT};")
     return translated("\n".join([nothing(), *lines, ""]))
 

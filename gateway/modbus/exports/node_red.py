@@ -13,7 +13,7 @@ from gateway.modbus.exports.target import Target, file_per_bay
 from gateway.modbus.registers.register_map import BLOCK_WORDS
 
 POLL_MS = 100
-OUTPUTS = ("may_move", "in_place", "data", "diagnosis", "write")
+OUTPUTS = ("may_move", "in_place", "data", "diagnosis", "write", "rolling")  # never reorder
 
 
 def text(target: Target) -> str:
@@ -88,7 +88,11 @@ def flow(target: Target) -> list[dict[str, Any]]:
         node("read", "modbus-read", f"{BLOCK_WORDS} registers of {bay}", polled, (160, 120), [[ids["judge"]], []]),
         node("tick", "inject", "watchdog", ticking, (140, 180), [[ids["judge"]]]),
         node("judge", "function", "judge and decode", judging, (390, 150), [[ids[name]] for name in OUTPUTS]),
-        *(node(name, "debug", name, _debug(name), (630, 60 + 50 * n), []) for n, name in enumerate(OUTPUTS[:-1])),
+        *(
+            node(name, "debug", name, _debug(name), (630, 60 + 50 * n), [])
+            for n, name in enumerate(OUTPUTS)
+            if name != "write"
+        ),
         node("write", "modbus-write", f"registers {FIRST_WRITTEN} to {last} of {bay}", written, (650, 260), [[], []]),
     ]
 

@@ -10,7 +10,7 @@ wired to it must not get another meaning.
 
 from gateway.errors import ConfigError
 from gateway.modbus.exports import structured_text
-from gateway.modbus.exports.interface import FIRST_WRITTEN, REQUESTS, WRITTEN
+from gateway.modbus.exports.interface import FIRST_WRITTEN, WRITTEN
 from gateway.modbus.exports.logic import ascii_only
 from gateway.modbus.exports.structured_text import BLOCK, FUNCTION_BLOCK
 from gateway.modbus.exports.target import Target
@@ -22,8 +22,18 @@ FIRST_WORD = 100  # OpenPLC's own number: the area of slave devices begins at %I
 MOST_BAYS = 4  # OpenPLC's own number: 400 words for all slave devices together
 POLL_MS = 100
 _TIMEOUT_MS = 1000
-OUTPUTS = ("MustStop", "Alive", "MayMove", "InPlace", "Moved", "Held")  # from bit 1 on
-INPUTS = (*(name for name, _ in REQUESTS if not name.endswith("Bit")), "Trigger", "Acknowledge")
+OUTPUTS = ("MustStop", "Alive", "MayMove", "InPlace", "Moved", "Held", "Rolling")  # from bit 1 on
+PERMIT = "LoadPermit"  # in a byte of its own, behind those of the last bay
+INPUTS = (
+    "EnableRequest",
+    "TruckPresent",
+    "Reset",
+    "Release",
+    "Trigger",
+    "Acknowledge",
+    "SpoutUp",
+    "Start",
+)  # never reorder
 
 
 def files(targets: tuple[Target, ...]) -> dict[str, str]:
@@ -66,6 +76,7 @@ def _located(n: int, target: Target) -> list[str]:
     lines = [f"  {bay}_w{word} AT %IW{first + word} : WORD;" for word in range(BLOCK_WORDS)]
     lines += [f"  {bay}_{name} AT %IX{n}.{bit} : BOOL;" for bit, name in enumerate(INPUTS)]
     lines += [f"  {bay}_{name} AT %QX{n}.{bit} : BOOL;" for bit, name in enumerate(OUTPUTS, 1)]
+    lines += [f"  {bay}_{PERMIT} AT %QX{MOST_BAYS + n}.0 : BOOL;"]
     lines += [f"  {bay}_Diagnostic AT %QW{2 * n} : UINT;", f"  {bay}_Reason AT %QW{2 * n + 1} : UINT;"]
     lines += [f"  {bay}_Recipe AT %MW{n} : UINT;"]
     first = FIRST_WORD + n * len(WRITTEN)
@@ -80,7 +91,7 @@ def _calls(target: Target) -> list[str]:
     writes = "TRUE" if target.writes else "FALSE"
     known = structured_text.right_bay(target)
     lines.append(f"{bay}(PollOk := TRUE, Words := {bay}_Words,\n  {known},\n  Writes := {writes}{given});")
-    return lines + [f"{bay}_{name} := {bay}.{name};" for name in (*OUTPUTS, "Diagnostic", "Reason", *WRITTEN)]
+    return lines + [f"{bay}_{name} := {bay}.{name};" for name in (*OUTPUTS, PERMIT, "Diagnostic", "Reason", *WRITTEN)]
 
 
 def _devices(targets: tuple[Target, ...]) -> str:

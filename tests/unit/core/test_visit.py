@@ -951,6 +951,33 @@ def test_a_release_that_an_echo_ends_leaves_nothing_of_how_long_the_truck_had_st
     assert bench.run_until(lambda state: state.in_place, 3).t_ns - ended_ns >= 1e9, "settle_s"
 
 
+def test_where_it_is_required_a_release_needs_a_spout_that_is_up_and_ends_with_it() -> None:
+    handshake = {"spout_up_required": True, "heartbeat_deadline_s": 1.0}
+    modbus = {"writes": True, "plc_addresses": [PLC.address], "handshake": handshake}
+    bench = Bench(stands({"distance_cm": 60, "speed_cm_s": 30, "hold_s": 30}, for_s=12.0), gateway(modbus=modbus))
+    bits: set[Control] = set()
+
+    def released(*now: Control) -> bool:
+        bits.clear()
+        bits.update(now)
+        bench.run(bench.t_s + 0.5)
+        assert bench.state.stop is not bench.state.visit.released
+        return bench.state.visit.released
+
+    bench.plc = lambda t_s, _: PlcWrite(PLC, round(t_s * 100) & 0xFFFF, sum(1 << bit for bit in bits))
+    bench.run_until(lambda state: state.in_place, 10)
+    assert not released(Control.RELEASE)
+    assert not released(Control.RELEASE, Control.SPOUT_UP), "a spout that goes up releases no truck by itself"
+    assert bench.state.in_place
+    assert not released(Control.SPOUT_UP)
+    assert released(Control.RELEASE, Control.SPOUT_UP)
+    assert not released(Control.RELEASE), "it comes down again"
+    assert not released(Control.SPOUT_UP)
+    assert released(Control.RELEASE, Control.SPOUT_UP)
+    bench.run_until(lambda state: state.visit.off_mark, 15)
+    assert released(Control.RELEASE), "it has left: the spout is nothing to it any more"
+
+
 def test_a_release_needs_a_plc_that_is_known_to_live() -> None:
     """The bit may be set by a master without a heartbeat: whether it lives then, nobody can know."""
     bench = in_place()

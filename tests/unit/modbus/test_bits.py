@@ -16,11 +16,11 @@ from gateway.modbus.registers.register_map import BLOCK_WORDS, STATUS, encode
 
 def test_every_bit_of_the_table() -> None:
     rows = list(bits.table())
-    assert [row.address for row in rows] == [*range(15), *range(16, 22), *range(32, 38), *range(48, 56), 67]
+    assert [row.address for row in rows] == [*range(15), *range(16, 22), *range(32, 39), *range(48, 56), 67]
     assert [(row.name, row.meaning) for row in rows[:15]] == [STATUS.names[n] for n in range(15)]
-    assert [row.name for row in rows[21:27]] == [bit.name.lower() for bit in Control]
+    assert [row.name for row in rows[21:28]] == [bit.name.lower() for bit in Control]
     lamps = ["red", "amber", "green", "forward", "back", "left", "right", "flash"]
-    assert [row.name for row in rows[27:]] == [*lamps, "alive"]
+    assert [row.name for row in rows[28:]] == [*lamps, "alive"]
     assert rows[16] == Bit(17, "in_place", "position_status", 1, POSITION_STATUS.names[1][1])
 
 

@@ -35,7 +35,7 @@ from gateway.modbus.exports import (
 )
 from gateway.modbus.exports.diagnosis import HEARTBEAT_TIMEOUT_MS, Diagnosis
 from gateway.modbus.exports.fields import fields, measured
-from gateway.modbus.exports.interface import INPUTS, OUTPUTS, REQUESTS
+from gateway.modbus.exports.interface import INPUTS, OUTPUTS
 from gateway.modbus.exports.registry import EXPORTS, SUMMARY, export
 from gateway.modbus.exports.target import Target
 from gateway.modbus.registers.register_map import BLOCK_WORDS, REGISTERS, decode, encode
@@ -394,7 +394,7 @@ def test_l5x_has_the_shape_that_studio_5000_imports() -> None:
     ]
     parameters = {p.get("Name"): p for p in instruction.iterfind("Parameters/Parameter")}
     assert list(parameters)[:2] == ["EnableIn", "EnableOut"]
-    assert {var.name for var in OUTPUTS} | {name for name, _ in REQUESTS if not name.endswith("Bit")} <= set(parameters)
+    assert {var.name for var in OUTPUTS} | set(openplc.INPUTS) <= set(parameters)
     assert {"Trigger", "Acknowledge", "Recipe", "HeartbeatTimeoutMs"} <= set(parameters)
     assert parameters["Words"].get("Dimensions") == "110"
     assert {name for name, p in parameters.items() if p.get("Usage") == "InOut"} == {"Words", "Data"}
@@ -434,7 +434,7 @@ def test_logix_decodes_the_image(target: Target) -> None:
         elif found := re.fullmatch(r"COP\(Pair\[0\], Raw\.(\w+), 1\);", line):
             raw[found[1]] = struct.unpack("<f", struct.pack("<2h", *pair))[0]
         else:
-            assert re.fullmatch(r"\(\*.*|IF NOT Raw\.\w+ THEN|  Raw\.\w+ := 0;|END_IF;|", line), line
+            assert re.fullmatch(r"\(\*.*|IF NOT Raw\.\w+ THEN|  Raw\.\w+ := (0|1\.0E\+38);|END_IF;|", line), line
     assert set(raw) == {field.name for field in fields()}
     for name, value in decode(image()).items():
         if BY_NAME[name].words == 4:
@@ -512,7 +512,12 @@ def test_openplc_reads_the_block_and_puts_each_word_in_its_place() -> None:
         assert [int(place) for place, _ in copies] == list(range(BLOCK_WORDS))
         assert [int(inputs[name]) - 100 - 110 * n for _, name in copies] == list(range(BLOCK_WORDS))
         outputs = dict(re.findall(rf"^  {bay}_(\w+) AT %QX{n}\.(\d) : BOOL;", program, re.MULTILINE))
-        assert outputs == {"MustStop": "1", "Alive": "2", "MayMove": "3", "InPlace": "4", "Moved": "5", "Held": "6"}
+        assert outputs == dict(zip(openplc.OUTPUTS, "1234567", strict=True))
+        assert list(outputs) == ["MustStop", "Alive", "MayMove", "InPlace", "Moved", "Held", "Rolling"]
+        assert f"{bay}_LoadPermit AT %QX{n + 4}.0 : BOOL;" in program
+        inputs = dict(re.findall(rf"^  {bay}_(\w+) AT %IX{n}\.(\d) : BOOL;", program, re.MULTILINE))
+        assert list(inputs)[:6] == ["EnableRequest", "TruckPresent", "Reset", "Release", "Trigger", "Acknowledge"]
+        assert (inputs["SpoutUp"], inputs["Start"]) == ("6", "7")
     assert "%QX0.0" not in program  # it was on while the truck may move: nothing may take its place
     located = re.findall(r" AT (%\w+(?:\.\d)?) :", program)
     assert len(set(located)) == len(located)
@@ -571,16 +576,16 @@ def test_node_red_nodes_are_wired_to_each_other_and_to_the_bay() -> None:
 
 def test_node_red_decodes_and_reports_may_move_or_in_place() -> None:
     first, second, third, fourth = function_node([(0, image(5)), (100, image(6)), (100, image(7)), (100, placed(8))])
-    off = [{"topic": "may_move", "payload": False}, {"topic": "in_place", "payload": False}]
-    assert first == [[*off, None, first[0][3], None], "heartbeat"]
-    assert second == [[None, None, None, None, None], "heartbeat"]
-    (may_move, in_place, data, diagnosis, write), status = third
+    off = [{"topic": name, "payload": False} for name in ("may_move", "in_place", "rolling")]
+    assert first == [[*off[:2], None, first[0][3], None, off[2]], "heartbeat"]
+    assert second == [[None] * 6, "heartbeat"]
+    (may_move, in_place, data, diagnosis, write, rolling), status = third
     assert (may_move["payload"], in_place, diagnosis["payload"]["code"], status) == (True, None, 0, "may move")
-    assert write is None  # this gateway takes no writes
+    assert write is rolling is None  # this gateway takes no writes
     for name, value in decode(image(7)).items():
         assert data["payload"][name] == (None if value is None else pytest.approx(value, abs=1e-3)), name
     assert data["payload"]["status_may_move"] is True
-    (may_move, in_place, _, diagnosis, _), status = fourth
+    (may_move, in_place, _, diagnosis, *_), status = fourth
     assert (may_move["payload"], in_place["payload"], diagnosis, status) == (False, True, None, "in place")
 
 
@@ -670,7 +675,10 @@ def test_node_red_writes_what_is_requested_from_the_first_command_on_and_wants_a
     def alive(n: int, echo: int) -> list[int]:
         return placed(n, plc=Handshake(PlcLink.ALIVE, heartbeat=echo))
 
-    command: dict[str, Any] = {"topic": "command", "payload": {"truck_present": True, "release": True, "recipe": 7}}
+    command: dict[str, Any] = {
+        "topic": "command",
+        "payload": {"truck_present": True, "release": True, "spout_up": True, "recipe": 7},
+    }
     less: dict[str, Any] = {"topic": "command", "payload": {"release": False, "unheard_of": True}}
     reading: Messages = [(100, alive(n, 77)) for n in (5, 6, 7)]  # beside a PLC that writes
     commanding = [(10, command), (100, alive(8, 77)), (10, less), (100, alive(9, 1)), (100, alive(10, 2))]
@@ -679,10 +687,14 @@ def test_node_red_writes_what_is_requested_from_the_first_command_on_and_wants_a
     assert ran[2][1] == "in place"
     assert ran[3][0] is None
     written = [outputs[4]["payload"] for outputs, _ in ran[4:] if outputs is not None]
-    both = 1 << Control.TRUCK_PRESENT | 1 << Control.RELEASE
-    assert written == [[1, both, 7], *([n, 1 << Control.TRUCK_PRESENT, 7] for n in range(2, 10))]
+    there = 1 << Control.TRUCK_PRESENT | 1 << Control.SPOUT_UP
+    assert written == [[1, there | 1 << Control.RELEASE, 7], *([n, there, 7] for n in range(2, 10))]
     # Once it writes, its own numbers must return: the PLC's 77 is no answer.
     assert [status for _, status in ran[4:]] == ["no_echo"] * 3 + ["in place"] * 5 + ["no_echo"] * 2
+    raised: dict[str, Any] = {"topic": "command", "payload": {"spout_up": True}}
+    early: dict[str, Any] = {"topic": "command", "payload": {"release": True}}
+    *_, (outputs, _) = function_node([*reading, (10, early), (10, raised), (100, alive(8, 77))])
+    assert outputs[4]["payload"] == [1, 1 << Control.SPOUT_UP, 0], "a spout that goes up releases no truck"
     *_, (outputs, _) = function_node([(10, command), *reading, (100, placed(8))])
     assert outputs[4] is None
 

@@ -118,6 +118,10 @@ def test_gateway_check_names_the_line(plant: Plant, tmp_path: Path) -> None:
             "modbus.handshake.truck_required = true: needs modbus.writes = true",
         ),
         (
+            {"handshake": {"spout_up_required": True}, "writes": False},
+            "modbus.handshake.spout_up_required = true: needs modbus.writes = true",
+        ),
+        (
             {"writes": True},
             "modbus.writes = true: needs the permitted writers: set modbus.plc_addresses to the PLC's address, such as "
             '["10.20.0.10"] (in a simulation ["127.0.0.1"]), or [modbus.tls] with write_roles',
