@@ -103,7 +103,7 @@ class Writer:
 
 
 def play(seed: int, record: Recorder | None = None) -> Bench:
-    """One visit to its end, with sensors that die, a technician who comes, and a gateway that starts anew."""
+    """One visit to its end: sensors that die, a technician who comes, a gateway that starts anew, or stands still."""
     chance = random.Random(f"play {seed}")
     bench = Bench(story(seed), settings(seed), seed=seed, record=record)
     bench.plc = Writer(seed)
@@ -125,6 +125,10 @@ def play(seed: int, record: Recorder | None = None) -> Bench:
                 bench.check_function(FunctionCheck.OFF)
             case 3:
                 bench.power_on()
+            case 4:
+                bench.ticking = False
+                bench.run(bench.t_s + chance.uniform(0.1, 1.5))
+                bench.ticking = True
             case _:
                 pass
     return bench

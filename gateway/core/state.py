@@ -1,6 +1,6 @@
 """A bay's state vector and the records that it is made of: frozen, plain, units in the names."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 
 from gateway.core.detection import Circle
@@ -250,8 +250,9 @@ class Visit:
         """For a gateway that can't vouch for it any more: in place must be earned again, and a truck that was not
         released is still monitored."""
         if not self.unreleased:
-            return Visit()
-        return Visit(place=self.place, restored=True, moved=self.moved, moved_covered=self.moved_covered)
+            return Visit(checked=self.checked)
+        was = Visit(place=self.place, restored=True, moved=self.moved, moved_covered=self.moved_covered)
+        return replace(was, checked=self.checked)
 
 
 class GuidanceCode(IntEnum):

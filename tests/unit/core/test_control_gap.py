@@ -63,6 +63,16 @@ def test_it_is_in_place_again_by_both_sensors() -> None:
     assert not bench.state.visit.restored
 
 
+def test_a_truck_that_stood_there_during_a_function_check_is_not_in_place_after_it_either() -> None:
+    bench = placed()
+    bench.check_function(FunctionCheck.MAY_MOVE_OFF)
+    bench.run(bench.t_s + 1)
+    bench.check_function(FunctionCheck.OFF)
+    without_ticks(bench, 0.3)
+    bench.run(bench.t_s + 10)
+    assert not bench.state.in_place
+
+
 def test_a_short_delay_withdraws_nothing() -> None:
     bench = placed(COVERED)
     known = len(bench.events)
