@@ -150,7 +150,6 @@ class JsonLines:
             "d": state.d,
             "stop": state.stop,
             "may_move": state.may_move,
-            "permit": state.may_move,  # its old name, for one version
             "in_place": state.in_place,
             "held": state.visit.held,
             "moved": state.visit.moved.name.lower(),

@@ -77,7 +77,6 @@ def _row(instance: str, vector: SharedVector, now_ns: int) -> dict[str, object]:
         "d": vector.d,
         "stop": vector.stop,
         "may_move": vector.may_move,
-        "permit": vector.may_move,  # its old name, for one version
         "in_place": vector.in_place,
         "moved": vector.moved.name.lower(),
         "reason": vector.reason.name.lower(),

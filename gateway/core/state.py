@@ -309,8 +309,6 @@ class FunctionCheck(IntEnum):
     OFF = 0
     MAY_MOVE_OFF = 1
     MAY_MOVE_KEPT = 2
-    PERMIT_OFF = 1  # the old names, taken for one version
-    PERMIT_KEPT = 2
 
 
 @dataclass(frozen=True, slots=True)

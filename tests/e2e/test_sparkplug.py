@@ -446,7 +446,7 @@ hold(lambda a, b: [m.WhichOneof("value") for m in metrics_of(a, "NBIRTH")],
 hold(lambda a, b: in_order(all_of(a, "NBIRTH")), "operational-behavior-data-publish-nbirth-order")
 hold(lambda a, b: in_order(all_of(a, "DBIRTH", "DDATA")), "operational-behavior-data-publish-dbirth-order")
 equal(lambda a, b: [values(decode(a.sent("DBIRTH")[0].payload))[name]
-                    for name in ("Stop", "Permit", "Marker/Radius", "Distance")], [False, True, 100.0, 800.0],
+                    for name in ("Stop", "May Move", "Marker/Radius", "Distance")], [False, True, 100.0, 800.0],
       "operational-behavior-data-publish-dbirth-values")
 hold(lambda a, b: rebirths(a), "operational-behavior-data-commands-rebirth-name")
 equal(lambda a, b: {m.HasField("alias") for m in metrics_of(a, "NBIRTH", "DBIRTH", "DDATA")}, {False},

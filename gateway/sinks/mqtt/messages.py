@@ -97,7 +97,6 @@ class Measured(BaseModel):
     may_move: bool = Field(
         description="the truck may move: stop is off, nothing withholds it; no condition for loading"
     )
-    permit: bool = Field(description="old name of may_move, for one version")
     in_place: bool = Field(description="the truck is in place: the only condition for loading")
     held: bool = Field(description="in_place is held by the ranger alone: the marker is covered")
     moved: Literal["NO", "DISTANCE", "MARKER"] = Field(

@@ -165,7 +165,6 @@ def _measured(state: StateVector, t_ns: int, gateway: Gateway, offset_ns: int) -
         timestamp=iso(timestamp_ms),
         stop=state.stop,
         may_move=state.may_move,
-        permit=state.may_move,
         in_place=state.in_place,
         held=state.visit.held,
         moved=state.visit.moved.name,

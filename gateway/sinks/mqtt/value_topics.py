@@ -17,10 +17,8 @@ from gateway.sinks.mqtt.topics import Message, Topics
 
 LEVEL = "value"
 TIME = "timestamp_ms"  # the last one of what is published together
-# The same in every message, or in one for people; `permit` is an old name.
-OMITTED = frozenset(
-    {"schema_version", "site", "bay", "instance", "seq", "timestamp", "permit", "status_topic", "stale_after_ms"}
-)
+# The same in every message, or in one for people.
+OMITTED = frozenset({"schema_version", "site", "bay", "instance", "seq", "timestamp", "status_topic", "stale_after_ms"})
 # They change all the time and are no reason to publish by themselves.
 PERIODIC = frozenset(
     {"heartbeat", "frame_id", "vision/age_ms", "range/age_ms", "plc/age_ms", "plc/writes", "in_place_ms", "held_ms"}

@@ -114,7 +114,6 @@ DEVICE: tuple[Row, ...] = (
     Row("Moved", _S, "since it was in place, the truck left it: NO, DISTANCE, MARKER",
         _always(lambda s: s.visit.moved.name)),
     Row("Visit/Phase", _S, "phase of the visit", _always(lambda s: s.visit.phase.name)),
-    Row("Permit", _B, "old name of `May Move`, for one version", _always(lambda s: s.may_move)),
     Row("D", _B, "D(t), equation 14; null: unknowable", _d),
     Row("Reason/Code", _I, "why stop is on; 0 when it is off", _always(lambda s: int(s.reason))),
     Row("Reason/Name", _S, "the same by name", _always(lambda s: s.reason.name)),
@@ -224,7 +223,7 @@ GATEWAY_ALARM = "Alarms/Gateway State/"
 
 ROWS: tuple[Row | VisitRow | SurroundingsRow, ...] = (*DEVICE, *VISIT, *SURROUNDINGS)
 
-HISTORY = ("Stop", "May Move", "In Place", "Moved", "Permit", "Reason/Code", "Reason/Name")
+HISTORY = ("Stop", "May Move", "In Place", "Moved", "Reason/Code", "Reason/Name")
 """What is kept of a change of stop."""
 KEPT = frozenset({*HISTORY, *(row.name for row in VISIT)})
 

@@ -26,7 +26,7 @@ class Body(BaseModel):
 class FunctionCheckBody(Body):
     """Begin or end a function check."""
 
-    mode: Literal["off", "may_move_off", "may_move_kept", "permit_off", "permit_kept"]
+    mode: Literal["off", "may_move_off", "may_move_kept"]
 
 
 class FreezeBody(Body):

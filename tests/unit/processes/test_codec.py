@@ -50,7 +50,7 @@ def settings(vision: object) -> bytes:
 HOSTILE: dict[str, bytes] = {
     "nothing": b"",
     "tuples in tuples whose hash takes for ever": pickle.dumps(("StateRequest", 1, (tuples(45),))),
-    "a class whose attributes are set": b"\x80\x04cgateway.core.state\nFunctionCheck\nN}\x8c\x0aPERMIT_OFFK\x00s\x86b.",
+    "a class whose attributes are set": b"\x80\x04cgateway.core.state\nFunctionCheck\nN}\x8c\x03OFFK\x00s\x86b.",
     "a function to be called": b"\x80\x04cposix\nsystem\n\x8c\x04true\x85R.",
     "lists in lists": NESTED,
     "lists in lists in the place of a name": b"\x95\xacStateRequest\x01" + NESTED,
@@ -114,7 +114,7 @@ def test_any_bytes_are_a_message_or_refused(data: bytes) -> None:
 
 
 def test_a_message_with_any_byte_changed_is_a_command_or_refused() -> None:
-    data = Codec.packed(Command(1, ANNA, SetFunctionCheck("bay1", FunctionCheck.PERMIT_OFF)))
+    data = Codec.packed(Command(1, ANNA, SetFunctionCheck("bay1", FunctionCheck.MAY_MOVE_OFF)))
     taken = 0
     for place, byte in itertools.product(range(len(data)), range(256)):
         try:

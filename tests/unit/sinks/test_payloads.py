@@ -137,7 +137,6 @@ def test_a_good_state() -> None:
         "timestamp": "2023-11-14T22:13:20.123Z",
         "stop": True,
         "may_move": False,
-        "permit": False,
         "in_place": False,
         "held": False,
         "moved": "NO",

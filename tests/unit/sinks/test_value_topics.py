@@ -34,7 +34,7 @@ def test_the_first_state_is_published_completely() -> None:
     assert found["reason/name"] == state["reason"]["name"]
     assert found["counters/frames"] == state["counters"]["frames"]
     assert found["ne107/active"] == list(state["ne107"]["active"])
-    assert not {"site", "bay", "permit", "seq", "timestamp", "status_topic"} & set(found)
+    assert not {"site", "bay", "seq", "timestamp", "status_topic"} & set(found)
     assert list(found)[-1] == "timestamp_ms"
 
 

@@ -106,7 +106,7 @@ async def test_every_family_is_reported_and_parsed() -> None:
             empty = not now.families[name].samples
             assert empty == (family.name in NOT_KNOWN), name
         assert now.value("info", site="site1", gateway="gateway") == 1
-        assert (now.value("bay_stop", bay="bay1"), now.value("bay_permit", bay="bay1")) == (0, 1)
+        assert (now.value("bay_stop", bay="bay1"), now.value("bay_may_move", bay="bay1")) == (0, 1)
         assert (now.value("bay_distance_meters", bay="bay1"), now.value("bay_radius_pixels", bay="bay1")) == (
             0.9,
             100,

@@ -273,7 +273,7 @@ async def test_a_tab_does_not_undo_what_another_one_has_let_go_live() -> None:
 async def test_undos_that_overlap_each_go_one_step_back() -> None:
     """A double click, or two technicians."""
     async with bay() as page:
-        await page.post("function-check", mode="permit_off")
+        await page.post("function-check", mode="may_move_off")
         for coast_s in (0.5, 0.75, 1.0):
             assert (await page.post("profile/apply", vision={"coast_s": coast_s})).status == 200
         async with TaskGroup() as group:
@@ -290,7 +290,7 @@ async def test_undos_that_overlap_each_go_one_step_back() -> None:
 @in_virtual_time
 async def test_changes_that_overlap_can_each_be_gone_back_from() -> None:
     async with bay() as page:
-        await page.post("function-check", mode="permit_off")
+        await page.post("function-check", mode="may_move_off")
         async with TaskGroup() as group:
             for coast_s in (0.5, 0.75):
                 group.create_task(page.post("profile/apply", vision={"coast_s": coast_s}))

@@ -97,7 +97,6 @@ BAYS: tuple[Family, ...] = (
     _gauge("truck_rolling", "1: a truck that was in place moves now, without release", lambda b: b.state.visit.rolling),
     _states("moved", "since it was in place, has the truck moved?", Moved, lambda s: s.visit.moved),
     _states("visit_phase", "phase of the visit", VisitPhase, lambda s: s.visit.phase),
-    _gauge("permit", "old name of may_move, for one version", lambda b: b.state.may_move),
     _gauge("decision", "D of equation 14; no sample: unknowable", lambda b: b.state.d),
     _gauge("stop_latched", "1: stop is latched", lambda b: b.state.memory.latched),
     _gauge("sensors_disagree", "1: camera and ranger contradict each other", lambda b: b.state.memory.disagree),
