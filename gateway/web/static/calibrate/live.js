@@ -3,9 +3,11 @@
 import { html, useEffect, useRef, useState } from '../lib/page.js';
 import { remember, remembered } from '../lib/memory.js';
 import { age, number } from '../lib/format.js';
+import { OVERVIEW_LIMIT_MS, moment } from '../lib/freshness.js';
 import { fit } from '../lib/overlay.js';
 import { widthFor } from '../lib/pictures.js';
 import { tone } from '../lib/sound.js';
+import { useFresh, useNow } from '../operator/hooks.js';
 
 const PAUSE_MS = 80; // at least so long between two looks: others use the gateway's thread for pictures, too
 const AGAIN_MS = 1500; // after a failure
@@ -52,7 +54,9 @@ function paint(g, look, columns, ratio) {
 export function Live({ base, send, view, looked, lost }) {
   const canvas = useRef(null);
   const byHand = useRef(false);
-  const [look, setLook] = useState(null);
+  const live = useFresh(OVERVIEW_LIMIT_MS);
+  const look = live.last;
+  useNow(250);
   const [trouble, setTrouble] = useState('');
   const [taken, setTaken] = useState(null); // number of the newest view
   const [sound, setSound] = useState(remembered(SOUND) === 'on');
@@ -85,7 +89,7 @@ export function Live({ base, send, view, looked, lost }) {
           await pause(300);
           continue;
         }
-        const begun = performance.now();
+        const asked = moment();
         try {
           const take = byHand.current;
           byHand.current = false;
@@ -94,7 +98,7 @@ export function Live({ base, send, view, looked, lost }) {
           after = next.number;
           if (end.signal.aborted) return;
           if (next.frame_id !== null) await show(next);
-          setLook(next);
+          live.take(next, asked, next.work_ms);
           setTrouble('');
           if (next.view !== null) {
             setTaken(next.view);
@@ -107,7 +111,7 @@ export function Live({ base, send, view, looked, lost }) {
           if (error.status === 409) return now.current.lost(error.message);
           await pause(AGAIN_MS);
         }
-        await pause(Math.max(PAUSE_MS, (performance.now() - begun) / 2)); // two thirds of the time at most
+        await pause(Math.max(PAUSE_MS, (performance.now() - asked.steadyMs) / 2)); // two thirds of the time at most
       }
     })();
     return () => end.abort();
@@ -122,12 +126,12 @@ export function Live({ base, send, view, looked, lost }) {
     setSound(on);
     if (on) beep(now.current);
   };
-  const verdict = look?.verdict ?? null;
+  const verdict = look === null ? null : live.fresh(look.age_ms) ? look.verdict : 'no_picture';
   const shown = verdict === null ? 'Waiting for a picture …' : VERDICTS[verdict];
   const holding = verdict === 'moving' && look.held_s > 0;
   return html`<section class="panel live" aria-labelledby="live-title">
-    <header><h2 id="live-title">Live picture</h2><span class="small muted row"><span>${`${view.width_px} x ${view.height_px} px`}</span>${look && html`<span data-age>${`picture ${age(look.age_ms)} old`}</span>`}${look?.work_ms > 0 && html`<span>${`${number(look.work_ms, 0, 'ms')} a picture`}</span>`}</span></header>
-    <canvas ref=${canvas} class=${`picture${verdict === 'no_picture' || trouble ? ' old' : ''}`} width=${view.width_px} height=${view.height_px} role="img" aria-label="live picture of the camera with the corners found"></canvas>
+    <header><h2 id="live-title">Live picture</h2><span class="small muted row"><span>${`${view.width_px} x ${view.height_px} px`}</span>${look && html`<span data-age>${`picture ${age(live.ageMs(look.age_ms))} old`}</span>`}${look?.work_ms > 0 && html`<span>${`${number(look.work_ms, 0, 'ms')} a picture`}</span>`}</span></header>
+    <canvas ref=${canvas} class=${`picture${verdict === 'no_picture' || trouble || (look && !live.fresh(look.age_ms)) ? ' old' : ''}`} width=${view.width_px} height=${view.height_px} role="img" aria-label="live picture of the camera with the corners found"></canvas>
     <p class=${`verdict ${verdict ?? ''}`} data-verdict=${verdict}><span aria-hidden="true">${verdict === 'taken' ? '✓' : holding ? '●' : verdict === 'similar' ? '↻' : '▲'}</span> ${holding ? 'Hold it still …' : shown}</p>
     <progress max=${look?.hold_s ?? 1} value=${holding ? look.held_s : verdict === 'taken' ? look.hold_s : 0} aria-label="held still"></progress>
     ${look?.other_board && html`<p class="notice warn" role="status">${`A checkerboard of ${look.other_board[0]} x ${look.other_board[1]} inner corners is in the picture: is that the board? The size counts inner corners, one less than squares each way.`}</p>`}

@@ -6,7 +6,7 @@
 // stands still on some machines while they sleep; the wall clock runs on, but may be set. So both are asked: they must
 // have gone forward by the same amount, or nothing is known until the next answer.
 
-/** Older than this, nothing is shown as if it were true, ms: on pages for desks; with all bays, each of which has its turn; to a driver. */
+/** Older than this, nothing is shown as if it were true, ms: on pages for desks; what comes once a second, such as all bays; to a driver. */
 export const [LIMIT_MS, OVERVIEW_LIMIT_MS, DRIVER_LIMIT_MS] = [1500, 3000, 500];
 
 /** How far the two clocks may drift apart between two answers, ms. */

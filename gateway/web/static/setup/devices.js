@@ -5,6 +5,7 @@ import { html, useEffect, useRef, useState } from '../lib/page.js';
 import { get, post } from '../lib/api.js';
 import { age, number, words } from '../lib/format.js';
 import { listed, text } from '../lib/lang.js';
+import { OVERVIEW_LIMIT_MS, moment } from '../lib/freshness.js';
 import { follow } from '../lib/pictures.js';
 import { Age, useFresh, usePolled } from '../operator/hooks.js';
 import { distance, units } from '../lib/units.js';
@@ -48,6 +49,7 @@ export function useDevices(wanted) {
  * @returns {{seen: any, wrong: string, again: () => void}}
  */
 export function usePreview(session, question) {
+  const live = useFresh(OVERVIEW_LIMIT_MS, () => [0]);
   const [state, setState] = useState({ key: '', seen: null, wrong: '' });
   const [turn, setTurn] = useState(0);
   const former = useRef(null);
@@ -59,8 +61,10 @@ export function usePreview(session, question) {
     (async () => {
       show(null, '');
       let look = null;
+      let asked;
       while (look === null && !end.signal.aborted) {
         try {
+          asked = moment();
           look = await post('/api/setup/look', { ...JSON.parse(key), replaces: former.current }, session.csrf);
         } catch (error) {
           show(null, error.message);
@@ -73,6 +77,8 @@ export function usePreview(session, question) {
       try {
         while (look.end === null && !end.signal.aborted) {
           show(look, '');
+          live.take(look, asked);
+          asked = moment();
           look = await get(`/api/setup/look/${look.look}?after=${look.piece}`, { signal: end.signal, timeoutMs: NEWS_MS });
         }
         show(look, '');
@@ -86,7 +92,8 @@ export function usePreview(session, question) {
     };
   }, [key, turn]);
   const current = state.key === key;
-  return { seen: current ? state.seen : null, wrong: current ? state.wrong : '', again: () => setTurn(turn + 1) };
+  const seen = current ? state.seen : null;
+  return { seen: seen && !live.fresh(0) ? { ...seen, figures: null } : seen, wrong: current ? state.wrong : '', again: () => setTurn(turn + 1) };
 }
 
 const WORDS = { ok: 'OK', warning: 'Warning', fault: 'Fault', waiting: 'Waiting' };
