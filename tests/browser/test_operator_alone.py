@@ -528,6 +528,22 @@ def test_a_bay_without_data_is_not_known(operator: Open, client: StandInServer) 
         expect(page.locator(".tile").nth(n)).not_to_contain_text("MAY MOVE")
 
 
+def test_a_tab_that_comes_back_shows_nothing_old_in_its_first_frame(operator: Open) -> None:
+    """Its timers did not run meanwhile."""
+    page = operator(live([state("bay1")]))
+    expect(page.locator(".decision .word")).to_have_text("MAY MOVE")
+    say(page, None)
+    word = page.evaluate("""async () => {
+      const [steady, wall] = [performance.now.bind(performance), Date.now];
+      performance.now = () => steady() + 60_000;
+      Date.now = () => wall() + 60_000;
+      document.dispatchEvent(new Event('visibilitychange'));
+      await new Promise(requestAnimationFrame);
+      return document.querySelector('.decision .word').textContent;
+    }""")
+    assert word == "NOT KNOWN"
+
+
 def test_a_message_that_makes_no_sense_is_not_shown_as_the_last_one(operator: Open) -> None:
     page = operator(live([state("bay1")]))
     expect(page.locator(".decision .word")).to_have_text("MAY MOVE")
