@@ -71,6 +71,9 @@ class World(msgspec.Struct, kw_only=True):
     watcher_starts: int = 0
 
 
+SERVICE_USER = "plc"
+
+
 @dataclass
 class PlayedMachine(Machine):
     """`cut`: end the process by os._exit before its so-manieth action, counted from 1; 0: never."""
@@ -78,6 +81,7 @@ class PlayedMachine(Machine):
     cut: int = 0
     count: int = 0
     actions: list[str] = field(default_factory=list)
+    users: dict[str, set[str]] = field(default_factory=dict)  # as whom a version was run, by verb
 
     # The world.
 
@@ -140,6 +144,7 @@ class PlayedMachine(Machine):
             return self._dpkg(Path(rest[-1]))
         if name == "nice":
             name, *rest = rest[2:]
+        self.users.setdefault(rest[0], set()).add(user)
         return self._version(Path(name).parent.parent.name, *rest)
 
     def _dpkg(self, package: Path) -> Answer:
@@ -209,7 +214,7 @@ class PlayedMachine(Machine):
         return Answer(0, json.dumps({"steps": 7, "missing": [], "otherwise": version.otherwise}))
 
     def service_user(self) -> str:
-        return ""
+        return SERVICE_USER
 
     # systemd.
 

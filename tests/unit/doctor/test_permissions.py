@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from gateway.cli.main import main
 from gateway.config import GatewayConfig
 from gateway.doctor import permissions, rights
 from gateway.doctor.finding import Verdict
@@ -61,6 +62,14 @@ def test_whose_rights_are_taken(monkeypatch: pytest.MonkeyPatch, uid: int, path:
     monkeypatch.setattr(os, "geteuid", lambda: uid)
     monkeypatch.setattr(pwd, "getpwnam", lambda name: type("User", (), {"pw_name": name}))
     assert rights.of_service(Path(path)) == found
+
+
+def test_the_rights_are_taken_before_the_configuration_is_read(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    taken: list[str] = []
+    monkeypatch.setattr(rights, "of_service", lambda path: f"the user for {path.name}")
+    monkeypatch.setattr(rights, "become", taken.append)
+    assert main(["doctor", str(tmp_path / "none.toml")]) == 2  # there is no such file
+    assert taken == ["the user for none.toml"]
 
 
 def test_where_the_package_is_not_installed_root_stays_root(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,6 +1,7 @@
 """What an update does to files and links."""
 
 import os
+import pwd
 from pathlib import Path
 
 import pytest
@@ -65,6 +66,15 @@ def test_programs_that_are_missing_fail_or_hang(tmp_path: Path) -> None:
     answer = machine.command("sh", "-c", "echo out; echo one >&2; exit 3")
     assert (answer.code, answer.out, answer.last_lines) == (3, "out\n", "one; out")
     assert machine.command("sh", "-c", "echo $HOME$PYTHONPATH").out == "\n", "the caller's variables are not handed on"
+
+
+def test_a_program_is_run_as_another_user_with_that_user_s_rights_only(tmp_path: Path) -> None:
+    """Where this process is root; where it is not, it has the rights that it has."""
+    machine = Machine(InstallPaths(tmp_path))
+    own, other = (machine.command("sh", "-c", "id -u; id -G", user=user).out for user in ("", "daemon"))
+    user = pwd.getpwnam("daemon")
+    assert own.startswith(f"{os.geteuid()}\n")
+    assert other == (f"{user.pw_uid}\n{user.pw_gid}\n" if os.geteuid() == 0 else own)
 
 
 def test_the_service_as_systemd_shows_it(tmp_path: Path) -> None:

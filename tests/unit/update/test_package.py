@@ -28,10 +28,13 @@ class Keys:
         command = ["gpg", "--homedir", self._home, "--batch", "--quiet", *words]
         return subprocess.run(command, check=True, capture_output=True, timeout=60).stdout
 
-    def sign(self, name: str, path: Path) -> Path:
-        signature = path.with_name(f"{path.name}.asc")
+    def sign(self, name: str, path: Path, *, armor: bool = True) -> Path:
+        signature = path.with_name(f"{path.name}.{'asc' if armor else 'sig'}")
+        signature.unlink(missing_ok=True)
         at = ("--faked-system-time", "20250101T010000") if name == "late" else ()
-        self.gpg(*at, "--local-user", name, "--output", signature, "--armor", "--detach-sign", path)
+        self.gpg(
+            *at, "--local-user", name, "--output", signature, *(["--armor"] if armor else []), "--detach-sign", path
+        )
         return signature
 
 
@@ -105,6 +108,27 @@ def test_what_is_refused_says_why(machine: PlayedMachine, keys: Keys) -> None:
     keys.sign("maker", path.rename(path.with_name("other.deb")))
     with pytest.raises(UpdateError, match=r"none of the keyrings|can be verified"):
         verified(machine, path.with_name("other.deb"))
+
+
+def test_a_good_signature_beside_a_bad_one_is_refused(machine: PlayedMachine, keys: Keys) -> None:
+    """gpgv prints GOODSIG and VALIDSIG for the good one, and ends with another code than 0."""
+    path = package_of(machine, Version(name=NEW))
+    shipped = machine.paths.keyrings[1]
+    shipped.write_bytes(keys.public["maker"] + keys.public["plant"])
+    good = keys.sign("maker", path, armor=False).read_bytes()
+    signature = path.with_name(f"{path.name}.asc")
+    text = path.read_bytes()
+    path.write_bytes(text + b" ")
+    bad = keys.sign("plant", path, armor=False).read_bytes()
+    unknown = keys.sign("late", path, armor=False).read_bytes()
+    path.write_bytes(text)
+    for other, why in ((bad, "was changed or damaged"), (unknown, "none of the keyrings")):
+        for both in (good + other, other + good):
+            signature.write_bytes(both)
+            with pytest.raises(UpdateError, match=why):
+                verified(machine, path)
+    signature.write_bytes(good)
+    assert "good, by maker" in verified(machine, path)
 
 
 def test_a_keyring_that_others_than_root_can_write_is_not_trusted(machine: PlayedMachine, keys: Keys) -> None:

@@ -12,7 +12,7 @@ from gateway.records.names import SEGMENT, FileName
 from gateway.update import prepare, recordings
 from gateway.update.prepare import UpdateOptions
 from gateway.update.state import Outcome, Stage, UpdateState
-from tests.update_machine import NEW, OLD, PlayedMachine, Version, installed, package
+from tests.update_machine import NEW, OLD, SERVICE_USER, PlayedMachine, Version, installed, package
 
 HOUR_S = 3600
 
@@ -87,6 +87,14 @@ def test_the_same_decisions_need_no_question(tmp_path: Path) -> None:
         "recordings of bay1: 7 decisions taken again, none is other",
     ]
     assert day.asked == []
+
+
+def test_check_and_replay_have_the_rights_of_the_service(tmp_path: Path) -> None:
+    """Root may read and open what the new version will not, and a recording is not root's to interpret."""
+    day = Day(tmp_path, Version(name=OLD), Version(name=NEW, otherwise=[row("08:00:01")]))
+    day.prepared(accept=True)
+    users = day.machine.users
+    assert {verb: users[verb] for verb in ("check", "replay")} == {"check": {SERVICE_USER}, "replay": {SERVICE_USER}}
 
 
 def test_what_the_running_version_decides_otherwise_too_is_no_difference(tmp_path: Path) -> None:

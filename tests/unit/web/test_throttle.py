@@ -54,6 +54,19 @@ def test_a_right_password_costs_nothing() -> None:
     assert [throttle.attempt("10.0.0.9", f"name {n}", 0) for n in range(11)] == [0] * 10 + [30]
 
 
+@pytest.mark.parametrize("every", [1, 2])
+def test_one_valid_account_does_not_give_back_what_the_others_have_cost(every: int) -> None:
+    """Somebody with an account of the lowest role logs in between guesses at the others."""
+    throttle = LoginThrottle()
+    passed = dict.fromkeys(("anna", "bert", "tom"), 0)
+    for n in range(1000):
+        if n % every == 0 and throttle.attempt("10.0.0.9", "low", 0) == 0:
+            throttle.succeeded("10.0.0.9", "low", 0)
+        for name in passed:
+            passed[name] += throttle.attempt("10.0.0.9", name, 0) == 0
+    assert sum(passed.values()) == 10
+
+
 def test_failures_of_others_do_not_lock_the_owner_out() -> None:
     throttle = LoginThrottle()
     assert throttle.attempt("10.0.0.9", "anna", 0) == 0
