@@ -207,6 +207,7 @@ def test_a_template_that_is_stopped_is_replaced_when_a_process_is_asked_of_it(
             process.kill()
             assert (await bay.next(Quality.PROCESS_FAULT)).detail == "vision process was killed by SIGKILL"
             assert (await bay.next(Quality.PROCESS_FAULT)).detail == "vision process could not be started"
+            assert origin._answer_deadline.seconds == 0.4  # of the next; a template may be slow on a loaded machine
             await bay.next(Quality.GOOD)
             assert not psutil.pid_exists(old.pid)
 
@@ -237,6 +238,27 @@ def test_processes_do_not_wait_for_ever_for_a_template_that_is_not_ready(
         async with running(origin.run, bay.service.run):
             await bay.next(Quality.GOOD)
             assert started_by(bay.process) == "spawned"
+
+    play(story)
+
+
+def test_a_template_that_starts_slowly_is_neither_waited_for_nor_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def story() -> None:
+        origin = made_for()
+        monkeypatch.setattr(template, "READY_S", 0.0)  # its own deadline is 30 s
+        bay = Bay("b1", tmp_path, origin)
+        async with running(origin.run, bay.service.run):
+            await bay.next(Quality.GOOD)
+            assert started_by(bay.process) == "spawned"
+            async with asyncio.timeout(PATIENCE_S):
+                while not origin._ready:
+                    await bay.next(Quality.GOOD)
+            bay.process.kill()
+            await bay.next(Quality.PROCESS_FAULT)
+            await bay.next(Quality.GOOD)
+            assert started_by(bay.process) == "forked"
 
     play(story)
 
