@@ -143,6 +143,7 @@ async def run(
                 (vectors[bay.name].write, files.note),
                 config,
                 files.retained(bay.name),
+                files.untried(bay.name),
                 recorder.collectors.get(bay.name),
                 service.on_tick,
             )
@@ -182,7 +183,9 @@ async def run(
         hmi_url: str | None = None
         if config.hmi.enabled:
             parts_of = {
-                bay.name: BayParts(controls[bay.name], units[bay.unit_id].read, visions[bay.name])
+                bay.name: BayParts(
+                    controls[bay.name], units[bay.unit_id].read, visions[bay.name], partial(files.untried, bay.name)
+                )
                 for bay in config.bays
             }
             questions = _reader(config, recorder.folder, clock, shared, tasks)
@@ -208,12 +211,12 @@ async def run(
                     alarm_monitor,
                     startup.restart_of(config),
                 ),
-                _settings_file(source, startup, reload, lambda: reloader.config),
+                _settings_file(source, startup, reload, lambda: reloader.config, files.in_force),
                 shared,
                 tasks,
             )
         requests = reload or ReloadRequests(lambda: config)  # which nobody sends
-        reloader = Reloader(requests, config, controls, visions, recorder, pages, parts, service)
+        reloader = Reloader(requests, config, controls, visions, recorder, pages, parts, service, files)
         tasks.append(Task("reload", reloader.run))
         supervisor = Supervisor(tasks, clock)
 
@@ -354,9 +357,13 @@ def _test_sets(config: GatewayConfig, clock: SystemClock, shared: ExitStack, tas
 
 
 def _settings_file(
-    source: str, startup: Startup, reload: ReloadRequests | None, running: Callable[[], GatewayConfig]
+    source: str,
+    startup: Startup,
+    reload: ReloadRequests | None,
+    running: Callable[[], GatewayConfig],
+    in_force: Callable[[str], Mapping[str, object]],
 ) -> SettingsFile | None:
-    """`running`: the settings in force."""
+    """`running`: the settings in force; `in_force`: the keys of a bay's decision."""
     if not source:
         return None
     loop = asyncio.get_running_loop()
@@ -369,7 +376,7 @@ def _settings_file(
     def checked(changed: GatewayConfig, name: str, text: str) -> None:
         config_check.check(changed, source=name, text=text)
 
-    return SettingsFile(Path(source), running, startup, checked, None if reload is None else soon)
+    return SettingsFile(Path(source), running, startup, checked, None if reload is None else soon, in_force)
 
 
 def _pages(

@@ -24,6 +24,7 @@ log = logging.getLogger(__name__)
 WRITE_EVENTS = frozenset(
     {EventKind.PLC_WRITE, EventKind.WRITE_REFUSED, EventKind.OWNER_CHANGED, EventKind.RECIPE_CHANGED}
 )
+MAX_DETAIL = 1000
 CHECK_EVENTS = frozenset({EventKind.FUNCTION_CHECK_BEGUN, EventKind.FUNCTION_CHECK_ENDED})
 
 
@@ -46,6 +47,7 @@ class BayControl:
         mirrors: tuple[Callable[[StateVector], None], ...] = (),
         gateway: GatewayConfig | None = None,  # for recipes and writes; without it there are none
         retained: RetainedState | None = None,  # from before the restart
+        untried: Sequence[str] = (),  # keys that differ from those last tried: why it begins with a function check
         record: Recorder | None = None,
         ticked: Callable[[str], None] = _no_watchdog,  # called with the bay's name after each control tick
     ) -> None:
@@ -65,7 +67,8 @@ class BayControl:
         kept = {"a function check on": bool(state.function_check), "a truck that was in place": state.visit.restored}
         detail = " and ".join(what for what, so in kept.items() if so)
         started = Event(EventKind.START, self.name, state.t_ns, state, detail=detail and f"with {detail}")
-        self._publish(state, [started])
+        begun = Event(EventKind.FUNCTION_CHECK_BEGUN, self.name, state.t_ns, state, detail=_untried(untried))
+        self._publish(state, [started, *([begun] if state.function_check and untried else [])])
 
     def on_vision(self, reading: VisionReading) -> None:
         self._on_reading(reading)
@@ -109,6 +112,12 @@ class BayControl:
     def check_function(self, mode: FunctionCheck, who: Writer | None = None) -> None:
         """A technician begins a function check, or ends it."""
         self._step(mode, by=who)
+
+    def check_untried(self, untried: Sequence[str], who: Writer) -> None:
+        """Other keys than those last tried come into force: a bay at work begins a function check."""
+        if untried and self._hub.state(self.name).function_check is FunctionCheck.OFF:
+            log.warning("%s: %s: a function check begins", self.name, _untried(untried))
+            self.check_function(FunctionCheck.MAY_MOVE_OFF, who)
 
     def settings_changed(self, what: str, who: Writer) -> None:
         """Other settings were put into effect: an event for the record."""
@@ -231,6 +240,10 @@ def _fields(event: Event, state: StateVector) -> dict[str, str | float | None]:
         "distance_mm": None if state.range.distance_mm is None else round(state.range.distance_mm, 1),
         "reason": state.reason.name.lower(),
     }
+
+
+def _untried(keys: Sequence[str]) -> str:
+    return f"not as last tried: {', '.join(keys)}"[:MAX_DETAIL]
 
 
 def _of_visit(state: StateVector, ended: VisitSummary | None) -> list[Event]:

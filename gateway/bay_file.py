@@ -4,6 +4,10 @@ An active function check, because a technician works on the bay and may_move mus
 R times Z is learned; and a truck that is in place and was not released, because it must not leave unnoticed while the
 gateway starts. Nothing else: no value of before the restart is ever shown as one of now (gateway/core/retained.py).
 
+Beside it lies the tried file: the keys of the bay's decision (gateway/config/decision.py) as they were when a function
+check was ended, or at the first start. A start with others begins a function check. It is a file of its own, because an
+older version would take a bay file with a further key for damaged.
+
 Files are read before anything starts. After that no task waits for the disk: states are noted, and a task hands changes
 to a thread. A file that is damaged or can't be read counts as one with an active function check. A missing file means
 a first start, which begins with a function check where `initial_function_check` is on: nobody has tried the bay yet.
@@ -11,6 +15,7 @@ a first start, which begins with a function check where `initial_function_check`
 
 import asyncio
 import contextlib
+import json
 import logging
 import os
 import stat
@@ -18,12 +23,12 @@ import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from gateway import systemd
 from gateway.bay_file_format import decoded, encoded
 from gateway.clock import Clock
-from gateway.config import BayConfig, GatewayConfig
+from gateway.config import BayConfig, GatewayConfig, decision
 from gateway.core.retained import RetainedState
 from gateway.core.state import FunctionCheck, Reason, StateVector
 from gateway.errors import LinkError
@@ -31,6 +36,7 @@ from gateway.files import write_file
 
 log = logging.getLogger(__name__)
 
+TRIED_VERSION = 1
 MAX_BYTES = 100_000  # 60 visits take 6 kB
 SYSTEM_FOLDER = Path("/var/lib/loading-gateway")
 SLOW_S = 5.0  # a disk that takes longer is at fault, however it ends
@@ -59,6 +65,16 @@ def path_of(config: GatewayConfig, bay: str) -> Path | None:
     """The path of a bay's file; None: nothing is kept. None of the three names contains a dot."""
     folder = folder_of(config)
     return None if folder is None else folder / f"bay.{config.site}.{config.instance}.{bay}.json"
+
+
+def tried_path_of(config: GatewayConfig, bay: str) -> Path | None:
+    """The path of a bay's tried file; None: nothing is kept."""
+    path = path_of(config, bay)
+    return None if path is None else _tried_beside(path)
+
+
+def _tried_beside(path: Path) -> Path:
+    return path.with_suffix(".tried.json")
 
 
 def read_file(path: Path) -> bytes | None:
@@ -103,6 +119,9 @@ class _Bay:
     wanted: RetainedState
     written: RetainedState | None = None  # None: what is in the file is not known to be `wanted`
     damaged: str = ""  # why the file could not be read; until a technician has begun or ended a function check
+    tried: Mapping[str, Any] = field(default_factory=dict)
+    tried_path: Path | None = None
+    tried_written: bool = False
 
 
 @dataclass(slots=True)
@@ -113,6 +132,7 @@ class BayFiles:
     write: Callable[[Path, bytes], None] = write_file
     start: Callable[[Callable[[], None]], None] = _run_in_thread
     fault: str = ""
+    deciding: Callable[[str], Mapping[str, Any]] = lambda _: {}  # the keys of a bay's decision now
     first: RetainedState = field(default_factory=RetainedState)  # what a bay begins with of which nothing is kept
     _bays: dict[str, _Bay] = field(default_factory=dict)
     _changed: asyncio.Event = field(default_factory=asyncio.Event)
@@ -122,9 +142,11 @@ class BayFiles:
         """Of all bays; may wait for the disk. Faults of a file are logged and listed in `damaged`."""
         check = FunctionCheck.MAY_MOVE_OFF if config.initial_function_check else FunctionCheck.OFF
         files = BayFiles(clock, first=RetainedState(check))
+        now = {bay.name: decision.keys_of(bay, config) for bay in config.bays}
+        files.deciding = now.__getitem__
         for bay in config.bays:
             if (path := path_of(config, bay.name)) is not None:
-                files._bays[bay.name] = _read(bay, path, files.first)
+                files._bays[bay.name] = _with_tried(_read(bay, path, files.first), now[bay.name])
         return files
 
     @property
@@ -136,6 +158,14 @@ class BayFiles:
         """What a bay starts with."""
         return self._bays[bay].wanted if bay in self._bays else self.first
 
+    def in_force(self, bay: str) -> Mapping[str, Any]:
+        """The keys of the bay's decision now."""
+        return self.deciding(bay)
+
+    def untried(self, bay: str) -> list[str]:
+        """The keys of its decision that differ from those last tried. Nothing where nothing is kept."""
+        return decision.differing(self._bays[bay].tried, self.in_force(bay)) if bay in self._bays else []
+
     def note(self, state: StateVector) -> None:
         """Called with every state that is published. Never waits."""
         bay = self._bays.get(state.bay)
@@ -146,6 +176,8 @@ class BayFiles:
             return
         if retained.function_check is not bay.wanted.function_check:
             bay.damaged = ""
+            if retained.function_check is FunctionCheck.OFF:
+                bay.tried, bay.tried_written = self.in_force(state.bay), False
         bay.wanted = retained
         self._changed.set()
 
@@ -164,6 +196,10 @@ class BayFiles:
 
     async def _update(self, bay: _Bay) -> str:
         """Write the bay's file if it needs to be; what went wrong."""
+        # The bay file first: cut off between the two, the next start begins a function check, which is safe.
+        return await self._update_bay(bay) or await self._update_tried(bay)
+
+    async def _update_bay(self, bay: _Bay) -> str:
         wanted = bay.wanted
         if wanted == bay.written:
             return ""
@@ -173,6 +209,16 @@ class BayFiles:
         if error is not None:
             return f"{bay.path}: {error.strerror or error}"
         bay.written = wanted
+        return ""
+
+    async def _update_tried(self, bay: _Bay) -> str:
+        if bay.tried_path is None or bay.tried_written:
+            return ""
+        tried = bay.tried
+        text = json.dumps({"version": TRIED_VERSION, "keys": tried}, indent=1)
+        if (error := await self._written(bay.tried_path, f"{text}\n".encode())) is not None:
+            return f"{bay.tried_path}: {error.strerror or error}"
+        bay.tried_written = tried is bay.tried
         return ""
 
     async def _written(self, path: Path, data: bytes) -> OSError | None:
@@ -226,3 +272,29 @@ def _read(bay: BayConfig, path: Path, first: RetainedState) -> _Bay:
         aside.unlink(missing_ok=True)
         os.link(path, aside, follow_symlinks=False)
     return _Bay(bay, path, RetainedState(FunctionCheck.MAY_MOVE_OFF), damaged=why)
+
+
+def _with_tried(bay: _Bay, now: Mapping[str, Any]) -> _Bay:
+    """A start with other keys than those last tried begins a function check, unless one is on."""
+    name, path = bay.config.name, _tried_beside(bay.path)
+    bay.tried, bay.tried_path = now, path
+    try:
+        data = read_file(path)
+        if data is not None:
+            found = json.loads(data)
+            if found["version"] != TRIED_VERSION or not isinstance(found["keys"], dict):
+                raise ValueError(f"not of version {TRIED_VERSION}")
+            bay.tried, bay.tried_written = found["keys"], True
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        bay.tried, bay.tried_written = {}, True
+        if bay.wanted.function_check is FunctionCheck.OFF:
+            log.error("%s: %s cannot be read (%s): the bay starts with a function check", name, path, error)
+            bay.wanted = replace(bay.wanted, function_check=FunctionCheck.MAY_MOVE_OFF)
+        return bay
+    other = decision.differing(bay.tried, now)
+    if other and bay.wanted.function_check is FunctionCheck.OFF:
+        log.warning(
+            "%s: these keys are not those last tried: %s: the bay starts with a function check", name, ", ".join(other)
+        )
+        bay.wanted = replace(bay.wanted, function_check=FunctionCheck.MAY_MOVE_OFF)
+    return bay

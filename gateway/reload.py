@@ -8,10 +8,11 @@ import asyncio
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from gateway.bay import BayControl
-from gateway.config import GatewayConfig, live
+from gateway.bay_file import BayFiles
+from gateway.config import GatewayConfig, decision, live
 from gateway.config.live import Change
 from gateway.core.plc import Writer
 from gateway.errors import ConfigError
@@ -48,6 +49,16 @@ class Reloader:
     pages: WebProcessService | None
     status: StatusCollector
     service: ServiceState
+    files: BayFiles | None = None
+
+    def __post_init__(self) -> None:
+        if self.files is not None:
+            self.files.deciding = self.in_force
+
+    def in_force(self, bay: str) -> dict[str, Any]:
+        """The keys of the bay's decision, with the settings of vision that a technician has applied."""
+        (own,) = [one for one in self.config.bays if one.name == bay]
+        return decision.keys_of(own.model_copy(update={"vision": self.visions[bay].settings}), self.config)
 
     async def run(self) -> NoReturn:
         """One reload after each request; requests that come meanwhile are one."""
@@ -98,5 +109,7 @@ class Reloader:
             fixed = any("controls" in change.path for change in own)
             if any(change.path[0] == "bays" for change in own) and (fixed or vision.settings != bay.vision):
                 vision.apply(bay.vision, bay.camera.controls if fixed else None)
+                if self.files is not None:
+                    control.check_untried(self.files.untried(bay.name), FILE)
             if own:
                 control.settings_changed("; ".join(map(str, own))[:MAX_REPORTED], FILE)

@@ -7,6 +7,7 @@ in it become {0}, {1}, as in lib/page.js.
 
 import ast
 import inspect
+import itertools
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -171,7 +172,7 @@ def _clean(text: str) -> str:
 
 def _numbered(text: str) -> str:
     """As lib/page.js makes a key: numbers and values are {0}, {1}."""
-    n = iter(range(100))
+    n = itertools.count()
     return re.sub(VALUE + r"|[+\u2212-]?\d+(?:[.,:\u202f]\d+)*", lambda _: f"{{{next(n)}}}", text)
 
 

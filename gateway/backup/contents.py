@@ -30,9 +30,9 @@ def named_files(config: GatewayConfig) -> Iterator[tuple[str, str, Kind]]:
 def bay_files(config: GatewayConfig) -> Iterator[Path]:
     """Those that exist."""
     for bay in config.bays:
-        path = bay_file.path_of(config, bay.name)
-        if path is not None and path.exists():
-            yield path
+        for path in (bay_file.path_of(config, bay.name), bay_file.tried_path_of(config, bay.name)):
+            if path is not None and path.exists():
+                yield path
 
 
 def language_files(config: GatewayConfig) -> Iterator[Path]:

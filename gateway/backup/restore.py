@@ -154,7 +154,8 @@ def _with_some_hash(document: dict[str, Any]) -> dict[str, Any]:
 def _belonging(config: GatewayConfig, manifest: Manifest) -> set[str]:
     """The paths that this configuration has a use for."""
     found = {manifest.config, *(str(Path(name).absolute()) for _, name, _ in contents.named_files(config))}
-    found |= {str(path.absolute()) for bay in config.bays if (path := bay_file.path_of(config, bay.name)) is not None}
+    for path_of in (bay_file.path_of, bay_file.tried_path_of):
+        found |= {str(path.absolute()) for bay in config.bays if (path := path_of(config, bay.name)) is not None}
     keyring = str(Path(manifest.config).with_name(contents.KEYRING))
     found |= {entry.path for entry in manifest.files if entry.kind is Kind.KEYRING and entry.path == keyring}
     if (languages := config.hmi.languages_folder) is not None:

@@ -251,8 +251,13 @@ class Visit:
         released is still monitored."""
         if not self.unreleased:
             return Visit(checked=self.checked)
-        was = Visit(place=self.place, restored=True, moved=self.moved, moved_covered=self.moved_covered)
-        return replace(was, checked=self.checked)
+        return Visit(
+            place=self.place,
+            restored=True,
+            moved=self.moved,
+            moved_covered=self.moved_covered,
+            checked=self.checked,
+        )
 
 
 class GuidanceCode(IntEnum):

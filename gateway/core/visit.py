@@ -70,9 +70,10 @@ def step(
     usable_since_ns = _since(visit.usable_since_ns, state, on=usable(state))
     if (clear_since_ns, usable_since_ns) != (visit.clear_since_ns, visit.usable_since_ns):
         visit = replace(visit, clear_since_ns=clear_since_ns, usable_since_ns=usable_since_ns)
-    if has_ended(visit, state, limits):
+    over = has_ended(visit, state, limits)
+    if over:
         visit = _after_visit(visit)
-    checked = state.function_check is not FunctionCheck.OFF or (visit.checked and not _d_is_zero(state))
+    checked = state.function_check is not FunctionCheck.OFF or (visit.checked and not over and not _d_is_zero(state))
     if checked != visit.checked:
         visit = replace(visit, checked=checked)
     if visit.place is not None and not visit.off_mark and _is_off_mark(state, limits):
@@ -364,4 +365,5 @@ def _after_visit(visit: Visit) -> Visit:
         way_out=visit.way_out,
         unseen_since_ns=visit.unseen_since_ns,
         ended="the bay is clear" if visit.in_place else visit.ended,
+        checked=visit.checked,
     )

@@ -118,3 +118,9 @@ def until(page: Page, fact: Callable[[], object], timeout_s: float = PATIENCE_MS
     while not fact():
         assert time.monotonic() < deadline, f"not so in {timeout_s} s"
         page.wait_for_timeout(20)
+
+
+def end_function_check(page: Page) -> None:
+    """On the technician's page: asked for, and confirmed."""
+    page.get_by_role("button", name="End function check…").click()
+    page.get_by_role("dialog").get_by_role("button", name="End function check").click()

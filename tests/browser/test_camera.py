@@ -8,7 +8,7 @@ import pytest
 from playwright.sync_api import Page, Request, Route, expect
 
 from gateway import config
-from tests.browser.chromium import PATIENCE_MS, until
+from tests.browser.chromium import PATIENCE_MS, end_function_check, until
 from tests.browser.conftest import Visit
 from tests.browser.plant import STANDING, plant
 from tests.e2e.plc import Plc
@@ -112,7 +112,7 @@ def test_controls_are_tried_put_back_and_saved_with_crop_and_rotation(
         expect(warm.locator("input[type=number]")).to_have_value("5200")
         tried(page, "exposure_time_absolute", 20)
         expect(panel.get_by_role("status")).to_have_text("3 tried")
-        page.get_by_role("button", name="End function check").click()
+        end_function_check(page)
         expect(panel.get_by_role("status")).to_have_text("as the file says")
         expect(dark.locator("input[type=number]")).to_have_value("50")
         expect(warm.locator("input[type=number]")).to_have_value("4600")
@@ -125,7 +125,7 @@ def test_controls_are_tried_put_back_and_saved_with_crop_and_rotation(
         dialog.get_by_role("button", name="Save").click()
         expect(dialog.locator("[data-saved]")).to_be_visible()
         dialog.get_by_role("button", name="Close").click()
-        page.get_by_role("button", name="End function check").click()
+        end_function_check(page)
 
         panel.get_by_label("turned by").select_option("90")
         for label, value in (("left edge", 40), ("upper edge", 0), ("width", 560), ("height", 480)):

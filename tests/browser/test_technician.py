@@ -11,7 +11,7 @@ import pytest
 from playwright.sync_api import FilePayload, Locator, Page, Request, Route, expect
 
 from gateway import config
-from tests.browser.chromium import PATIENCE_MS, Watch, until
+from tests.browser.chromium import PATIENCE_MS, Watch, end_function_check, until
 from tests.browser.conftest import Visit
 from tests.browser.plant import STANDING, TO_AND_FRO, Plant, plant
 from tests.e2e.plc import Plc
@@ -146,7 +146,7 @@ def test_save_shows_the_difference_and_changes_one_line_of_the_file(
         kept = [path for path in bay.config.parent.iterdir() if path.name.startswith("plant") and path != bay.config]
         assert before in [path.read_text() for path in kept]
 
-        page.get_by_role("button", name="End function check").click()
+        end_function_check(page)
         plc.wait_for(lambda image: image["may_move"] == 1, PATIENCE_S)
 
 
@@ -162,7 +162,7 @@ def test_a_second_tab_notices_what_the_first_has_changed(visit: Visit, tmp_path:
     expect(first.get_by_role("status").filter(has_text=LIVE)).to_be_visible()
     expect(second.locator("#why-not-live")).to_contain_text(f"by somebody else, and live: {AREA}.")
     expect(second.locator(f"#k-{AREA}-n")).to_have_value(re.compile(r"^350"))
-    first.get_by_role("button", name="End function check").click()
+    end_function_check(first)
     expect(second.get_by_role("button", name="Begin function check", exact=True)).to_be_visible()
 
 
@@ -178,7 +178,7 @@ def test_a_change_is_undone_with_one_click_outside_a_function_check_and_after_th
     page.get_by_role("button", name="Go live").click()
     expect(page.get_by_role("status").filter(has_text=LIVE)).to_be_visible()
     expect(page.get_by_role("button", name="Undo live change", exact=True)).to_be_enabled()
-    page.get_by_role("button", name="End function check").click()
+    end_function_check(page)
     undo = page.get_by_role("button", name="Begin function check and undo")
     expect(undo).to_be_enabled()
     bay.process("gw-hmi").kill()

@@ -11,7 +11,7 @@ from playwright.sync_api import FilePayload, expect
 
 from gateway.vision.offline.evaluation import labels
 from tests.browser import judgements
-from tests.browser.chromium import Watch
+from tests.browser.chromium import Watch, end_function_check
 from tests.browser.conftest import Visit
 from tests.browser.plant import STANDING, plant
 
@@ -111,7 +111,7 @@ def test_a_test_set_is_made_labelled_scored_and_stands_before_what_goes_live(
     page.get_by_role("button", name="Undo live change").click()
     expect(page.get_by_role("status").filter(has_text="What was in force before is live again.")).to_be_visible()
     expect(page.locator("#undone")).to_be_empty()
-    page.get_by_role("button", name="End function check").click()
+    end_function_check(page)
     expect(page.get_by_role("button", name="Begin function check")).to_be_visible()
     (folder,) = (tmp_path / "state" / "test-sets").glob("*/bay1/Dusk 2")
     watches[0].complaints[:] = [each for each in watches[0].complaints if "/profile/apply" not in each]

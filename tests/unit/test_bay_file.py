@@ -93,6 +93,81 @@ class TestABayThatIsNew:
         assert not bay_file.begin_with_function_check(GatewayConfig(state_dir=""), BAY)
 
 
+def taught(folder: Path, radius_px: float = 200.0, **changes: Any) -> GatewayConfig:
+    """Other thresholds than those of `config`."""
+    fusion = BAY.fusion.model_copy(update={"radius_threshold_px": radius_px})
+    return GatewayConfig(state_dir=str(folder), bays=(BAY.model_copy(update={"fusion": fusion} | changes),))
+
+
+def started(config: GatewayConfig, end: bool = False) -> tuple[FunctionCheck, list[str], list[str]]:
+    """One start: with which function check and untried keys, and the events. `end`: a technician ends the check."""
+
+    async def main() -> tuple[FunctionCheck, list[str], list[str]]:
+        clock, hub = LoopClock(), Hub(["bay1"])
+        files, events = BayFiles.read(config, clock), list[str]()
+        hub.listen(lambda event: events.append(f"{event.kind.value}: {event.detail}"))
+        files.start = lambda work: work()
+        kept, untried = files.retained("bay1"), files.untried("bay1")
+        control = BayControl(config.bays[0], hub, clock, (files.note,), retained=kept, untried=untried)
+        if end:
+            control.check_function(FunctionCheck.OFF, ANNA)
+        writing = asyncio.create_task(files.run())
+        await asyncio.sleep(0.5)
+        writing.cancel()
+        return kept.function_check, untried, events
+
+    return run(main())
+
+
+class TestTried:
+    """A start with other keys of the decision than those last tried begins a function check."""
+
+    def test_a_start_with_other_thresholds_begins_one_until_it_is_ended(
+        self, tmp_path: Path, caplog: pytest.LogCaptureFixture
+    ) -> None:
+        assert started(config(tmp_path))[0] is FunctionCheck.OFF, "a first start: as the configuration says"
+        for end in (False, True):
+            check, untried, events = started(taught(tmp_path), end)
+            assert (check, untried) == (FunctionCheck.MAY_MOVE_OFF, ["fusion.radius_threshold_px"])
+        assert "function_check_begun: not as last tried: fusion.radius_threshold_px" in events
+        assert "bay1: these keys are not those last tried: fusion.radius_threshold_px: the bay starts" in caplog.text
+        check, untried, events = started(taught(tmp_path))
+        assert (check, untried) == (FunctionCheck.OFF, [])
+        assert not [event for event in events if event.startswith("function_check_begun")]
+        assert started(config(tmp_path))[0] is FunctionCheck.MAY_MOVE_OFF, "the former thresholds, from a backup"
+
+    def test_a_file_of_before_has_tried_what_is_in_force(self, tmp_path: Path) -> None:
+        """An update must not end the work of every bay."""
+        write_file(file_in(tmp_path), encoded(OCCUPIED, BAY, OFFSET_NS))
+        assert started(config(tmp_path))[0] is FunctionCheck.OFF
+        assert started(taught(tmp_path))[0] is FunctionCheck.MAY_MOVE_OFF
+
+    def test_another_device_is_no_key_of_the_decision(self, tmp_path: Path) -> None:
+        started(config(tmp_path))
+        other = BAY.camera.model_copy(update={"url": "/dev/video7"})
+        assert started(taught(tmp_path, BAY.fusion.radius_threshold_px, camera=other))[0] is FunctionCheck.OFF
+
+    def test_keys_that_only_one_version_has_are_no_difference_with_their_defaults(self, tmp_path: Path) -> None:
+        started(config(tmp_path))
+        path = file_in(tmp_path).with_suffix(".tried.json")
+        tried = json.loads(path.read_text())
+        del tried["keys"]["visit.settle_s"]
+        path.write_text(json.dumps(tried | {"keys": tried["keys"] | {"visit.of_another_version": 7}}))
+        assert started(config(tmp_path))[0] is FunctionCheck.OFF
+        later = BAY.visit.model_copy(update={"settle_s": 2.0})
+        check, untried, _ = started(taught(tmp_path, BAY.fusion.radius_threshold_px, visit=later))
+        assert (check, untried) == (FunctionCheck.MAY_MOVE_OFF, ["visit.settle_s"])
+
+    @pytest.mark.parametrize(
+        "text", ["", "[]", "{}", '{"version": 2, "keys": {}}', '{"version": 1, "keys": 1}', "[" * 90_000]
+    )
+    def test_a_damaged_one_begins_a_function_check(self, tmp_path: Path, text: str) -> None:
+        started(config(tmp_path))
+        file_in(tmp_path).with_suffix(".tried.json").write_text(text)
+        assert started(config(tmp_path), end=True)[0] is FunctionCheck.MAY_MOVE_OFF
+        assert started(config(tmp_path))[0] is FunctionCheck.OFF
+
+
 class TestText:
     def test_it_says_what_it_was_told_with_dates(self) -> None:
         text = json.loads(encoded(KNOWN, BAY, OFFSET_NS))
@@ -568,7 +643,7 @@ class TestWork:
                     await bench.comes_to_stand()
 
         run(main())
-        assert len(disk.written) == 1 + 3 * 2
+        assert len(disk.written) == 1 + 3 * 2 + 1, "and once what was tried"
 
     def test_nothing_new_is_not_written(self, tmp_path: Path) -> None:
         disk = Disk()
@@ -578,7 +653,7 @@ class TestWork:
                 await asyncio.sleep(100)
 
         run(main())
-        assert len(disk.written) == 1
+        assert len(disk.written) == 2, "and what was tried"
 
     @pytest.mark.failure_mode("G6")
     def test_a_full_disk_stops_nothing_and_is_told_once(self, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

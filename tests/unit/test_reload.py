@@ -25,6 +25,9 @@ class Part:
     def settings_changed(self, what: str, who: object) -> None:
         self.told.append(what)
 
+    def check_untried(self, untried: object, who: object) -> None:
+        self.told.append(f"untried: {untried}")
+
 
 PAPER, GAIN = VisionConfig(method="paper"), ControlsConfig(gain=5)
 

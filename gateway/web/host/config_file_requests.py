@@ -8,6 +8,7 @@ import asyncio
 import logging
 from collections.abc import Callable
 from concurrent.futures import Executor
+from functools import partial
 from pathlib import Path
 
 from gateway.clock import Clock
@@ -19,6 +20,7 @@ from gateway.web.host import config_file
 from gateway.web.host.settings_file import SettingsFile
 from gateway.web.ipc.messages import (
     ChangedOnDiskError,
+    Command,
     CommandReply,
     FileErrorKind,
     FilePreview,
@@ -32,6 +34,7 @@ from gateway.web.ipc.messages import (
     ReadSettings,
     SaveFile,
     SaveSettings,
+    SetFunctionCheck,
 )
 from gateway.web.profile import profile
 
@@ -40,6 +43,7 @@ log = logging.getLogger(__name__)
 MAX_WAITING = 8
 MAX_DIFF = 20_000  # characters; a message holds some more
 MAX_WHY = 4000
+TOO_MANY = "too many requests for the file in a short time: wait a moment"
 
 
 class ConfigFileRequests:
@@ -56,16 +60,36 @@ class ConfigFileRequests:
         self._wake = wake
         self._bucket = rate_limit.Bucket()
         self._running: list[asyncio.Future[CommandReply]] = []
+        self._asked: list[tuple[Command, asyncio.Future[tuple[str, ...]]]] = []
 
     def submit(self, request: FileRequest) -> CommandReply | None:
         """The refusal; None: it is being worked on, and `finished` returns the reply."""
         self._bucket, unreported = rate_limit.take(self._bucket, self._clock.now_ns())
         if unreported is None or len(self._running) >= MAX_WAITING:
-            return CommandReply(request.number, "too many requests for the file in a short time: wait a moment")
+            return CommandReply(request.number, TOO_MANY)
         future = asyncio.get_running_loop().run_in_executor(self._thread, self._perform, request)
         self._running.append(future)
         future.add_done_callback(lambda _: self._wake())
         return None
+
+    def look_up(self, command: Command) -> CommandReply | None:
+        """What of the file waits for a restart, before `command` ends a function check. The refusal; None: it is being
+        read, and `looked_up` returns it."""
+        if not isinstance(command.action, SetFunctionCheck) or self._settings is None:
+            raise ValueError(command)
+        if len(self._asked) >= MAX_WAITING:
+            return CommandReply(command.number, TOO_MANY)
+        look = partial(self._settings.waiting, command.action.bay)
+        future = asyncio.get_running_loop().run_in_executor(self._thread, look)
+        self._asked.append((command, future))
+        future.add_done_callback(lambda _: self._wake())
+        return None
+
+    def looked_up(self) -> list[tuple[Command, tuple[str, ...]]]:
+        """The commands that can be executed, with what waits. Raises as `finished`."""
+        ready = [(command, future.result()) for command, future in self._asked if future.done()]
+        self._asked = [row for row in self._asked if not row[1].done()]
+        return ready
 
     def finished(self) -> list[CommandReply]:
         """The replies that are ready. Raises what the work raised unexpectedly: that is a bug."""
@@ -86,7 +110,7 @@ class ConfigFileRequests:
             raise ConfigError(config_file.NO_FILE)
         match request.action:
             case ReadFile(bay):
-                return _read(path, bay)
+                return _read(path, bay, settings.waiting(bay))
             case PreviewFile():
                 return _plan(path, request.action)
             case SaveFile():
@@ -99,9 +123,10 @@ class ConfigFileRequests:
                 return settings.save(request.action, request.who)
 
 
-def _read(path: Path, bay: str) -> FileSettings:
+def _read(path: Path, bay: str, waiting: tuple[str, ...]) -> FileSettings:
     loaded = config_file.load(path)
-    return FileSettings(profile.in_file(loaded.text, bay, source=str(path)), config_file.why_not_writable(path))
+    vision = profile.in_file(loaded.text, bay, source=str(path))
+    return FileSettings(vision, config_file.why_not_writable(path), waiting)
 
 
 def _plan(path: Path, requested: PreviewFile) -> FilePreview:

@@ -8,7 +8,7 @@ import dataclasses
 import logging
 import zlib
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 
@@ -94,11 +94,12 @@ class EventHistory:
 @dataclass(frozen=True, slots=True)
 class BayParts:
     """The parts of one bay that the pages show or send commands to. `former`: the settings before each that went live,
-    newest last; they outlive the web process."""
+    newest last; they outlive the web process. `untried`: keys of its decision that differ from those last tried."""
 
     control: BayControl
     image: ReadImage
     vision: VisionService
+    untried: Callable[[], Sequence[str]] = tuple
     former: deque[VisionConfig] = field(default_factory=lambda: deque(maxlen=KEPT_FORMER))
 
 
@@ -139,18 +140,17 @@ class RequestHandler:
     def _status(self, bay: BayParts) -> BayStatus:
         return BayStatus(bay.control.state(), tuple(bay.image()), bay.vision.settings)
 
-    def execute(self, command: Command) -> CommandReply:
-        """Invalid commands are refused whatever the web process has checked: any network client can connect to it."""
+    def execute(self, command: Command, waiting: Sequence[str] = ()) -> CommandReply:
+        """Invalid commands are refused whatever the web process has checked: any network client can connect to it.
+
+        `waiting`: keys of the bay's decision that are in the file, and not in force.
+        """
         if isinstance(command.action, OperatorAction):
             return CommandReply(
                 command.number, self._alarms.act(replace(command.action, who=command.action.who[:MAX_NAME])).why
             )
         if isinstance(command.action, RestartGateway):
-            why = self._why_no_restart(command.action)
-            if not why and self._restart is not None:
-                log.warning("the gateway is started again, by %s", printable(str(command.who)))
-                self._restart()
-            return CommandReply(command.number, why)
+            return CommandReply(command.number, self._start_again(command.action, command.who))
         bay = self._bays.get(command.action.bay)
         if bay is None:
             return CommandReply(command.number, f"no bay {command.action.bay[:MAX_NAME]!r}")
@@ -158,8 +158,20 @@ class RequestHandler:
             return CommandReply(command.number, result=_read(command.action, bay))
         self._command_rate, unreported = rate_limit.take(self._command_rate, self._clock.now_ns())
         if unreported is None:  # each is reported as an event, and may restart processes
-            return CommandReply(command.number, "too many commands in a short time: wait a moment")
-        return CommandReply(command.number, _perform(command.action, bay, _clipped(command.who)))
+            why = "too many commands in a short time: wait a moment"
+        elif waiting and ends_function_check(command):
+            why = f"not while keys of this bay's decision wait for a restart: {', '.join(waiting)}"[:MAX_REPORTED]
+        else:
+            why = _perform(command.action, bay, _clipped(command.who))
+        return CommandReply(command.number, why)
+
+    def _start_again(self, wanted: RestartGateway, who: Writer) -> str:
+        """As `_perform`."""
+        why = self._why_no_restart(wanted)
+        if not why and self._restart is not None:
+            log.warning("the gateway is started again, by %s", printable(str(who)))
+            self._restart()
+        return why
 
     def _why_no_restart(self, wanted: RestartGateway) -> str:
         """Empty: it may be started again now."""
@@ -179,10 +191,14 @@ class RequestHandler:
         return ""
 
 
+def ends_function_check(command: Command) -> bool:
+    return isinstance(command.action, SetFunctionCheck) and command.action.mode is FunctionCheck.OFF
+
+
 def _read(what: ReadControls | ReadFormerSettings, bay: BayParts) -> CameraControlsNow | FormerSettings:
     """Changes nothing: may be asked at any rate."""
     if isinstance(what, ReadFormerSettings):
-        return FormerSettings(len(bay.former), bay.former[-1] if bay.former else None)
+        return FormerSettings(len(bay.former), bay.former[-1] if bay.former else None, tuple(bay.untried()))
     bay.vision.ask_controls()
     trial = bay.vision.controls
     return CameraControlsNow(trial.report, trial.tried)

@@ -23,9 +23,18 @@ from gateway.processes.deadlines import LOOK_S, SignsOfLife, StartDeadline
 from gateway.processes.slot import ProcessSlot
 from gateway.processes.start import Role
 from gateway.web.host.config_file_requests import ConfigFileRequests
-from gateway.web.host.request_handler import RequestHandler
+from gateway.web.host.request_handler import RequestHandler, ends_function_check
 from gateway.web.host.settings_file import SettingsFile
-from gateway.web.ipc.messages import FROM_WEB, Command, FileRequest, FromWeb, StateRequest, ToWeb, WebSetup
+from gateway.web.ipc.messages import (
+    FROM_WEB,
+    Command,
+    CommandReply,
+    FileRequest,
+    FromWeb,
+    StateRequest,
+    ToWeb,
+    WebSetup,
+)
 from gateway.web.languages import memory_of, usable
 
 START_S = 30.0  # real time, as the next; a first start on an idle machine takes 2 s of the processor, at low priority
@@ -120,20 +129,27 @@ class WebProcessService:
                     match message:
                         case StateRequest():
                             request = message  # the newest answers all before it
-                        case Command():
-                            slot.send(self._handler.execute(message))
-                        case FileRequest():
-                            if (refused := file_requests.submit(message)) is not None:
-                                slot.send(refused)
+                        case Command() | FileRequest():
+                            if (reply := self._reply(message, file_requests)) is not None:
+                                slot.send(reply)
                         case Failed(why):
                             raise LinkError(why)
                         case Gone(how):
                             raise LinkError(f"the web process {how}")
-                for reply in file_requests.finished():
+                asked = [self._handler.execute(*found) for found in file_requests.looked_up()]
+                for reply in (*asked, *file_requests.finished()):
                     slot.send(reply)
                 if request is not None:
                     slot.send(self._handler.answer(request))
                 await asyncio.sleep(PAUSE_S)
+
+    def _reply(self, message: Command | FileRequest, file_requests: ConfigFileRequests) -> CommandReply | None:
+        """None: later, when the file has been read."""
+        if isinstance(message, FileRequest):
+            return file_requests.submit(message)
+        if self._settings is not None and ends_function_check(message):
+            return file_requests.look_up(message)
+        return self._handler.execute(message)
 
     def _role(self, sockets: tuple[socket.socket, ...], own: ExitStack) -> Role[ToWeb]:
         """The process to start, with what it inherits."""

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from gateway.bay_file import begin_with_function_check
-from gateway.config import SHARED_SECTIONS, BayConfig, GatewayConfig, VisionConfig, parse
+from gateway.config import SHARED_SECTIONS, BayConfig, GatewayConfig, VisionConfig, decision, parse
 from gateway.config.live import changes
 from gateway.config.strict.errors import Fault, FaultsError
 from gateway.config.strict.section import inner_model
@@ -58,7 +58,8 @@ class Planned:
 
 
 class SettingsFile:
-    """`running`: the settings in force. `reload`: takes over what is live of a saved file; None: nothing is live."""
+    """`running`: the settings in force. `reload`: takes over what is live of a saved file; None: nothing is live.
+    `in_force`: the keys of a bay's decision, with what a technician has applied."""
 
     def __init__(
         self,
@@ -67,6 +68,7 @@ class SettingsFile:
         startup: Startup,
         check: Check,
         reload: Callable[[], None] | None = None,
+        in_force: Callable[[str], Mapping[str, Any]] = lambda _: {},
     ) -> None:
         self._path = path
         self._source = str(path)
@@ -74,6 +76,7 @@ class SettingsFile:
         self._startup = startup
         self._check = check
         self._reload = reload
+        self._in_force = in_force
 
     @property
     def _running(self) -> GatewayConfig:
@@ -110,6 +113,20 @@ class SettingsFile:
             waiting=() if settings is None else tuple(map(str, changes(self._running, settings))),
             undo=config_file.previous(self._path) is not None,
         )
+
+    def waiting(self, bay: str) -> tuple[str, ...]:
+        """The keys of the bay's decision that are in the file, and not in force: they wait for a restart. Empty, too,
+        for a file that can't be read: no gateway starts with it."""
+        try:
+            settings = self._parsed(config_file.load(self._path).text, self._startup.overrides)
+        except ConfigError:
+            return ()
+        loaded, saved = ({one.name: one for one in config.bays}.get(bay) for config in (self._running, settings))
+        if saved is None or loaded is None:
+            return ()
+        new = decision.keys_of(saved, settings)
+        changed = decision.differing(decision.keys_of(loaded, self._running), new)  # not what is applied, and not saved
+        return tuple(key for key in decision.differing(self._in_force(bay), new) if key in changed)
 
     def preview(self, wanted: PreviewSettings) -> SettingsPreview:
         """Raises ConfigError, ChangedOnDiskError."""

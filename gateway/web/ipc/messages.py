@@ -259,10 +259,12 @@ class StateReply(Message, frozen=True):
 
 
 class FileSettings(Message, frozen=True):
-    """To `ReadFile`. `why_not`: why saving would fail, as text; empty: no known reason."""
+    """To `ReadFile`. `why_not`: why saving would fail, as text; empty: no known reason. `waiting`: keys of the bay's
+    decision that wait for a restart."""
 
     vision: VisionConfig
     why_not: str
+    waiting: tuple[str, ...] = ()
 
 
 class FilePreview(Message, frozen=True):
@@ -352,10 +354,12 @@ class CameraControlsNow(Message, frozen=True):
 
 
 class FormerSettings(Message, frozen=True):
-    """To `ReadFormerSettings`. `steps`: so many times can be gone back; `newest`: to these first, None: not at all."""
+    """To `ReadFormerSettings`. `steps`: so many times can be gone back; `newest`: to these first, None: not at all.
+    `untried`: keys of the bay's decision in force that differ from those last tried."""
 
     steps: int
     newest: VisionConfig | None
+    untried: tuple[str, ...] = ()
 
 
 class CommandReply(Message, frozen=True):

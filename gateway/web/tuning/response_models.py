@@ -186,6 +186,10 @@ class ProfileFileView(View):
     path: str | None = Field(description="null: the gateway runs without a file")
     why_not: str = Field(description="why nothing can be saved; empty: no known reason")
     unsaved: list[str] = Field(description="keys in force that differ from the file")
+    waiting: list[str] = Field(
+        description="keys of the bay's decision that are in the file, and wait for a restart: until then the function "
+        "check can't be ended"
+    )
 
 
 class VisionInForceView(View):
@@ -193,6 +197,9 @@ class VisionInForceView(View):
 
     vision: VisionJson
     function_check: Literal["off", "may_move_off", "may_move_kept"]
+    untried: list[str] = Field(
+        description="keys of the bay's decision in force that are not as they were when a function check was last ended"
+    )
     undo_steps: int = Field(description="so many times can be gone back")
     undo: VisionJson = Field(description="what the next step back brings back: the keys that differ, with their values")
 

@@ -141,7 +141,11 @@ def _try(
 @_post(
     "/function-check",
     "begin or end a function check",
-    _described("function_check", ProfileView, _BODY | {409: "refused by the main process"}),
+    _described(
+        "function_check",
+        ProfileView,
+        _BODY | {409: "refused: keys of the bay's decision wait for a restart, or too many commands"},
+    ),
 )
 async def _function_check(request: Tuning, body: FunctionCheckBody) -> ProfileView:
     await request.service.check(request.bay, FunctionCheck[body.mode.upper()], request.caller.writer)
@@ -275,9 +279,9 @@ async def _file(request: TuningRequest, in_force: VisionConfig) -> ProfileFileVi
     try:
         found = await request.about_file(ReadFile(request.bay), FileSettings)
     except ConfigError as error:
-        return ProfileFileView(path=path, why_not=str(error), unsaved=[])
+        return ProfileFileView(path=path, why_not=str(error), unsaved=[], waiting=[])
     unsaved = list(parameter_schema.changes(found.vision, in_force))
-    return ProfileFileView(path=path, why_not=found.why_not, unsaved=unsaved)
+    return ProfileFileView(path=path, why_not=found.why_not, unsaved=unsaved, waiting=list(found.waiting))
 
 
 async def _settings(request: TuningRequest, in_force: VisionConfig) -> dict[str, Any]:
@@ -287,6 +291,7 @@ async def _settings(request: TuningRequest, in_force: VisionConfig) -> dict[str,
     return {
         "vision": parameter_schema.values(in_force),
         "function_check": request.service.function_check(request.bay).name.lower(),
+        "untried": list(former.untried),
         "undo_steps": former.steps,
         "undo": {key: undo[key] for key in parameter_schema.changes(in_force, before)},
     }

@@ -1172,6 +1172,7 @@ def test_after_a_function_check_in_place_needs_an_approach_that_was_seen() -> No
     bench.check_function(FunctionCheck.OFF)
     bench.run(bench.t_s + 2)
     assert (bench.state.visit.checked, bench.state.visit.phase.name) == (True, "AT_MARK")
+    assert bench.state.visit.withdrawn().checked, "a control task that did not run for a moment forgets nothing"
     now_ns = bench.now_ns
     bench.step(VisionReading(now_ns, Quality.GOOD, Circle(320, 240, 159)))
     away = bench.step(RangeReading(now_ns, Quality.GOOD, 340.0))

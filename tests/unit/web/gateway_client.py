@@ -13,7 +13,7 @@ from gateway.alarms.definition import GatewayConditions
 from gateway.alarms.monitor import AlarmMonitor
 from gateway.bay import BayControl
 from gateway.clock import SystemClock
-from gateway.config import BayConfig, CameraConfig, ControlsConfig, FusionConfig, GatewayConfig, VisionConfig
+from gateway.config import BayConfig, CameraConfig, ControlsConfig, FusionConfig, GatewayConfig, VisionConfig, decision
 from gateway.core.detection import Circle
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.errors import ConfigError
@@ -25,7 +25,7 @@ from gateway.vision.source.v4l2_controls import OfferedControl
 from gateway.vision.transport.messages import ControlsReport
 from gateway.vision.transport.ring import Ring, RingSpec
 from gateway.web.host.config_file_requests import ConfigFileRequests
-from gateway.web.host.request_handler import BayParts, EventHistory, RequestHandler
+from gateway.web.host.request_handler import BayParts, EventHistory, RequestHandler, ends_function_check
 from gateway.web.host.settings_file import SettingsFile
 from gateway.web.host.startup import Startup
 from gateway.web.ipc.messages import (
@@ -147,14 +147,21 @@ async def plant(
         monitor,
     )
 
+    def in_force(bay: str) -> dict[str, Any]:
+        (own,) = [one for one in config.bays if one.name == bay]
+        return decision.keys_of(own.model_copy(update={"vision": vision[bay].settings}), config)
+
     def send_finished() -> None:
+        for command, waiting in file.looked_up():
+            assert near.offer(handler.execute(command, waiting))
         for done in file.finished():
             assert near.offer(done)
 
     def check(found: GatewayConfig, name: str, text: str) -> None:
         config_check.check(found, source=name, text=text)
 
-    settings = SettingsFile(Path(source), lambda: config, startup or Startup(), check) if source else None
+    started = startup or Startup()
+    settings = SettingsFile(Path(source), lambda: config, started, check, in_force=in_force) if source else None
     file = ConfigFileRequests(Path(source) if source else None, settings, clock, AtOnce(), send_finished)
 
     def receive() -> None:
@@ -163,6 +170,9 @@ async def plant(
                 case StateRequest():
                     made.requests.append(message)
                     assert near.offer(handler.answer(message))
+                case Command() if settings is not None and ends_function_check(message):
+                    if (refused := file.look_up(message)) is not None:
+                        assert near.offer(refused)
                 case Command():
                     assert near.offer(handler.execute(message))
                 case FileRequest() if (refused := file.submit(message)) is not None:

@@ -87,12 +87,49 @@ async def test_the_profile_holds_settings_schema_and_file(tmp_path: Path) -> Non
         reply = (await page.get("profile")).json
         assert reply["vision"] == parameter_schema.values(VisionConfig())
         assert (reply["function_check"], reply["undo_steps"]) == ("off", 0)
-        assert reply["file"] == {"path": str(path), "why_not": "", "unsaved": ["method"]}
+        assert reply["file"] == {"path": str(path), "why_not": "", "unsaved": ["method"], "waiting": ["vision.method"]}
+        assert reply["untried"] == []
         kernel = next(key for key in reply["schema"] if key["name"] == "gaussian_kernel_px")
         assert (kernel["low"], kernel["high"], kernel["step"], kernel["unit"]) == (1, 31, 2, "px")
         assert kernel["belongs"] == "paper"
     async with bay() as page:
         assert "export a profile" in (await page.get("profile")).json["file"]["why_not"]
+
+
+@in_virtual_time
+async def test_a_function_check_goes_on_while_keys_of_the_decision_wait_for_a_restart(tmp_path: Path) -> None:
+    path = tmp_path / "plant.toml"
+    path.write_text("[[bays]]\nname = 'bay1'\n[[bays]]\nname = 'bay2'\nunit_id = 2\n")
+    former = path.read_text()
+    async with bay(path) as page:
+        check = page.made.controls["bay1"]
+        assert (await page.post("function-check", mode="may_move_off")).status == 200
+        path.write_text(former.replace("unit_id = 2\n", "unit_id = 2\n[bays.fusion]\nradius_threshold_px = 150\n"))
+        assert (await page.get("profile")).json["file"]["waiting"] == [], "those of the other bay"
+        path.write_text(
+            former.replace("'bay1'\n", "'bay1'\nfusion.radius_threshold_px = 150\nranger.port = '/dev/x'\n")
+        )
+        assert (await page.get("profile")).json["file"]["waiting"] == ["fusion.radius_threshold_px"]
+        refused = await page.post("function-check", mode="off")
+        assert (refused.status, refused.json["detail"]) == (
+            409,
+            "not while keys of this bay's decision wait for a restart: fusion.radius_threshold_px",
+        )
+        assert check.state().function_check is FunctionCheck.MAY_MOVE_OFF
+        kept = await page.post("function-check", mode="may_move_kept")
+        assert kept.json["function_check"] == "may_move_kept", "which ends nothing"
+        path.write_text(former)
+        assert (await page.post("function-check", mode="off")).json["function_check"] == "off"
+
+
+@in_virtual_time
+async def test_what_is_applied_and_not_saved_does_not_wait(tmp_path: Path) -> None:
+    path = tmp_path / "plant.toml"
+    path.write_text("[[bays]]\nname = 'bay1'\n[[bays]]\nname = 'bay2'\nunit_id = 2\n")
+    async with bay(path) as page:
+        await page.post("function-check", mode="may_move_off")
+        page.made.vision["bay1"].settings = VisionConfig(method="paper")
+        assert (await page.post("function-check", mode="off")).json["function_check"] == "off"
 
 
 @in_virtual_time

@@ -20,6 +20,7 @@ import { Stages } from './stages.js';
 import { TeachIn } from './teachin.js';
 import { CancelledError, TestSets, useTestSets } from './testsets.js';
 import { trials } from './trials.js';
+import { Restart } from '../setup/review.js';
 import { WarningDialog, confirmed } from '../lib/warnings.js';
 
 const LIVE_PAUSE_MS = 350; // between two trials on the running picture
@@ -104,6 +105,8 @@ function Page({ session, profile: first, taken: kept, renew }) {
   const [settings, setSettings] = useState(first.vision);
   const [file, setFile] = useState(first.file);
   const [undoSteps, setUndoSteps] = useState(first.undo_steps);
+  const [untried, setUntried] = useState(first.untried);
+  const [restarting, setRestarting] = useState(null); // the settings page's file, for the question
   const [undone, setUndone] = useState(first.undo); // what one step back brings back
   const [mode, setMode] = useState(first.function_check.toUpperCase());
   const [taken, setTaken] = useState(kept);
@@ -221,10 +224,15 @@ function Page({ session, profile: first, taken: kept, renew }) {
     setSettings((draft) => followed(draft, was, answer.vision));
     setUndoSteps(answer.undo_steps);
     setUndone(answer.undo);
+    setUntried(answer.untried);
     setMode(answer.function_check.toUpperCase());
     if (answer.file) setFile(answer.file);
   };
-  const refresh = async () => applyProfile(await get(at('profile')));
+  const refresh = async () => {
+    const answer = await get(at('profile'));
+    applyProfile(answer);
+    return answer;
+  };
   /** Something else is in force than this tab knew: somebody changed it elsewhere. */
   const notice = async () => {
     const was = known.current;
@@ -232,8 +240,16 @@ function Page({ session, profile: first, taken: kept, renew }) {
     const keys = differing(schema, known.current, was);
     if (keys.length) tell(text('Changed in another tab or by somebody else, and live: {0}.', keys.join(', ')), true);
   };
+  /** What is saved and in force is asked anew before a function check may end. */
+  const mayEnd = () => doing('look', async () => (await refresh()).file.waiting.length === 0);
+  const askRestart = () => doing('restart', async () => setRestarting(await get('/api/setup/settings')));
   const check = (next) => doing('check', async () => {
-    applyProfile(await send('function-check', { mode: next }));
+    try {
+      applyProfile(await send('function-check', { mode: next }));
+    } catch (error) {
+      await refresh();
+      throw error;
+    }
     tell(next === 'off' ? 'The function check has ended.' : next === 'may_move_off' ? 'Function check: may_move is off.' : 'Function check: may_move is kept.');
   });
   const ask = (what) => async (warnings) => {
@@ -308,11 +324,11 @@ function Page({ session, profile: first, taken: kept, renew }) {
   const unlive = differing(schema, settings, inForce);
   const on = mode !== 'OFF' && mode !== null;
   useEffect(() => {
-    if (!on) return undefined;
+    if (!on || restarting) return undefined;
     const leaving = (event) => event.preventDefault();
     addEventListener('beforeunload', leaving);
     return () => removeEventListener('beforeunload', leaving);
-  }, [on]);
+  }, [on, restarting]);
 
   const wide = widthFor(tiles.current?.querySelector('.picture')?.clientWidth || 640, devicePixelRatio || 1);
   const pictureOf = (one) => {
@@ -325,10 +341,13 @@ function Page({ session, profile: first, taken: kept, renew }) {
   const remarks = result?.remarks ?? [];
   const elsewhere = shown !== null && !sameSource(shown.request.source, source) && !frozenFrom(shown, source, taken);
   const behind = shown !== null && ((source.kind === 'live' && !fresh) || shown.request.settings !== settings || !sameSource(shown.request.source, source));
+  const stateAge = html`<${Age} of=${live} partMs=${one?.age_ms} />`;
   return html`<${Top} session=${session} connected=${live.connected} fresh=${fresh} />
     <main class="page tuning">
       <h1 class="sr">${text('Tuning of {0}', bay)}</h1>
-      <${CheckBanner} mode=${fresh ? mode : null} state=${mine?.state ?? null} age=${html`<${Age} of=${live} partMs=${one?.age_ms} />`} change=${check} busy=${busy !== ''} />
+      <${CheckBanner} mode=${fresh ? mode : null} state=${mine?.state ?? null} age=${stateAge} change=${check} busy=${busy !== ''}
+        thresholds=${mine?.thresholds ?? null} file=${file} untried=${untried} refresh=${mayEnd} restart=${askRestart} />
+      ${restarting && html`<${Restart} session=${session} seconds=${restarting.restart_s} close=${() => setRestarting(null)} />`}
       <${TeachIn} send=${send} url=${at('teach-in')} checking=${on} />
       <div class="controls">
         <${Camera} bay=${bay} send=${send} url=${at('camera')} checking=${on} />
