@@ -20,6 +20,7 @@ import threading
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from enum import IntEnum
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -189,8 +190,9 @@ class SharedStateReader:
         self._map.close()
         os.close(self._fd)
 
-    def read(self) -> SharedVector:
-        """The newest complete vector; if it is not valid any more, with stop on and without any value.
+    def read(self, *, later: bool = False) -> SharedVector:
+        """The newest complete vector; if it is not valid any more, with stop on and without any value. `later`: codes
+        that only a later version knows are left as numbers.
 
         Raises LinkError when its gateway is dead, or nothing has been written yet.
         """
@@ -207,17 +209,21 @@ class SharedStateReader:
             body, crc = slot[: _BODY.size], _CRC.unpack(slot[_BODY.size :])[0]
             if count and zlib.crc32(body) == crc:
                 try:
-                    vector = _unpack(self._bay, pid, body)
+                    vector = _unpack(self._bay, pid, body, later=later)
                 except ValueError as error:  # a quality or reason of a later version
                     raise LinkError(f"{self._path}: not a state vector of this version: {error}") from error
                 return vector if valid(vector, self._clock.now_ns()) else _withdrawn(vector)
         raise LinkError("no complete state could be read")
 
 
-def _unpack(bay: str, pid: int, body: bytes) -> SharedVector:
+def _unpack(bay: str, pid: int, body: bytes, *, later: bool) -> SharedVector:
     *numbers, vision, distance, reason, d, stop, may_move, in_place, moved = _BODY.unpack(body)
-    codes = Quality(vision), Quality(distance), Reason(reason)
-    fields = (bay, pid, *numbers, *codes, None if d < 0 else bool(d), stop, may_move, in_place, Moved(moved))
+
+    def code(kind: type[IntEnum], number: int) -> Any:
+        return number if later and number not in set(kind) else kind(number)
+
+    codes = code(Quality, vision), code(Quality, distance), code(Reason, reason)
+    fields = (bay, pid, *numbers, *codes, None if d < 0 else bool(d), stop, may_move, in_place, code(Moved, moved))
     return SharedVector(*fields)
 
 

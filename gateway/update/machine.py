@@ -239,7 +239,7 @@ class Machine:
                 continue
             try:
                 with SharedStateReader(instance, bay) as reader:
-                    vector = reader.read()
+                    vector = reader.read(later=True)
             except LinkError as error:
                 fault = error
                 continue

@@ -552,6 +552,7 @@ def test_a_reason_that_only_a_later_version_knows(shared: Shared) -> None:
     writer.write(replace(numbered(1), reason=60))  # type: ignore[arg-type]  # not a Reason of this version
     with pytest.raises(LinkError, match="not a state vector of this version: 60 is not a valid Reason"):
         reader.read()
+    assert reader.read(later=True).reason == 60
 
 
 def test_a_writer_that_has_left_is_dead() -> None:

@@ -7,6 +7,7 @@ import msgspec
 import pytest
 from msgspec.structs import replace
 
+from gateway.modbus.registers.register_map import MAP_VERSION
 from gateway.update import prepare, watcher
 from gateway.update import state as states
 from gateway.update.machine import Answer, UpdateError
@@ -185,7 +186,7 @@ def test_what_is_saved_while_the_configuration_is_examined_was_not_examined(
         ({"serves": {"seq_end": 7}}, "torn image"),
         ({"serves": {"visit_phase": 3}}, "visit_phase is approaching, and the status says empty"),
         ({"serves": {"known_u32": 0x5678}}, "another word order?"),
-        ({"serves": {"map_version": 4}}, "map version 4 lacks registers of version 5"),
+        ({"serves": {"map_version": MAP_VERSION - 1}}, f"lacks registers of version {MAP_VERSION}"),
         ({"serves": {"ne107_active": 0}}, "a function check is on, and ne107_active does not say so"),
         ({"function_check": "off"}, "its function check has ended"),
         ({"shares": False}, "its registers can't be compared: no shared state that this version can read"),
@@ -226,9 +227,9 @@ def test_what_certainly_contradicts_what_is_decided_is_not_waited_for(tmp_path: 
 
 def test_a_version_with_a_newer_map_is_taken_and_back_by_hand_takes_the_older_one(tmp_path: Path) -> None:
     machine = installed(tmp_path)
-    assert Update(machine, Version(name=NEW, serves={"map_version": 6})).run().outcome is Outcome.UPDATED
+    assert Update(machine, Version(name=NEW, serves={"map_version": MAP_VERSION + 1})).run().outcome is Outcome.UPDATED
     (machine.paths.versions / OLD / "version.json").write_bytes(
-        msgspec.json.encode(Version(name=OLD, serves={"map_version": 4}))
+        msgspec.json.encode(Version(name=OLD, serves={"map_version": MAP_VERSION - 1}))
     )
     assert Update(machine, None).run().outcome is Outcome.UPDATED
 
