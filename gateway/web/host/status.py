@@ -13,7 +13,7 @@ from gateway.bay_file import BayFiles
 from gateway.clock import NS_PER_S
 from gateway.config import GatewayConfig
 from gateway.core.readings import FRESH_FRAME, VisionReading
-from gateway.core.state import StateVector
+from gateway.core.state import FunctionCheck, StateVector
 from gateway.hub import Hub
 from gateway.logs.folding import LogCounts
 from gateway.modbus.server.traffic import ServerNow
@@ -73,10 +73,17 @@ def _note(rows: dict[str, list[int]], stage: str, took_ns: int) -> None:
     row[-1] += took_ns
 
 
-def _in_words(state: StateVector) -> str:
+def in_words(state: StateVector) -> str:
+    """What the PLC is told of a bay, and why it is not more."""
+    checking = state.function_check is not FunctionCheck.OFF
+    if not state.stop and not state.may_move:
+        withheld = state.function_check is FunctionCheck.MAY_MOVE_OFF
+        return f"no stop, may_move withheld{' by the function check' if withheld else ''}"
     if state.may_move:
-        return "may move"
-    return "in place" if state.in_place else f"stop, reason {state.reason.name.lower()}"
+        told = "may move"
+    else:
+        told = "in place" if state.in_place else f"stop, reason {state.reason.name.lower()}"
+    return f"{told}, function check" if checking else told
 
 
 def _bay_now(state: StateVector, unit_id: int) -> BayNow:
@@ -174,7 +181,7 @@ class StatusCollector:
         return "; ".join(
             [
                 " and ".join(ports) or self._modbus_fault() or "Modbus TCP not open yet",
-                *(f"{bay}: {_in_words(self.hub.shown(bay, now_ns))}" for bay in self.hub.bays),
+                *(f"{bay}: {in_words(self.hub.shown(bay, now_ns))}" for bay in self.hub.bays),
                 *([f"configuration not loaded: {self.config_fault}"] if self.config_fault else []),
                 *([f"{self.keys_waiting} changed keys wait for a restart"] if self.keys_waiting else []),
             ]

@@ -24,12 +24,13 @@ from gateway.alarms.states import AlarmEvent, AlarmState
 from gateway.clock import SystemClock
 from gateway.config import BayConfig, GatewayConfig, ModbusConfig, MqttConfig
 from gateway.core.readings import Quality, VisionReading
+from gateway.core.state import FunctionCheck, Reason, StateVector, Visit
 from gateway.hub import Hub
 from gateway.processes.codec import MAX_MESSAGE_BYTES, Codec
 from gateway.sinks.contract import LinkStatus, Sink
 from gateway.sinks.mqtt.publisher import MqttPublisher
 from gateway.supervisor import TaskRecord
-from gateway.web.host.status import MAX_ALARMS, MAX_ERROR, PLC_QUIET_S, StatusCollector
+from gateway.web.host.status import MAX_ALARMS, MAX_ERROR, PLC_QUIET_S, StatusCollector, in_words
 from gateway.web.ipc.messages import (
     BOUNDS_S,
     MAX_STATES,
@@ -101,6 +102,27 @@ async def test_links_hold_what_the_parts_say_and_no_password() -> None:
         )  # fmt: skip
         assert links.modbus == (server(),)
         assert sum(count for _, count in links.alarms.counts) == len(BAY_ALARMS) + len(GATEWAY_ALARMS)
+
+
+@pytest.mark.parametrize(
+    ("state", "said"),
+    [
+        (StateVector("b", stop=False, may_move=True, reason=Reason.NONE), "may move"),
+        (StateVector("b", reason=Reason.NO_ECHO), "stop, reason no_echo"),
+        (StateVector("b", reason=Reason.TARGET_REACHED, visit=Visit(in_place=True)), "in place"),
+        (StateVector("b", stop=False, reason=Reason.NONE), "no stop, may_move withheld"),
+    ],
+)
+@pytest.mark.parametrize("check", FunctionCheck)
+def test_a_bays_line_for_the_service_manager_is_what_the_plc_is_told(
+    state: StateVector, said: str, check: FunctionCheck
+) -> None:
+    """`systemctl status` said "stop, reason none" of a bay without a stop, under a function check."""
+    if said.endswith("withheld"):
+        more = " by the function check" if check is FunctionCheck.MAY_MOVE_OFF else ""
+    else:
+        more = ", function check" if check is not FunctionCheck.OFF else ""
+    assert in_words(replace(state, function_check=check)) == said + more
 
 
 def test_frames_are_timed_only_for_pages() -> None:
