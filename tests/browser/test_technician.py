@@ -374,3 +374,30 @@ def test_the_eyedropper_takes_the_colour_at_a_place(page: Page) -> None:
     picture.scroll_into_view_if_needed()
     picture.click()
     until(page, lambda: white(page) > 1000)
+
+
+def test_a_function_check_ends_only_when_what_is_saved_is_in_force_and_names_what_follows(
+    visit: Visit, tmp_path: Path, started: ExitStack
+) -> None:
+    bay = started.enter_context(plant(tmp_path, STANDING, keeps=True))
+    page = tuning(bay, visit)
+    page.get_by_role("button", name="Begin function check", exact=True).click()
+    end = page.get_by_role("button", name="End function check…")
+    expect(end).to_be_visible()
+    former = bay.config.read_text()
+    bay.config.write_text(f"{former}\n[fusion]\nradius_threshold_px = 120.0\n")
+    end.click()
+    notice = page.get_by_role("alert").filter(has_text="Saved, and not in force yet: fusion.radius_threshold_px.")
+    notice.get_by_role("button", name="Restart the gateway").click()
+    question = page.get_by_role("dialog", name="Restart the gateway")
+    expect(question).to_contain_text("Stop is shown on all bays for about 10 seconds.")
+    question.get_by_role("button", name="Cancel").click()
+    bay.config.write_text(former)
+    end.click()
+    dialog = page.get_by_role("dialog", name="End the function check?")
+    expect(dialog).to_contain_text("D = 1 at R of 180.0 px and Z of 300 mm: these thresholds are in force")
+    expect(dialog).to_contain_text("it must leave the mark, and come again")
+    dialog.get_by_role("button", name="Cancel").click()
+    expect(page.get_by_role("heading", name=re.compile("FUNCTION CHECK"))).to_be_visible()
+    end_function_check(page)
+    expect(page.get_by_role("heading", name="The bay is at work")).to_be_visible()
