@@ -30,7 +30,7 @@ def test_a_gateway_is_backed_up_while_it_runs_and_restored_where_it_does_not(
         until(lambda: recorded(recording) > 0)
         done = command("backup", str(archive), "--config", str(config), "--records")
         assert (done.code, done.err) == (0, "")
-        assert [line.split()[0] for line in done.out.splitlines()][:3] == ["configuration", "state", "record"]
+        assert [line.split()[0] for line in done.out.splitlines()][:4] == ["configuration", "state", "state", "record"]
         kept = recorded(recording)
         until(lambda: recorded(recording) > kept)  # it goes on
         config.write_text("# another\n")
