@@ -39,8 +39,8 @@ LIVE: tuple[LiveKeys, ...] = (
         ("bays", "*", "vision"),
         ("workers", "affinity"),
         "the bay's vision process is replaced: its values are withdrawn, in_place ends, and stop is on until frames of "
-        "the new settings have been good for fusion.recovery_s and fusion.clear_hold_s; a bay at work begins a function "
-        "check, unless just these settings were tried",
+        "the new settings have been good for fusion.recovery_s and fusion.clear_hold_s; a bay at work begins a "
+        "function check, unless just these settings were tried",
     ),
     LiveKeys(
         ("bays", "*", "camera", "controls"),
