@@ -1,6 +1,6 @@
 """A bay's state vector and the records that it is made of: frozen, plain, units in the names."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import IntEnum
 
 from gateway.core.detection import Circle
