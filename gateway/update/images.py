@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from gateway.core.state import Reason, VisitPhase
 from gateway.errors import ProtocolError
-from gateway.modbus.exports.diagnosis import contradictions
+from gateway.modbus.exports.diagnosis import Raw, contradictions
 from gateway.modbus.registers.register_map import BLOCK_WORDS, KNOWN_FLOAT32, REGISTERS, Value, decode
 from gateway.shared_state import SharedVector
 from gateway.status_file import BayNow
@@ -53,8 +53,7 @@ def compared(
     return Compared(fault, certain=bool(differing), heartbeat=heartbeat)
 
 
-def _raw(values: dict[str, Value]) -> dict[str, float | bool]:
-    """By the names of the PLC programs' fields (gateway/modbus/exports/fields.py)."""
+def _raw(values: dict[str, Value]) -> Raw:
     raw: dict[str, float | bool] = {}
     for register in REGISTERS:
         value = values[register.name]
@@ -78,7 +77,7 @@ def _differing(values: dict[str, Value], vector: SharedVector) -> list[str]:
     return [f"{name} is {values[name]}, decided {value}" for name, value in decided.items() if values[name] != value]
 
 
-def _against_status(raw: dict[str, float | bool], bay: BayNow) -> str:
+def _against_status(raw: Raw, bay: BayNow) -> str:
     phase = int(raw["visit_phase"])
     if phase in set(VisitPhase) and (name := VisitPhase(phase).name.lower()) != bay.phase:  # not one of a newer version
         return f"visit_phase is {name}, and the status says {bay.phase}"

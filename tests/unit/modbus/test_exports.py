@@ -3,6 +3,7 @@
 import argparse
 import csv
 import io
+import itertools
 import json
 import math
 import re
@@ -33,7 +34,7 @@ from gateway.modbus.exports import (
     scl,
     structured_text,
 )
-from gateway.modbus.exports.diagnosis import HEARTBEAT_TIMEOUT_MS, Diagnosis
+from gateway.modbus.exports.diagnosis import CONTRADICTIONS, HEARTBEAT_TIMEOUT_MS, Diagnosis
 from gateway.modbus.exports.fields import fields, measured
 from gateway.modbus.exports.interface import INPUTS, OUTPUTS
 from gateway.modbus.exports.registry import EXPORTS, SUMMARY, export
@@ -72,6 +73,23 @@ def test_no_program_has_an_output_that_could_be_mistaken_for_the_wrong_one(name:
     lines = [line.strip() for line in text.splitlines() if re.search(r"[Cc]ondition for loading", line)]
     assert lines
     assert [line for line in lines if not re.search(r"only condition for loading|[Nn]ever a condition", line)] == []
+
+
+PYTHON = {"AND": "and", "OR": "or", "XOR": "!=", "=": "==", "<>": "!="}
+
+
+@pytest.mark.parametrize("claim", CONTRADICTIONS)
+def test_a_contradiction_is_the_same_to_the_programs_and_to_an_update(claim: str) -> None:
+    names = sorted(set(re.findall(r"#Raw\.(\w+)", claim)))
+    text = re.sub(r"<>|\bX?OR\b|\bAND\b|=", lambda found: PYTHON[found[0]], claim).replace("#Raw.", "")
+    flags = {field.name for field in fields() if field.kind == "BOOL"}
+    found = set()
+    for values in itertools.product(*((False, True) if name in flags else (0, 1, 2) for name in names)):
+        raw = dict(zip(names, values, strict=True))
+        expected = bool(eval(text, {"__builtins__": {}}, raw))
+        assert CONTRADICTIONS[claim](raw) == expected, raw
+        found.add(expected)
+    assert found == {False, True}
 
 
 def unpack(words: list[int], letter: str) -> Any:
