@@ -75,17 +75,14 @@ def _none_of(name: str, codes: Collection[IntEnum]) -> str:
     return " AND ".join(f"(#Raw.{name} <> {code.value})" for code in sorted(codes))
 
 
-def _one_of(name: str, codes: Collection[IntEnum]) -> str:
-    return " OR ".join(f"(#Raw.{name} = {code.value})" for code in sorted(codes))
-
-
-# Where the gateway lets a truck drive though one sensor has no good value: docs/visit.md. All else needs both.
-BEYOND_THE_RANGER = (
-    "(#Raw.may_move = 1) AND (#Raw.vision_quality = 0) AND #Raw.d_valid AND (#Raw.d = 0)"
-    f" AND ({_one_of('visit_phase', (VisitPhase.ARRIVING, VisitPhase.LEAVING))})"
-    f" AND ({_one_of('range_quality', (Quality.NO_ECHO, Quality.TOO_FAR))})"
+# Where the gateway lets a truck drive though one sensor has no good value (docs/visit.md), it is not so that; all else
+# needs both. Without NOT before brackets, which STruC++ 0.6.1 does not compile.
+NOT_BEYOND_THE_RANGER = (
+    "(#Raw.may_move <> 1) OR (#Raw.vision_quality <> 0) OR (NOT #Raw.d_valid) OR (#Raw.d <> 0)"
+    f" OR ({_none_of('visit_phase', (VisitPhase.ARRIVING, VisitPhase.LEAVING))})"
+    f" OR ({_none_of('range_quality', (Quality.NO_ECHO, Quality.TOO_FAR))})"
 )
-RELEASED_COVERED = f"#Raw.position_status_released AND ({_one_of('vision_quality', FRESH_FRAME)})"
+NOT_RELEASED_COVERED = f"(NOT #Raw.position_status_released) OR ({_none_of('vision_quality', FRESH_FRAME)})"
 
 
 Raw = Mapping[str, float | bool]
@@ -196,14 +193,14 @@ VALUES: tuple[Check, ...] = (
     ),
     Check(
         Diagnosis.VISION,
-        f"(#Raw.vision_quality <> 0) AND (NOT ({RELEASED_COVERED}))",
+        f"(#Raw.vision_quality <> 0) AND ({NOT_RELEASED_COVERED})",
         "the camera's measurement is not good (of a released truck the marker may be covered)",
         "the cause is in register vision_quality",
         Needs.MAY_MOVE,
     ),
     Check(
         Diagnosis.RANGER,
-        f"(#Raw.range_quality <> 0) AND (NOT ({BEYOND_THE_RANGER}))",
+        f"(#Raw.range_quality <> 0) AND ({NOT_BEYOND_THE_RANGER})",
         "the ranger's measurement is not good (a truck that the camera sees may be beyond its range)",
         "the cause is in register range_quality",
     ),

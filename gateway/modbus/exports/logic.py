@@ -178,7 +178,7 @@ END_IF;
 """
 
 _RELEASE = """\
-IF NOT (#Release AND #SpoutUp) THEN
+IF (NOT #Release) OR (NOT #SpoutUp) THEN
   #ReleaseBit := FALSE;
 ELSIF NOT #ReleaseWas THEN
   #ReleaseBit := TRUE;
