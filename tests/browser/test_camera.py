@@ -125,7 +125,8 @@ def test_controls_are_tried_put_back_and_saved_with_crop_and_rotation(
         dialog.get_by_role("button", name="Save").click()
         expect(dialog.locator("[data-saved]")).to_be_visible()
         dialog.get_by_role("button", name="Close").click()
-        end_function_check(page)
+        page.get_by_role("button", name="End function check…").click()
+        expect(page.get_by_text("Saved, and not in force yet: camera.controls.")).to_be_visible()
 
         panel.get_by_label("turned by").select_option("90")
         for label, value in (("left edge", 40), ("upper edge", 0), ("width", 560), ("height", 480)):

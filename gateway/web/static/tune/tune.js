@@ -25,6 +25,8 @@ import { WarningDialog, confirmed } from '../lib/warnings.js';
 
 const LIVE_PAUSE_MS = 350; // between two trials on the running picture
 const TRIAL_MS = 60_000;
+const RELOAD_LOOKS = 5; // for what a save puts into force without a restart
+const RELOAD_LOOK_MS = 600;
 const TAB = `t${Math.random().toString(36).slice(2, 12)}`;
 
 const bay = decodeURIComponent(location.pathname.split('/')[2] ?? '');
@@ -240,8 +242,14 @@ function Page({ session, profile: first, taken: kept, renew }) {
     const keys = differing(schema, known.current, was);
     if (keys.length) tell(text('Changed in another tab or by somebody else, and live: {0}.', keys.join(', ')), true);
   };
-  /** What is saved and in force is asked anew before a function check may end. */
-  const mayEnd = () => doing('look', async () => (await refresh()).file.waiting.length === 0);
+  /** What is saved and in force is asked anew before a function check may end: what is live comes into force a moment after its save. */
+  const mayEnd = () => doing('look', async () => {
+    for (let tries = 1; (await refresh()).file.waiting.length > 0; tries += 1) {
+      if (tries === RELOAD_LOOKS) return false;
+      await new Promise((go) => setTimeout(go, RELOAD_LOOK_MS));
+    }
+    return true;
+  });
   const askRestart = () => doing('restart', async () => setRestarting(await get('/api/setup/settings')));
   const check = (next) => doing('check', async () => {
     try {
