@@ -342,7 +342,8 @@ def _until(bay: Bay, begun_s: float, *, loads: bool) -> bool:
         # A truck that was in place has gone: an operator resets the stop after it.
         bay.plc.bits = RESET if not loads and int(bay.t_s * 2.5) % 2 else 0
         bay.step()
-        if bay.plc.permits(bay.t_s)[loads]:
+        # The permit may still be that of the truck before: this one has waited once the gateway has seen it there.
+        if bay.plc.permits(bay.t_s)[loads] and (loads or bay.state.d is False):
             return True
     return False
 

@@ -23,6 +23,11 @@ class StartDeadline:
         """From the start to the first sign of life, for the next or present start."""
         return max(self.first_s, min(self.first_s * 2.0**self._late, MOST_S))
 
+    @property
+    def factor(self) -> float:
+        """How many times as long as the first one this start may take."""
+        return self.seconds / self.first_s
+
     def missed(self) -> None:
         """The process was not ready in time."""
         self._late = min(self._late + 1, 16)

@@ -18,8 +18,8 @@ Rules
   PROCESS_FAULT. So a damaged process neither hides its silence nor spoils the numbers of its successors.
 - After LINK_DOWN the next process is started with the delays of `camera.reconnect`; after PROCESS_FAULT at once, from
   the second failure in a row on with a delay.
-- A start ends with the first result. Each of its steps (detector, source, first frame in work) may take
-  `camera.open_deadline_s`; after a start that was late, twice as long the next time, until one has run well
+- A start ends with the first result. Detector and source may each take `camera.open_deadline_s`, the first frame
+  `vision.deadline_s`; after a start that was late, twice as long the next time, until one has run well
   (`processes.deadlines`): on a loaded machine it comes to an end, too.
 - A process is started only when the previous one has ended: one writer for the memory, one owner for the device.
 - A film that is not to be repeated (`finite`) is not begun again. Where no frame may be skipped (`lossless`), it
@@ -282,8 +282,7 @@ class ProcessMonitor:
     @property
     def _work_s(self) -> float:
         """How long the detector may work on a frame. The first one is part of the start."""
-        deadline_s = self.vision.deadline_s
-        return deadline_s if self._result_ns else max(deadline_s, self._start_deadline.seconds)
+        return self.vision.deadline_s * (1.0 if self._result_ns else self._start_deadline.factor)
 
     @property
     def _allowed_ns(self) -> int:
