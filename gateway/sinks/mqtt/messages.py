@@ -129,7 +129,7 @@ class CountersPayload(BaseModel):
 
     model_config = FROZEN
     frames: Count = Field(description="vision results")
-    frames_skipped: Count = Field(description="frames replaced by a newer one before they were processed")
+    frames_skipped: Count = Field(description="frames not processed: replaced by a newer one before, or damaged")
     frames_lost: Count = Field(description="frames that ended with their process")
     vision_restarts: Count = Field(description="vision processes replaced")
     camera_reopens: Count

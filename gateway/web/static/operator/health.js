@@ -10,7 +10,7 @@ import { Health as Sign } from './signs.js';
 
 const COUNTERS = [
   ['frames', 'frames evaluated'],
-  ['frames_skipped', 'frames replaced by newer ones'],
+  ['frames_skipped', 'frames replaced by newer ones, or damaged'],
   ['frames_lost', 'frames lost with their process'],
   ['vision_restarts', 'vision workers replaced'],
   ['camera_reopens', 'camera opened again'],
