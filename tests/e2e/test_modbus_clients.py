@@ -77,7 +77,7 @@ input 110 1: error Illegal data address
 holding 65535 125: error Illegal data address
 discrete 0 16: 1101011111000000
 coils 1 9: 101011111
-coils {CONTROL + 31} 2: error Illegal data address
+coils {CONTROL + 47} 2: error Illegal data address
 """
 WRITES_ON = """\
 write 80 3: done

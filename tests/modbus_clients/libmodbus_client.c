@@ -63,7 +63,7 @@ int main(int argc, char **argv) {
     words("holding", modbus_read_registers, 65535, 125);
     bits("discrete", modbus_read_input_bits, 0, 16);
     bits("coils", modbus_read_bits, 1, 9);
-    bits("coils", modbus_read_bits, coil + 31, 2);
+    bits("coils", modbus_read_bits, coil + 47, 2);
 
     uint16_t values[3] = {1, 2, 0x8003}, read[4];
     printf("write 80 3: %s\n", modbus_write_registers(plc, 80, 3, values) == 3 ? "done" : modbus_strerror(errno));
