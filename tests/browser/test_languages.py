@@ -126,7 +126,8 @@ def technician(page: Page) -> None:
     page.locator("#save").click()
     expect(page.locator("dialog")).to_be_visible()
     page.keyboard.press("Escape")
-    page.locator(".check.warn .primary").click()
+    page.locator(".check.warn .primary").click()  # asks
+    page.locator("dialog .primary").click()
     expect(page.locator(".check.warn")).to_have_count(0)
 
 

@@ -82,6 +82,7 @@ export function usePreview(session, question) {
           look = await get(`/api/setup/look/${look.look}?after=${look.piece}`, { signal: end.signal, timeoutMs: NEWS_MS });
         }
         show(look, '');
+        live.take(look, asked);
       } catch (error) {
         show(null, error.message);
       }

@@ -53,7 +53,7 @@ export function CheckBanner({ mode, state, age, change, busy, thresholds, file, 
       ${state && state.ne107.name !== 'FUNCTION_CHECK' ? ` ${text('NE 107 says {0}: that goes first.', t(words(state.ne107.name)))}` : ''}</p>
     ${untried.length > 0 && html`<p>${text('Not as last tried: {0}. Try them with a truck before the check ends.', untried.join(', '))}</p>`}
     ${file.waiting.length > 0 && html`<div class="notice warn" role="alert"><p><b>${text('Saved, and not in force yet: {0}.', file.waiting.join(', '))}</b> The function check can end when the gateway has restarted with them.</p>
-      <button type="button" class="primary" onClick=${restart}>Restart the gateway</button></div>`}
+      <button type="button" class="primary" disabled=${busy} onClick=${restart}>Restart the gateway</button></div>`}
     ${ending && html`<${EndDialog} thresholds=${thresholds} unsaved=${file.unsaved} close=${() => setEnding(false)} end=${() => { setEnding(false); change('off'); }} />`}
     <div class="row">
       <button type="button" class=${file.waiting.length > 0 ? '' : 'primary'} disabled=${busy} onClick=${async () => { if (await refresh()) setEnding(true); }}>End function check…</button>
