@@ -133,7 +133,7 @@ def test_it_holds_visits_events_minutes_and_files(tmp_path: Path) -> None:
     assert min(float(str(minute["z_min"])) for minute in minutes) == pytest.approx(276, abs=5)
     assert max(float(str(minute["r_max"])) for minute in minutes) == pytest.approx(193, abs=1.5)
     stopped = msgspec.json.decode(str(minutes[1]["stop_s"]))
-    assert set(stopped) <= {"target_reached", "moved", "no_target", "no_echo", "starting"}
+    assert set(stopped) <= {"target_reached", "stop_latched", "moved", "no_target", "no_echo", "starting"}
 
     events = reader.events("bay1", begun_ms, begun_ms + 200_000, 1000)
     assert [event["kind"] for event in events] == [event.kind.value for event in bench.events]
