@@ -38,7 +38,6 @@ CYCLE_MS = 20
 # A busy machine may not schedule the gateway for a while; that is not what is tested here.
 TIMEOUT_MS = 5000
 LIMIT_S = 40.0
-SIMULATED = Target(site="simulated", gateway="simulate").identity
 ADDRESS = {register.name: register.address for register in REGISTERS}
 PAIRS = [register.address for register in REGISTERS if register.words == 2]
 
@@ -46,8 +45,12 @@ PAIRS = [register.address for register in REGISTERS if register.words == 2]
 class SoftPlc:
     """Polls the block and calls the function block once in a cycle; its time is its cycles'."""
 
-    def __init__(self, block: Instance, port: int) -> None:
+    def __init__(self, block: Instance, gateway: Gateway) -> None:
+        started = gateway.started()
+        port, instance = started["modbus_port"], started["instance"]  # another one where several simulations run
+        known = Target(site="simulated", gateway=instance).identity
         self.block = block
+        self._known = {"UnitId": known.unit_id, "BayIdentity": known.number}
         self.words = [0] * BLOCK_WORDS
         self._client = ModbusTcpClient("127.0.0.1", port=port, timeout=2, retries=0)
         self._now_ms = 0
@@ -68,8 +71,7 @@ class SoftPlc:
 
     def call(self, words: list[int], *, ok: bool = True, after_ms: int = CYCLE_MS) -> Diagnosis:
         self._now_ms += after_ms
-        known = {"UnitId": SIMULATED.unit_id, "BayIdentity": SIMULATED.number}
-        self.block.call(self._now_ms, PollOk=ok, Words=list(words), HeartbeatTimeout=TIMEOUT_MS, **known)
+        self.block.call(self._now_ms, PollOk=ok, Words=list(words), HeartbeatTimeout=TIMEOUT_MS, **self._known)
         found = Diagnosis(self.block["Diagnostic"])
         said = tuple(words[ADDRESS[name]] for name in ("stop", "may_move", "in_place"))
         # Whatever comes: no output that the image does not name, and no running truck without an image to believe in.
@@ -100,7 +102,7 @@ def test_the_outputs_follow_a_live_bay_and_fall_on_every_doubt(program: Program,
     scenario = tmp_path / "visit.toml"
     scenario.write_text(VISIT)
     with Gateway("simulate", "--scenario", str(scenario), "--modbus-port", "0", "--json") as gateway:
-        plc = SoftPlc(program.instance(FUNCTION_BLOCK), gateway.started()["modbus_port"])
+        plc = SoftPlc(program.instance(FUNCTION_BLOCK), gateway)
         try:
             follow(plc)
             doubt(plc)
