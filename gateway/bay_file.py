@@ -120,8 +120,11 @@ class _Bay:
     written: RetainedState | None = None  # None: what is in the file is not known to be `wanted`
     damaged: str = ""  # why the file could not be read; until a technician has begun or ended a function check
     tried: Mapping[str, Any] = field(default_factory=dict)
-    tried_path: Path | None = None
     tried_written: bool = False
+
+    @property
+    def tried_path(self) -> Path:
+        return _tried_beside(self.path)
 
 
 @dataclass(slots=True)
@@ -212,7 +215,7 @@ class BayFiles:
         return ""
 
     async def _update_tried(self, bay: _Bay) -> str:
-        if bay.tried_path is None or bay.tried_written:
+        if bay.tried_written:
             return ""
         tried = bay.tried
         text = json.dumps({"version": TRIED_VERSION, "keys": tried}, indent=1)
@@ -276,8 +279,8 @@ def _read(bay: BayConfig, path: Path, first: RetainedState) -> _Bay:
 
 def _with_tried(bay: _Bay, now: Mapping[str, Any]) -> _Bay:
     """A start with other keys than those last tried begins a function check, unless one is on."""
-    name, path = bay.config.name, _tried_beside(bay.path)
-    bay.tried, bay.tried_path = now, path
+    name, path = bay.config.name, bay.tried_path
+    bay.tried = now
     try:
         data = read_file(path)
         if data is not None:

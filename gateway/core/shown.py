@@ -45,19 +45,22 @@ def resumed(state: StateVector, now_ns: int) -> StateVector:
     if valid(state, now_ns):
         return state
     memory, plc = state.memory, state.plc
-    if memory.vision_failure.alive_since_ns is not None or memory.range_failure.alive_since_ns is not None:
-        memory = replace(
-            memory,
-            vision_failure=replace(memory.vision_failure, alive_since_ns=None),
-            range_failure=replace(memory.range_failure, alive_since_ns=None),
-        )
+    memory = replace(
+        memory,
+        vision_failure=replace(memory.vision_failure, alive_since_ns=None),
+        range_failure=replace(memory.range_failure, alive_since_ns=None),
+        no_cause_since_ns=None,
+        pending_since_ns=None,
+        absent_since_ns=None,
+        track=(),
+    )
     return replace(
         state,
         stop=True,
         may_move=False,
         reason=Reason.GATEWAY_FAULT,
         d=None,
-        memory=replace(memory, no_cause_since_ns=None, pending_since_ns=None, absent_since_ns=None, track=()),
+        memory=memory,
         plc=replace(plc.withdrawn(), timed_out=plc.timed_out or plc.phase is TriggerPhase.ACQUIRING),
         guidance=Guidance(GuidanceCode.FAULT),
         visit=state.visit.withdrawn(),

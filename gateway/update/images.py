@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from gateway.core.state import Reason, VisitPhase
 from gateway.errors import ProtocolError
 from gateway.modbus.exports.diagnosis import Raw, contradictions
-from gateway.modbus.registers.register_map import BLOCK_WORDS, KNOWN_FLOAT32, REGISTERS, Value, decode
+from gateway.modbus.exports.fields import fields
+from gateway.modbus.registers.register_map import BLOCK_WORDS, KNOWN_FLOAT32, Value, decode
 from gateway.shared_state import SharedVector
 from gateway.status_file import BayNow
 
@@ -55,11 +56,15 @@ def compared(
 
 def _raw(values: dict[str, Value]) -> Raw:
     raw: dict[str, float | bool] = {}
-    for register in REGISTERS:
-        value = values[register.name]
-        raw[register.name], raw[f"{register.name}_valid"] = value or 0, value is not None
-        for bit, (name, _) in (register.bits or {}).items():
-            raw[f"{register.name}_{name}"] = bool(int(value or 0) >> bit & 1)
+    for field in fields():
+        value = values[field.register.name]
+        match field.part:
+            case "value":
+                raw[field.name] = value or 0
+            case "valid":
+                raw[field.name] = value is not None
+            case "bit":
+                raw[field.name] = bool(int(value or 0) >> field.bit & 1)
     return raw
 
 
