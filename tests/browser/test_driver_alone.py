@@ -16,11 +16,13 @@ from gateway.web.languages import languages
 from tests.browser import judgements
 from tests.browser.alone import HOST, SOCKET, STATIC, from_disk, say
 from tests.browser.chromium import Watch, until
+from tests.long import mostly_long
 
 GOOD: dict[str, Any] = {
     "bay": "bay1", "code": "FORWARD", "text": "", "stop": False,
     "amount_mm": 1250.0, "closing_mm_s": 120.0, "to_go_mm": 1250.0, "age_ms": 20.0,
 }  # fmt: skip
+LANGUAGES = mostly_long(sorted(languages({}).catalogues, key=lambda language: (language != "de", language)))
 STYLE = STATIC / "driver.css"
 FONTS = {"installed": None, "widest": "'DejaVu Sans'"}
 SHOWN = """() => {
@@ -301,7 +303,7 @@ MISPLACED = """() => {
 }"""
 
 
-@pytest.mark.parametrize("language", sorted(languages({}).catalogues))
+@pytest.mark.parametrize("language", LANGUAGES)
 @pytest.mark.parametrize(("width_px", "height_px"), [(360, 640), (768, 1024), (1024, 768), (1366, 768), (3840, 2160)])
 def test_every_word_fits_and_is_large(display: Display, language: str, width_px: int, height_px: int) -> None:
     page = display(f"?lang={language}&theme=night", width_px, height_px, font=FONTS["widest"])
@@ -360,7 +362,7 @@ INKED = """() => {
 }"""
 
 
-@pytest.mark.parametrize("language", sorted(languages({}).catalogues))
+@pytest.mark.parametrize("language", LANGUAGES)
 @pytest.mark.parametrize("screen", SCREENS)
 @pytest.mark.parametrize("font", FONTS)
 def test_the_distance_can_be_read_at_10_m(display: Display, screen: str, language: str, font: str) -> None:
@@ -380,7 +382,7 @@ def test_the_distance_can_be_read_at_10_m(display: Display, screen: str, languag
         page.context.close()
 
 
-@pytest.mark.parametrize("language", sorted(languages({}).catalogues))
+@pytest.mark.parametrize("language", LANGUAGES)
 def test_it_is_accessible_in_every_language(display: Display, language: str) -> None:
     for theme in ("sun", "night"):
         page = display(f"?lang={language}&theme={theme}")
@@ -412,7 +414,7 @@ MISSING = """(text) => {
 }"""
 
 
-@pytest.mark.parametrize("language", sorted(languages({}).catalogues))
+@pytest.mark.parametrize("language", LANGUAGES)
 def test_no_letter_is_an_empty_box(display: Display, language: str) -> None:
     """It is where no font of this machine has the letter: `./dev test` and the recipe in docs/hmi.md install some."""
     texts = languages({}).catalogues[language].texts

@@ -9,6 +9,8 @@ from tests.browser.firefox import Firefox, firefox
 from tests.browser.plant import Plant, plant
 from tests.browser.test_pages import PAGES, kept
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture(scope="module")
 def bays(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Plant]:

@@ -16,6 +16,7 @@ from tests.browser.conftest import Visit
 from tests.browser.plant import STANDING, Plant, plant
 from tests.browser.recorded_week import Pages, in_zone, prepared
 from tests.browser.test_pages import PAGES, WIDTHS_PX
+from tests.long import mostly_long
 from tests.unit.web.history import BEGIN_MS, recorded_in
 
 SAYS = {"de": "Bediener", "es": "Operador", "tr": "Operatör"}
@@ -48,7 +49,7 @@ def week(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Pages]:
             yield pages
 
 
-@pytest.mark.parametrize("language", SAYS)
+@pytest.mark.parametrize("language", mostly_long(SAYS))
 @pytest.mark.parametrize("name", LOOKED_AT)
 def test_a_page_in_another_language(bay: Plant, visit: Visit, name: str, language: str) -> None:
     path, ready = PAGES[name]
@@ -219,7 +220,7 @@ OF_SITE: dict[str, tuple[str, str, Callable[[Page], None]]] = {
 }
 
 
-@pytest.mark.parametrize("language", SAYS)
+@pytest.mark.parametrize("language", mostly_long(SAYS))
 @pytest.mark.parametrize("name", OF_SITE)
 def test_a_page_has_every_text_in_another_language(
     site: Plant, visit: Visit, watches: list[Watch], name: str, language: str
@@ -234,7 +235,7 @@ def test_a_page_has_every_text_in_another_language(
     complete(page)
 
 
-@pytest.mark.parametrize("language", SAYS)
+@pytest.mark.parametrize("language", mostly_long(SAYS))
 def test_the_page_that_sets_up_a_bay_has_every_text_in_another_language(
     bay: Plant, visit: Visit, language: str
 ) -> None:
@@ -243,13 +244,13 @@ def test_the_page_that_sets_up_a_bay_has_every_text_in_another_language(
     complete(page)
 
 
-@pytest.mark.parametrize("language", SAYS)
+@pytest.mark.parametrize("language", mostly_long(SAYS))
 def test_the_managers_page_has_every_text_in_another_language(week: Pages, visit: Visit, language: str) -> None:
     page = opened(visit, f"{week.url}/manager", language, "() => document.querySelectorAll('.figure').length === 7")
     complete(page)
 
 
-@pytest.mark.parametrize("language", SAYS)
+@pytest.mark.parametrize("language", mostly_long(SAYS))
 def test_the_login_has_every_text_in_another_language(
     bay: Plant, visit: Visit, watches: list[Watch], language: str
 ) -> None:

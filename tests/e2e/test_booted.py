@@ -17,7 +17,7 @@ from tests.e2e.debian_machine import CONFIG, OPT, debian_copied, package, remove
 from tests.e2e.sim_ranger import Ranger
 from tests.e2e.test_doctor import draw_truck
 
-pytestmark = [pytest.mark.xdist_group("package"), pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.xdist_group("package"), pytest.mark.timeout(900), pytest.mark.long]
 
 UNIT = "loading-gateway.service"
 ADDRESS = "192.0.2.10"

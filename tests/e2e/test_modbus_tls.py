@@ -29,6 +29,7 @@ from gateway.modbus.server.limits import Refusal
 from gateway.modbus.server.service import Listening, serving
 from gateway.modbus.server.tls_handshake_limiter import PLC_AT_ONCE
 from gateway.net import tls
+from tests.long import mostly_long
 from tests.plant_certs import LONG_AGO, NOW, LaterClock, Plant
 from tests.virtual_time import synchronous
 
@@ -59,13 +60,13 @@ def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> Plant:
 
 
 LOOPS: dict[str, Callable[[], asyncio.AbstractEventLoop]] = {
-    "asyncio": asyncio.new_event_loop,
     "own": event_loop.factory(),
+    "asyncio": asyncio.new_event_loop,
 }
-_chosen = ["asyncio"]
+_chosen = ["own"]
 
 
-@pytest.fixture(params=LOOPS, autouse=True)
+@pytest.fixture(params=mostly_long(LOOPS), autouse=True)
 def _loop(request: pytest.FixtureRequest) -> None:
     """Everything holds on both event loops."""
     _chosen[:] = [request.param]
@@ -184,7 +185,7 @@ async def test_the_role_in_the_certificate_decides(plant: Plant, name: str, expe
         ("operator", True, "its certificate was refused: unable to get local issuer certificate"),
     ],
 )
-@pytest.mark.parametrize("version", [ssl.TLSVersion.TLSv1_2, ssl.TLSVersion.TLSv1_3])
+@pytest.mark.parametrize("version", mostly_long([ssl.TLSVersion.TLSv1_3, ssl.TLSVersion.TLSv1_2]))
 @played
 async def test_who_is_refused_and_what_the_log_says(
     plant: Plant,
@@ -249,7 +250,7 @@ async def openssl(port: int, plant: Plant, name: str, request: bytes, *options: 
     return answer, said.decode()
 
 
-@pytest.mark.parametrize("option", ["-tls1_2", "-tls1_3"])
+@pytest.mark.parametrize("option", mostly_long(["-tls1_3", "-tls1_2"]))
 @played
 async def test_openssl_reads_a_register(plant: Plant, option: str) -> None:
     async with gateway(plant, Bay()) as listening:
