@@ -8,14 +8,14 @@ import pytest
 from gateway.cli.main import main
 from tests.e2e.processes import Done
 
-LONG = {
+FIRST = {
     f"test_{name}" for name in ("visit", "simulate", "firmware_in_the_loop", "tracking", "hmi_process", "bench_wire")
 }
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Where several processes share these tests, those that take long begin first: the end waits for none of them."""
-    items.sort(key=lambda item: item.path.stem not in LONG)
+    """Where several processes share these tests, those that take minutes begin first."""
+    items.sort(key=lambda item: item.path.stem not in FIRST)
 
 
 Cli = Callable[..., Done]

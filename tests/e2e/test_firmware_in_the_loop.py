@@ -175,6 +175,7 @@ def test_nothing_survives_a_killed_gateway() -> None:
         assert not folder.exists()
 
 
+@pytest.mark.long
 @pytest.mark.timeout(300)
 def test_the_papers_trials_pass_with_the_real_firmware(tmp_path: Path) -> None:
     """Three of the ten; every decision right, and an error that stays within the module's own steps and jitter.

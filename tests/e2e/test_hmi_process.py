@@ -24,6 +24,7 @@ from gateway.core.state import Reason
 from gateway.web.languages import SHIPPED
 from tests.e2e.plc import Plc
 from tests.e2e.processes import Gateway, Row, command, survivors
+from tests.long import mostly_long
 
 QUICK = ("--modbus-port", "0", "--json")
 
@@ -96,6 +97,7 @@ def test_no_web_process_without_a_visitor_and_a_killed_one_comes_back_on_the_sam
     gateway.wait_for(lambda row: row["type"] == "state" and (row["vision"], row["range"]) == ("good", "good"))
 
 
+@pytest.mark.long
 @pytest.mark.timeout(600)
 def test_a_web_process_that_is_killed_comes_back_on_a_loaded_machine(gateway: Gateway) -> None:
     """Its start takes two seconds of the processor, at low priority beside fourteen that never wait."""
@@ -157,6 +159,7 @@ def test_a_hung_web_process_costs_the_bay_nothing_and_is_not_missed_at_the_end(g
     assert survivors([process]) == []
 
 
+@pytest.mark.long
 def test_a_main_process_that_hangs_is_reported_and_outlived(gateway: Gateway) -> None:
     url = address_of(gateway)
     assert eventually(lambda: got(url, "/healthz")[0] == 200)
@@ -196,7 +199,7 @@ def test_the_web_process_dies_with_a_gateway_that_is_killed(gateway: Gateway) ->
     assert survivors(family) == []
 
 
-@pytest.mark.parametrize("verb", ["run", "simulate"])
+@pytest.mark.parametrize("verb", mostly_long(["run", "simulate"]))
 def test_a_certificate_that_cannot_be_read_is_an_error_at_the_start(verb: str, tmp_path: Path) -> None:
     """Not a port that takes connections and never answers."""
     config = tmp_path / "bay.toml"
@@ -208,6 +211,7 @@ def test_a_certificate_that_cannot_be_read_is_an_error_at_the_start(verb: str, t
     assert "hmi.tls_cert: cannot read /nowhere/pages.pem" in done.err
 
 
+@pytest.mark.long
 def test_a_plants_languages_reach_each_web_process_and_a_faulty_file_stops_no_bay(tmp_path: Path) -> None:
     """Complete ones are too long for a message between processes."""
     folder = tmp_path / "languages"
@@ -279,6 +283,7 @@ async def watch(pages: AsyncExitStack, url: str, number: int, *, stalled: bool) 
     return views
 
 
+@pytest.mark.long
 @pytest.mark.failure_mode("W4")
 def test_twenty_viewers_some_of_them_stalled_do_not_hold_up_the_registers(gateway: Gateway) -> None:
     started = gateway.started()

@@ -89,6 +89,7 @@ def with_other_defaults(package: Path) -> Path:
     return package
 
 
+@pytest.mark.long
 def test_a_machine_without_a_network(machine: Machine, package: Path, picture: Path, tmp_path: Path) -> None:
     """One life of an installation: its parts share what takes long."""
     # Installed.

@@ -19,6 +19,7 @@ from tests.e2e.brokers import Mosquitto, Subscriber
 from tests.e2e.conftest import Cli
 from tests.e2e.plc import Plc, Poll, mbpoll
 from tests.e2e.processes import Gateway, Row, command, survivors
+from tests.long import mostly_long
 
 APPROACH = """
 seed = 7
@@ -152,7 +153,7 @@ def check_polls(plc: Plc, states: list[Row]) -> None:
     assert beats[-1] > beats[0]
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", mostly_long([signal.SIGTERM, signal.SIGINT]))
 @pytest.mark.failure_mode("G3")
 def test_a_signal_ends_it_and_the_last_word_is_stop(tmp_path: Path, number: int) -> None:
     args = ("simulate", "--scenario", scenario(tmp_path, STANDING), "--modbus-port", "0", "--json")
@@ -311,7 +312,7 @@ def test_the_shared_state_vector_can_be_read_by_another_process(tmp_path: Path) 
 
 
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize("method", ["robust", "paper"])
+@pytest.mark.parametrize("method", mostly_long(["robust", "paper"]))
 def test_trials_reproduce_table_ii(method: str) -> None:
     """Ten trials take a minute at true speed; three at twice the speed show that the machinery is right.
 

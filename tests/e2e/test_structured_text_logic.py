@@ -35,6 +35,7 @@ from gateway.modbus.exports.structured_text import FUNCTION_BLOCK
 from gateway.modbus.exports.target import Target
 from gateway.modbus.registers.bay_identity import BayIdentity
 from gateway.modbus.registers.register_map import BLOCK_WORDS, REGISTERS, decode, encode
+from tests.long import mostly_long
 from tests.node_function import run_function
 from tests.permitted import permitted, standing
 from tests.plc_images import ADDRESS, BAY, answered, block_of, doubtful, torn, words
@@ -749,7 +750,7 @@ def test_a_result_that_is_held_from_before_the_start_is_acknowledged(scan: Scan)
     assert plc.see(TriggerPhase.VALID, number=2) == (0, False, True, False), "its own result is held"
 
 
-@pytest.mark.parametrize("writes_off", [True, False])
+@pytest.mark.parametrize("writes_off", mostly_long([False, True]))
 def test_a_gateway_that_does_not_take_the_trigger_fails_it_in_time(scan: Scan, writes_off: bool) -> None:
     plc = Measurement(scan)
     plc.put(Trigger=True)

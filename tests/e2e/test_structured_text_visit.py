@@ -113,6 +113,7 @@ def lights(image: list[int]) -> bool:
     return bool(image[ADDRESS["signal_lamps"]] & (1 << Lamp.GREEN | 1 << Lamp.AMBER))
 
 
+@pytest.mark.long
 def test_may_move_is_that_of_the_register_and_the_lamps_in_every_cycle_of_a_visit(loop: Loop) -> None:
     """Also beyond the ranger's range, on the way in and out, and released while the spout still covers the marker."""
     beyond = Scene(2000, z_mm=4900.0, range=Quality.TOO_FAR)
@@ -136,6 +137,7 @@ def test_may_move_is_that_of_the_register_and_the_lamps_in_every_cycle_of_a_visi
     assert [share > 0.7 for share in driven[:10]] == [False, *[True] * 4, False, False, *[True] * 3]
 
 
+@pytest.mark.long
 def test_may_move_is_that_of_the_register_whatever_happens() -> None:
     """Visits made up by chance, with dying sensors and a PLC that does as it likes; in Node-RED, which is quick."""
     runs: list[Messages] = []

@@ -9,6 +9,7 @@ from gateway.core.readings import Quality
 from gateway.core.state import Reason
 from tests.e2e.plc import Plc
 from tests.e2e.processes import Gateway
+from tests.long import mostly_long
 
 # Nothing else is red. Covered again and again: a machine that stalls at the wrong moment has another chance.
 COVERED = """
@@ -20,7 +21,7 @@ TRUE_PX = 5400 / 45
 
 
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize("method", ["robust", "paper"])
+@pytest.mark.parametrize("method", mostly_long(["robust", "paper"]))
 def test_a_covered_marker_stops_the_truck_and_is_only_predicted(tmp_path: Path, method: str) -> None:
     path = tmp_path / "covered.toml"
     path.write_text(COVERED)

@@ -5,6 +5,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import pytest
+
 from gateway.config import GatewayConfig, load
 from gateway.core.plc import Control
 from gateway.core.state import Moved, Reason, VisitPhase
@@ -127,6 +129,7 @@ def test_a_truck_is_loaded_with_its_marker_covered_and_leaves_when_the_plc_lets_
         assert ended(gateway, tmp_path) == ["in_place", "in_place_ended", "released", "visit_ended"]
 
 
+@pytest.mark.long
 def test_a_red_lamp_before_the_covered_marker_is_polled_as_a_stop_every_time(tmp_path: Path) -> None:
     """Z says 28 cm all along. By equation 14 alone, 175 of 281 polls said that the truck may move."""
     lamp = '{ kind = "red_lamp", at_s = 17, for_s = 500 },'
