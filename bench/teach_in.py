@@ -23,6 +23,7 @@ from gateway.core.detection import Circle
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import StateVector, Tick
 from gateway.core.teach_in import Suggestion, TeachSample
+from tests import fused
 
 NS_PER_S = 1_000_000_000
 TICK_NS = 20_000_000
@@ -104,10 +105,10 @@ def ticks(
         distance_mm = start_mm - speed_mm_s * now_ns / NS_PER_S
         circle, echo_mm = readings(place, day, chance, distance_mm, now_ns / NS_PER_S)
         if n % FRAME_TICKS == 0:
-            state = fusion.step(state, VisionReading(now_ns, Quality.GOOD, circle), now_ns, config)
+            state = fused.step(state, VisionReading(now_ns, Quality.GOOD, circle), now_ns, config)
         if n % ECHO_TICKS == 0:
-            state = fusion.step(state, RangeReading(now_ns, Quality.GOOD, echo_mm), now_ns, config)
-        state = fusion.step(state, Tick(), now_ns, config)
+            state = fused.step(state, RangeReading(now_ns, Quality.GOOD, echo_mm), now_ns, config)
+        state = fused.step(state, Tick(), now_ns, config)
         if n >= FRAME_TICKS:  # both sensors have sent something
             yield distance_mm, state
 

@@ -90,10 +90,8 @@ class BayControl:
         """
         if self._shut_down or not valid(self._hub.state(self.name), self._clock.now_ns()):
             return WriteVerdict.UNDECIDED
-        conflicts = self._hub.state(self.name).plc.conflicts
         self._step(write)
-        taken = self._hub.state(self.name).plc.conflicts == conflicts
-        return WriteVerdict.TAKEN if taken else WriteVerdict.CONFLICT
+        return self._hub.state(self.name).plc.write_verdict or WriteVerdict.UNDECIDED
 
     def on_connection(self, change: PlcConnection) -> None:
         """A permitted writer has connected or disconnected. It matters only for the owner of the block."""

@@ -7,7 +7,7 @@ from typing import Any
 from gateway.core import agreement, fusion, handshake, interlock, shown, visit
 from gateway.core.plc import PlcLink
 from gateway.core.retained import RetainedState
-from gateway.core.state import FunctionCheck, Moved, Visit
+from gateway.core.state import FunctionCheck, Moved, Tick, Visit
 
 Patch = Callable[[object, str, Any], None]
 """As pytest's monkeypatch.setattr."""
@@ -40,11 +40,14 @@ def _dead_camera_ends_nothing(real: Callable[..., str]) -> Callable[..., str]:
 
 def _without_edge(real: Callable[..., Any]) -> Callable[..., Any]:
     """A release bit that is on is taken for one that rises."""
-    return lambda *args, released, release: real(*args, released=released, release=released)
+    return lambda *args, released, **keys: real(*args, **(keys | {"released": released, "release": released}))
 
 
 def _check_forgotten(real: Callable[..., Any]) -> Callable[..., Any]:
-    return lambda state, *args, **keys: replace(real(state, *args, **keys), function_check=FunctionCheck.OFF)
+    def step(state: Any, observation: Any, *args: Any) -> Any:
+        return real(state, Tick() if isinstance(observation, FunctionCheck) else observation, *args)
+
+    return step
 
 
 def _always_alive(real: Callable[..., Any]) -> Callable[..., Any]:
@@ -125,7 +128,7 @@ PLANTED: Mapping[str, Planted] = {
         Planted("a dead camera does not end in_place", visit, "_ended", _dead_camera_ends_nothing),
         Planted("a truck that leaves its place has not moved", visit, "_compared", _never_moved),
         Planted("a release needs no edge", visit, "step", _without_edge),
-        Planted("a function check is forgotten", fusion, "step", _check_forgotten),
+        Planted("a function check is forgotten", interlock, "_step", _check_forgotten),
         Planted("a PLC is never lost", handshake, "_aged", _always_alive),
         Planted("a heartbeat that stands still counts", handshake, "_written", _same_number_counts),
         Planted("a state is valid for ever", shown, "valid", _constant(True)),

@@ -27,7 +27,7 @@ from gateway.config import GuidanceConfig, RangerConfig, VisitConfig
 from gateway.core import rolling
 from gateway.core.events import EventKind
 from gateway.core.readings import Quality
-from gateway.core.state import ReferencePosition, StateVector
+from gateway.core.state import Fused, ReferencePosition
 from gateway.ranger.conditioning import Conditioner
 from gateway.ranger.hcsr04.protocol import PERIOD_MS
 from gateway.ranger.hcsr04.session import distance_mm
@@ -108,7 +108,7 @@ def echoes(job: Standing) -> tuple[int, int]:
             if good < TRACK:
                 continue
             for rule, of_rule in enumerate((reading, replace(reading, echo_mm=None))):
-                state = StateVector("bay1", t_ns, range=of_rule)
+                state = Fused(t_ns, range=of_rule)
                 if references[rule] is None:
                     state = replace(state, memory=replace(state.memory, track=tuple(newest)))
                 reference = rolling.step(references[rule], state, 0.0, config, guidance)

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from gateway.core.detection import Circle
-from gateway.core.plc import Change, Handshake, PlcLink, PlcWrite, RecipeVerdict, ResetVerdict, Writer
+from gateway.core.plc import Change, Handshake, PlcLink, PlcWrite, RecipeVerdict, ResetVerdict, Writer, WriteVerdict
 from gateway.core.readings import RANGE_FINE, VISION_FINE, Quality
 from gateway.core.shown import lapsed, resumed, valid
 from gateway.core.state import MOVED_MEANING, Moved, StateVector
@@ -100,10 +100,10 @@ def _changes(old: StateVector, new: StateVector) -> list[Event]:
 
 def of_write(old: StateVector, new: StateVector, write: PlcWrite) -> list[Event]:
     """What `write`, which made `new` of `old`, has changed; or that it was refused."""
-    writer, owner = write.writer, new.plc.owner
-    if new.plc.conflicts != old.plc.conflicts:
-        detail = f"{writer}: {owner} owns the handshake block until its heartbeat is lost"
-        if owner is not None and owner.identity == writer.identity:
+    writer, verdict = write.writer, new.plc.write_verdict
+    if verdict in (WriteVerdict.CONFLICT, WriteVerdict.OTHER_CONNECTION):
+        detail = f"{writer}: {new.plc.owner} owns the handshake block until its heartbeat is lost"
+        if verdict is WriteVerdict.OTHER_CONNECTION:
             detail = (
                 f"{writer}, connection {write.connection}: its heartbeat arrives on connection "
                 f"{new.plc.owner_connection} already; two of its programs write to this bay"

@@ -1,11 +1,12 @@
-"""Fold one observation, or the mere passing of time, into the next state vector with its decision. Pure.
+"""Fold one observation, or the mere passing of time, into what both sensors show, and what they ask for. Pure.
 
 Equation 13 is the state, equation 14 the decision:
 
     D = 1 when R >= R_th and Z <= Z_th, else 0
 
 computed only from values that are fresh and good. Where one of them is not, D is unknowable (None), and `stop` is on
-unless `fail_safe` has been switched off. `may_move` requires more than `not stop`: both sensors good, no contradiction.
+unless `fail_safe` has been switched off. `calm` requires more than `not stop`: both sensors good, no contradiction.
+Nothing of the PLC, the visit or a technician is in it: gateway/core/interlock.py makes the state of it.
 One exception: with `arrive_by_camera` D is 0 for a truck that is too far away for the ranger.
 
 Stop is set at once. By default (`decision = "held"`) it ends later than by equation 14: D
@@ -28,6 +29,7 @@ from gateway.core.scale import distance_of
 from gateway.core.state import (
     Failure,
     FunctionCheck,
+    Fused,
     FusionMemory,
     Guidance,
     GuidanceCode,
@@ -65,11 +67,12 @@ _REPAIR_FIRST = {Reason.STARTING: 1, Reason.NO_TARGET: 2, Reason.TARGET_COASTED:
 
 
 def step(
-    state: StateVector, observation: Observation, now_ns: int, config: FusionConfig, *, valid_until_ns: int = 0
-) -> StateVector:
-    """The next state after `observation`, as of `now_ns` (monotonic, the clock that stamped the observations).
+    state: StateVector, observation: Observation, now_ns: int, config: FusionConfig, *, stopped: bool, monitored: bool
+) -> Fused:
+    """What the sensors show after `observation`, as of `now_ns` (monotonic, the clock that stamped the observations).
 
-    `valid_until_ns`: of the new state (gateway/core/shown.py). Readings older than the one held are ignored but for
+    Of `state`, the readings and the memory go on. `stopped`: the truck has had to stand until now, whatever for;
+    `monitored`: one is or was in place, so that none arrives. Readings older than the one held are ignored but for
     their counters; damaged ones (GOOD without a finite value) become a fault. Never raises on any observation.
     """
     vision, rng = state.vision, state.range
@@ -85,14 +88,14 @@ def step(
     memory, vision, rng = _recovering(state, vision, rng, now_ns, config)
     new = vision is not state.vision or rng is not state.range
     memory, z_vision_mm = agreement.checked(memory, vision, rng, now_ns, config, new=new)
-    memory = _decide(memory, vision, rng, now_ns, config, stopped=state.stop)
+    memory = _decide(memory, vision, rng, now_ns, config, stopped=stopped)
     seen = vision.quality is Quality.GOOD
     if seen != memory.target_seen and vision.quality in (Quality.GOOD, Quality.NO_TARGET):
         memory = replace(memory, target_seen=seen)
     known = vision.quality is Quality.GOOD and rng.quality is Quality.GOOD
     d = memory.d if known else None
     fault = _fault(vision, rng, memory)
-    if not state.visit.monitored and _arrives(memory, vision, rng, config):
+    if not monitored and _arrives(memory, vision, rng, config):
         d, fault = False, Reason.NONE
     stop = bool(d) or (config.fail_safe and fault is not Reason.NONE)
     reason = Reason.NONE
@@ -100,31 +103,13 @@ def step(
         reason = fault if fault is not Reason.NONE and config.fail_safe else Reason.TARGET_REACHED
     calm = not stop and fault is Reason.NONE
     # Two sensors that contradict each other don't end a stop, not even before that is a fault.
-    sure = memory.disagree_since_ns is None or not state.stop or config.decision == "plain"
+    sure = memory.disagree_since_ns is None or not stopped or config.decision == "plain"
     memory = _no_cause_since(memory, now_ns if calm and sure else None)
     if calm and not _no_cause_for_long(memory, now_ns, config):
         calm = False
-        if state.stop and config.fail_safe:  # what has just gone may be back in a moment: stop must not flicker
+        if stopped and config.fail_safe:  # what has just gone may be back in a moment: stop must not flicker
             stop, reason = True, Reason.CLEARING
-    return StateVector(
-        bay=state.bay,
-        t_ns=now_ns,
-        seq=state.seq + 1,
-        heartbeat=state.heartbeat + isinstance(observation, Tick),
-        vision=vision,
-        range=rng,
-        d=d,
-        stop=stop,
-        may_move=calm,
-        reason=reason,
-        z_vision_mm=z_vision_mm,
-        memory=memory,
-        plc=state.plc,
-        guidance=state.guidance,
-        function_check=state.function_check,
-        visit=state.visit,
-        valid_until_ns=valid_until_ns,
-    )
+    return Fused(now_ns, vision, rng, d, z_vision_mm, stop, calm, reason, memory)
 
 
 def initial(bay: str, now_ns: int) -> StateVector:

@@ -25,9 +25,10 @@ from gateway.core.plc import (
     PlcWrite,
     RecipeVerdict,
     TriggerPhase,
+    WriteVerdict,
 )
 from gateway.core.readings import Quality
-from gateway.core.state import StateVector
+from gateway.core.state import Sensed, StateVector
 
 NS_PER_S = 1_000_000_000
 WRITABLE = ("plc_heartbeat", "plc_control", "recipe_select")  # in the order of their registers
@@ -44,10 +45,10 @@ class Signal(Enum):
     PLC_LOST = auto()
 
 
-Work = Callable[[Handshake, StateVector], Handshake]
+Work = Callable[[Handshake, Sensed], Handshake]
 
 
-def _start(plc: Handshake, state: StateVector) -> Handshake:
+def _start(plc: Handshake, state: Sensed) -> Handshake:
     return replace(
         plc,
         acquisition=plc.acquisition % 0xFFFF + 1,  # 0 is none
@@ -58,23 +59,23 @@ def _start(plc: Handshake, state: StateVector) -> Handshake:
     )
 
 
-def _overrun(plc: Handshake, _: StateVector) -> Handshake:
+def _overrun(plc: Handshake, _: Sensed) -> Handshake:
     return replace(plc, overrun=True)
 
 
-def _hold(plc: Handshake, state: StateVector) -> Handshake:
+def _hold(plc: Handshake, state: Sensed) -> Handshake:
     return replace(plc, result=acquired(plc, state))
 
 
-def _drop(plc: Handshake, _: StateVector) -> Handshake:
+def _drop(plc: Handshake, _: Sensed) -> Handshake:
     return replace(plc, result=None)
 
 
-def _time_out(plc: Handshake, _: StateVector) -> Handshake:
+def _time_out(plc: Handshake, _: Sensed) -> Handshake:
     return replace(plc, timed_out=True)
 
 
-def _nothing(plc: Handshake, _: StateVector) -> Handshake:
+def _nothing(plc: Handshake, _: Sensed) -> Handshake:
     return plc
 
 
@@ -121,18 +122,31 @@ def beats_elsewhere(plc: Handshake, write: PlcWrite) -> bool:
 
 
 def claim(plc: Handshake, write: PlcWrite, state: StateVector, now_ns: int, config: HandshakeConfig) -> Handshake:
-    """The block as the writer finds it, which owns it now; or, where it belongs to another, with one more conflict."""
+    """The block with the verdict on `write`: where that is taken, as the writer finds it, which owns it now."""
     writer = write.writer
     if plc.owner is not None and plc.owner.identity == writer.identity:
         if beats_elsewhere(plc, write):
-            return replace(plc, conflicts=plc.conflicts + 1)
+            return _refused(plc, WriteVerdict.OTHER_CONNECTION)
+        plc = replace(plc, write_verdict=WriteVerdict.TAKEN)
         return plc if config.heartbeat_required else replace(plc, owner_ns=now_ns, owner_gone=False)
     if owned(plc, now_ns, config):
-        return replace(plc, conflicts=plc.conflicts + 1)
+        return _refused(plc, WriteVerdict.CONFLICT)
     if plc.owner is not None:  # its requests must not take effect under another's heartbeat
         plc = replace(_signalled(plc, Signal.PLC_LOST, state), control=0, control_known=False)
         plc = replace(plc, truck_left=False, trigger_ack=False)
-    return replace(plc, owner=writer, owner_ns=now_ns, owner_beats=False, owner_gone=False, owner_connection=0)
+    return replace(
+        plc,
+        write_verdict=WriteVerdict.TAKEN,
+        owner=writer,
+        owner_ns=now_ns,
+        owner_beats=False,
+        owner_gone=False,
+        owner_connection=0,
+    )
+
+
+def _refused(plc: Handshake, verdict: WriteVerdict) -> Handshake:
+    return replace(plc, write_verdict=verdict, conflicts=plc.conflicts + 1)
 
 
 def connected(plc: Handshake, change: PlcConnection) -> Handshake:
@@ -164,7 +178,7 @@ def select(plc: Handshake, asked: int, state: StateVector, known: Collection[int
     return replace(plc, recipe_asked=asked, recipe=recipe, recipe_verdict=verdict)
 
 
-def step(plc: Handshake, write: PlcWrite | None, state: StateVector, config: HandshakeConfig) -> Handshake:
+def step(plc: Handshake, write: PlcWrite | None, state: Sensed, config: HandshakeConfig) -> Handshake:
     """The block after `write` (None: no write, time has passed), with `state` as the sensors have it now.
 
     The writer owns the block (`claim`). `recipe` of a write is not processed here: `select` runs before the sensors'
@@ -190,7 +204,7 @@ def may_release(plc: Handshake, config: HandshakeConfig | None) -> bool:
     return plc.on(Control.RELEASE) and plc.link is PlcLink.ALIVE and spout_up
 
 
-def acquired(plc: Handshake, state: StateVector) -> Acquired | None:
+def acquired(plc: Handshake, state: Sensed) -> Acquired | None:
     """The result of the acquisition at work, if both sensors have reported since its trigger."""
     vision, rng = state.vision, state.range
     silent = (Quality.WAITING, Quality.STALE)
@@ -214,7 +228,7 @@ def acquired(plc: Handshake, state: StateVector) -> Acquired | None:
     )
 
 
-def _signalled(plc: Handshake, signal: Signal, state: StateVector) -> Handshake:
+def _signalled(plc: Handshake, signal: Signal, state: Sensed) -> Handshake:
     found = TRANSITIONS.get((plc.phase, signal))
     if found is None:  # nearly every step: the same block then, so that the state need not be copied for it
         return plc
@@ -257,7 +271,7 @@ def _aged(plc: Handshake, now_ns: int, config: HandshakeConfig) -> Handshake:
     return replace(plc, link=link, missed=missed)
 
 
-def _signals(before: Handshake, now: Handshake, state: StateVector, config: HandshakeConfig) -> Iterator[Signal]:
+def _signals(before: Handshake, now: Handshake, state: Sensed, config: HandshakeConfig) -> Iterator[Signal]:
     """In this order: an acknowledge clears the way for a trigger in the same request."""
     if now.link is PlcLink.LOST:
         yield Signal.PLC_LOST

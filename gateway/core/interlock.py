@@ -19,11 +19,11 @@ from gateway.config import (
     VisitConfig,
 )
 from gateway.core import agreement, fusion, guidance, handshake, ne107, scale, shown, visit
-from gateway.core.plc import Control, Handshake, PlcConnection, PlcLink, PlcWrite, ResetVerdict
+from gateway.core.plc import Control, Handshake, PlcConnection, PlcLink, PlcWrite, ResetVerdict, WriteVerdict
 from gateway.core.readings import Quality, RangeReading
 from gateway.core.retained import RetainedState
 from gateway.core.scale import ScaleSample
-from gateway.core.state import FunctionCheck, FusionMemory, Moved, Reason, StateVector, Tick, Visit
+from gateway.core.state import FunctionCheck, Fused, FusionMemory, Moved, Reason, StateVector, Tick, Visit
 from gateway.core.visit import Limits
 
 NS_PER_S = 1_000_000_000
@@ -115,18 +115,15 @@ def step(state: StateVector, observation: fusion.Observation, now_ns: int, rules
 def _step(state: StateVector, observation: fusion.Observation, now_ns: int, rules: Rules) -> StateVector:
     plc, write = _accepted_write(state, observation, now_ns, rules.handshake)
     before = plc
-    if isinstance(observation, FunctionCheck):
-        state = replace(state, function_check=observation)
+    function_check = observation if isinstance(observation, FunctionCheck) else state.function_check
     if write is not None and write.recipe is not None:
         asked = handshake.merged(plc.recipe_asked, write.recipe, write.mask)
         plc = handshake.select(plc, asked, state, rules.recipes)
     recipe = rules.recipes[plc.recipe]
-    until_ns = now_ns + rules.valid_for_ns if isinstance(observation, Tick) else state.valid_until_ns
-    decided_on = state
-    if state.visit.released and not state.visit.off_mark and not state.stop:
-        # The release has ended the stop, not the sensors: when it ends, D must have been 0 for clear_hold_s.
-        decided_on = replace(state, stop=True, reason=Reason.TARGET_REACHED)
-    fused = fusion.step(decided_on, observation, now_ns, recipe.fusion, valid_until_ns=until_ns)
+    # A release ends the stop, not the sensors: when it ends, D must have been 0 for clear_hold_s.
+    stopped = state.stop or (state.visit.released and not state.visit.off_mark)
+    monitored = state.visit.monitored
+    fused = fusion.step(state, observation, now_ns, recipe.fusion, stopped=stopped, monitored=monitored)
     if rules.handshake is not None:
         plc = handshake.step(plc, write, fused, rules.handshake)
 
@@ -140,6 +137,7 @@ def _step(state: StateVector, observation: fusion.Observation, now_ns: int, rule
         limits,
         released=handshake.may_release(plc, rules.handshake),
         release=handshake.rose(before, plc, Control.RELEASE),
+        function_check=function_check is not FunctionCheck.OFF,
     )
     memory, plc = _latch(state.memory, before, plc, fused, current, limits)
     current, plc = _reset_unreleased(current, before, plc, fused)
@@ -153,20 +151,31 @@ def _step(state: StateVector, observation: fusion.Observation, now_ns: int, rule
     held = memory.latched or current.in_place or (current.unreleased and rules.handshake is not None)
     stop = (fused.stop and not released) or held or (plc.missed and fail_safe)
     allowed = rules.handshake is None or _allowed(plc, rules.handshake)
-    working = fused.function_check is FunctionCheck.MAY_MOVE_OFF
-    may_move = (fused.may_move or released) and not stop and allowed and not working
-    reason = _reason(fused, plc, stop=stop, held=held, fail_safe=fail_safe, visit=current)
-    # Most steps decide as fusion did; a frame waits for this, and a copy of all fields takes longer than to see it.
-    same = (stop, may_move, reason) == (fused.stop, fused.may_move, fused.reason)
-    if same and memory is fused.memory and plc is fused.plc and current is fused.visit:
-        decided = fused
-    else:
-        decided = replace(fused, stop=stop, may_move=may_move, reason=reason, memory=memory, plc=plc, visit=current)
+    working = function_check is FunctionCheck.MAY_MOVE_OFF
+    decided = StateVector(
+        bay=state.bay,
+        t_ns=now_ns,
+        seq=state.seq + 1,
+        heartbeat=state.heartbeat + isinstance(observation, Tick),
+        vision=fused.vision,
+        range=fused.range,
+        d=fused.d,
+        stop=stop,
+        may_move=(fused.calm or released) and not stop and allowed and not working,
+        reason=_reason(fused, plc, stop=stop, held=held, fail_safe=fail_safe, visit=current),
+        z_vision_mm=fused.z_vision_mm,
+        memory=memory,
+        plc=plc,
+        guidance=state.guidance,
+        function_check=function_check,
+        visit=current,
+        valid_until_ns=now_ns + rules.valid_for_ns if isinstance(observation, Tick) else state.valid_until_ns,
+    )
     advice = guidance.advise(
         decided,
         recipe.fusion,
         recipe.guidance,
-        in_use=allowed and decided.function_check is FunctionCheck.OFF,
+        in_use=allowed and function_check is FunctionCheck.OFF,
         broken=plc.missed,
         speed=speed,
     )
@@ -176,11 +185,11 @@ def _step(state: StateVector, observation: fusion.Observation, now_ns: int, rule
 def _accepted_write(
     state: StateVector, observation: fusion.Observation, now_ns: int, config: HandshakeConfig | None
 ) -> tuple[Handshake, PlcWrite | None]:
-    """The block as its writer finds it, and the write; None: there is none, or another writer owns the block."""
+    """The block as its writer finds it, and the write; None: there is none, or it is refused."""
     match observation:
         case PlcWrite() if config is not None:
             plc = handshake.claim(state.plc, observation, state, now_ns, config)
-            return plc, observation if plc.conflicts == state.plc.conflicts else None
+            return plc, observation if plc.write_verdict is WriteVerdict.TAKEN else None
         case PlcConnection():
             return handshake.connected(state.plc, observation), None
         case _:
@@ -188,7 +197,7 @@ def _accepted_write(
 
 
 def _latch(
-    old: FusionMemory, before: Handshake, plc: Handshake, fused: StateVector, current: Visit, limits: Limits
+    old: FusionMemory, before: Handshake, plc: Handshake, fused: Fused, current: Visit, limits: Limits
 ) -> tuple[FusionMemory, Handshake]:
     """Set by D; ended by a reset, a release or the truck leaving, never while its cause is present or can't be
     judged."""
@@ -225,7 +234,7 @@ def _latch(
     return memory, plc
 
 
-def _reset_unreleased(current: Visit, before: Handshake, plc: Handshake, fused: StateVector) -> tuple[Visit, Handshake]:
+def _reset_unreleased(current: Visit, before: Handshake, plc: Handshake, fused: Fused) -> tuple[Visit, Handshake]:
     """A reset ends the stop of a truck that was in place and has not been released, too, once D is 0 by both sensors:
     it may be brought back, or leave."""
     if current.in_place or not current.unreleased or not handshake.rose(before, plc, Control.RESET):
@@ -236,12 +245,12 @@ def _reset_unreleased(current: Visit, before: Handshake, plc: Handshake, fused: 
     return current, replace(plc, reset_verdict=ResetVerdict.DONE)
 
 
-def _cause_gone(fused: StateVector) -> bool:
+def _cause_gone(fused: Fused) -> bool:
     """Do both sensors show that D is 0? Two that do not fit each other end no stop, not even before that is a fault."""
     return fused.d is False and fused.memory.disagree_since_ns is None
 
 
-def _absent_since(old: FusionMemory, fused: StateVector, limits: Limits) -> int | None:
+def _absent_since(old: FusionMemory, fused: Fused, limits: Limits) -> int | None:
     """Since when both sensors agree that no truck is there. A broken sensor proves nothing."""
     if fused.vision.quality is not Quality.NO_TARGET or not visit.clear(fused, limits):
         return None
@@ -249,7 +258,7 @@ def _absent_since(old: FusionMemory, fused: StateVector, limits: Limits) -> int 
 
 
 def _learned(
-    memory: FusionMemory, old: StateVector, current: Visit, recipe: int, limits: Limits, fused: StateVector
+    memory: FusionMemory, old: StateVector, current: Visit, recipe: int, limits: Limits, fused: Fused
 ) -> FusionMemory:
     """R times Z: one sample when a truck is in place; a clear bay drops that of its last truck."""
     if current.in_place and not old.visit.in_place and current.place is not None:
@@ -260,14 +269,14 @@ def _learned(
     return agreement.without_marker(memory, limits.fusion) if visit.has_ended(current, fused, limits) else memory
 
 
-def _track(fused: StateVector, observation: fusion.Observation) -> guidance.Track:
+def _track(fused: Fused, observation: fusion.Observation) -> guidance.Track:
     track = fused.memory.track
     if isinstance(observation, RangeReading) or fused.range.quality is not Quality.GOOD:
         return guidance.tracked(track, fused.range, fused.t_ns)
     return track
 
 
-def _count_restarts(memory: FusionMemory, fused: StateVector) -> FusionMemory:
+def _count_restarts(memory: FusionMemory, fused: Fused) -> FusionMemory:
     restarts = ne107.restarts(fused)
     return memory if restarts == memory.restarts else replace(memory, restarts=restarts, restarted_ns=fused.t_ns)
 
@@ -281,7 +290,7 @@ def _allowed(plc: Handshake, config: HandshakeConfig) -> bool:
     )
 
 
-def _reason(fused: StateVector, plc: Handshake, *, stop: bool, held: bool, fail_safe: bool, visit: Visit) -> Reason:
+def _reason(fused: Fused, plc: Handshake, *, stop: bool, held: bool, fail_safe: bool, visit: Visit) -> Reason:
     """`held`: the visit or the latch keeps `stop` on, whatever the sensors report."""
     if not stop:
         return Reason.NONE

@@ -7,7 +7,7 @@ maintenance required (M). Several may hold at once; the register names the one t
 from enum import IntEnum
 
 from gateway.core.readings import DEAD, Quality
-from gateway.core.state import FunctionCheck, Reason, StateVector
+from gateway.core.state import FunctionCheck, Reason, Sensed, StateVector
 
 MAINTENANCE_NS = 600 * 1_000_000_000  # a repair by itself is worth a look for so long
 
@@ -65,7 +65,7 @@ def status(state: StateVector) -> Ne107:
     return next((signal for signal in ORDER if signal in signals), Ne107.GOOD)
 
 
-def restarts(state: StateVector) -> int:
+def restarts(state: Sensed) -> int:
     """What had to mend itself since the start of the gateway."""
     vision, rng = state.vision.stats, state.range.stats
     return vision.restarts + vision.reopens + vision.lost + rng.reopens

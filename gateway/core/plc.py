@@ -158,6 +158,7 @@ class WriteVerdict(Enum):
 
     TAKEN = auto()
     CONFLICT = auto()  # the block belongs to another writer
+    OTHER_CONNECTION = auto()  # its owner's heartbeat arrives on another connection: two programs write
     UNDECIDED = auto()  # the control task does not run: it can't be taken
 
 
@@ -208,6 +209,7 @@ class Handshake:
     overrun: bool = False  # a trigger arrived during an acquisition; until the next one taken
     timed_out: bool = False  # the newest acquisition got no result in time; until the next one taken
     result: Acquired | None = None  # if and only if phase is VALID
+    write_verdict: WriteVerdict | None = None  # of the newest request; None: none since the start
     writes: int = 0  # requests taken since the start
     owner: Writer | None = None  # whose writes are taken; None: no write since the start
     owner_ns: int = 0  # it became the owner then; where no heartbeat is required: it last wrote then

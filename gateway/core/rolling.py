@@ -25,7 +25,7 @@ from statistics import median
 from gateway.config import GuidanceConfig, VisitConfig
 from gateway.core.detection import Circle
 from gateway.core.readings import Quality
-from gateway.core.state import ReferencePosition, StateVector
+from gateway.core.state import Fused, ReferencePosition
 
 NS_PER_S = 1_000_000_000
 FRAMES = 2
@@ -39,19 +39,19 @@ FOLLOW_CENTRE = 0.01  # of R a second: 1 mm a second on a marker of 90 mm
 
 def step(
     reference: ReferencePosition | None,
-    state: StateVector,
+    fused: Fused,
     speed_mm_s: float | None,
     config: VisitConfig,
     guidance: GuidanceConfig,
 ) -> ReferencePosition:
-    """After the readings in `state`. None: it begins here, with a truck that stands. Equal if nothing is new."""
+    """After the readings in `fused`. None: it begins here, with a truck that stands. Equal if nothing is new."""
     if reference is None:
-        reference = _begun(state)
+        reference = _begun(fused)
     elif reference.rolling_since_ns is not None:
-        reference = _stands_again(reference, state, speed_mm_s, config, guidance)
+        reference = _stands_again(reference, fused, speed_mm_s, config, guidance)
     if reference.rolling_since_ns is None:
-        reference = _by_marker(_by_distance(reference, state, config), state, config)
-    return _by_direction(reference, state, speed_mm_s, config, guidance)
+        reference = _by_marker(_by_distance(reference, fused, config), fused, config)
+    return _by_direction(reference, fused, speed_mm_s, config, guidance)
 
 
 def without_marker(reference: ReferencePosition) -> ReferencePosition:
@@ -59,14 +59,14 @@ def without_marker(reference: ReferencePosition) -> ReferencePosition:
     return replace(reference, circle=None, odd_frames=0) if reference.circle is not None else reference
 
 
-def _begun(state: StateVector) -> ReferencePosition:
-    distances = [mm for _, mm in state.memory.track]
-    distance_mm = median(distances) if distances else state.range.distance_mm
-    return ReferencePosition(distance_mm, state.range.t_ns, circle=state.vision.circle, frame_ns=state.vision.t_ns)
+def _begun(fused: Fused) -> ReferencePosition:
+    distances = [mm for _, mm in fused.memory.track]
+    distance_mm = median(distances) if distances else fused.range.distance_mm
+    return ReferencePosition(distance_mm, fused.range.t_ns, circle=fused.vision.circle, frame_ns=fused.vision.t_ns)
 
 
-def _by_distance(reference: ReferencePosition, state: StateVector, config: VisitConfig) -> ReferencePosition:
-    reading = state.range
+def _by_distance(reference: ReferencePosition, fused: Fused, config: VisitConfig) -> ReferencePosition:
+    reading = fused.range
     if reading.distance_mm is None or reading.t_ns <= reference.range_ns:
         return reference
     since_ns = reading.t_ns - reference.range_ns
@@ -77,7 +77,7 @@ def _by_distance(reference: ReferencePosition, state: StateVector, config: Visit
     single = reading.echo_mm is not None and reading.oldest_ns == reading.t_ns
     off = not single and abs(reading.distance_mm - reference.distance_mm) > config.rolling_mm
     if off or max(nearer_mm, farther_mm) > LIMIT * config.rolling_mm:
-        return replace(reference, range_ns=reading.t_ns, rolling_since_ns=state.t_ns, sensor="range")
+        return replace(reference, range_ns=reading.t_ns, rolling_since_ns=fused.t_ns, sensor="range")
     most_mm = FOLLOW_MM_S * since_ns / NS_PER_S
     distance_mm = _followed(reference.distance_mm, reading.distance_mm, most_mm)
     return replace(
@@ -95,8 +95,8 @@ def _sums(
     return max(0.0, reference.nearer_mm - off_mm - slack_mm), max(0.0, reference.farther_mm + off_mm - slack_mm)
 
 
-def _by_marker(reference: ReferencePosition, state: StateVector, config: VisitConfig) -> ReferencePosition:
-    reading, was = state.vision, reference.circle
+def _by_marker(reference: ReferencePosition, fused: Fused, config: VisitConfig) -> ReferencePosition:
+    reading, was = fused.vision, reference.circle
     if reading.quality is not Quality.GOOD or reading.circle is None or reading.visible is None:
         return reference
     if reading.t_ns <= reference.frame_ns:
@@ -109,7 +109,7 @@ def _by_marker(reference: ReferencePosition, state: StateVector, config: VisitCo
     if abs(now.radius_px - was.radius_px) > limit_px or shift_px > 2 * limit_px:
         odd = reference.odd_frames + 1
         reference = replace(reference, frame_ns=reading.t_ns, odd_frames=odd)
-        return replace(reference, rolling_since_ns=state.t_ns, sensor="vision") if odd >= FRAMES else reference
+        return replace(reference, rolling_since_ns=fused.t_ns, sensor="vision") if odd >= FRAMES else reference
     share = was.radius_px * since_ns / NS_PER_S
     circle = Circle(
         _followed(was.u_px, now.u_px, FOLLOW_CENTRE * share),
@@ -121,7 +121,7 @@ def _by_marker(reference: ReferencePosition, state: StateVector, config: VisitCo
 
 def _stands_again(
     reference: ReferencePosition,
-    state: StateVector,
+    fused: Fused,
     speed_mm_s: float | None,
     config: VisitConfig,
     guidance: GuidanceConfig,
@@ -130,27 +130,27 @@ def _stands_again(
 
     One that creeps is slower than still_mm_s: in that time it must not have come on by half of rolling_mm, either.
     """
-    distances = [mm for _, mm in state.memory.track]
+    distances = [mm for _, mm in fused.memory.track]
     if not distances or speed_mm_s is None or abs(speed_mm_s) >= guidance.still_mm_s:
         return reference if reference.still_mm is None else replace(reference, still_since_ns=None, still_mm=None)
     since_ns, stood_mm = reference.still_since_ns, reference.still_mm
-    if since_ns is not None and state.t_ns - since_ns < config.settle_s * NS_PER_S:
+    if since_ns is not None and fused.t_ns - since_ns < config.settle_s * NS_PER_S:
         return reference
     now_mm = median(distances)  # single ones scatter
     if stood_mm is not None and abs(now_mm - stood_mm) <= config.rolling_mm / 2:
-        return _begun(state)
-    return replace(reference, still_since_ns=state.t_ns, still_mm=now_mm)
+        return _begun(fused)
+    return replace(reference, still_since_ns=fused.t_ns, still_mm=now_mm)
 
 
 def _by_direction(
     reference: ReferencePosition,
-    state: StateVector,
+    fused: Fused,
     speed_mm_s: float | None,
     config: VisitConfig,
     guidance: GuidanceConfig,
 ) -> ReferencePosition:
     """Does one that rolls come nearer? Clear of the ranger's noise; as before while there is no distance."""
-    stood_mm, now_mm = reference.distance_mm, state.range.distance_mm
+    stood_mm, now_mm = reference.distance_mm, fused.range.distance_mm
     if reference.rolling_since_ns is None or stood_mm is None or now_mm is None:
         return reference
     backs = speed_mm_s is not None and speed_mm_s < -guidance.still_mm_s

@@ -113,6 +113,22 @@ class FusionMemory:
     restarted_ns: int | None = None  # `restarts` last grew then
 
 
+@dataclass(frozen=True, slots=True)
+class Fused:
+    """What both sensors show, and what they ask for by themselves: fusion's result, of which the interlock makes the
+    state. `vision` and `range` are as in the state."""
+
+    t_ns: int = 0  # of the step, monotonic
+    vision: VisionReading = field(default_factory=lambda: VisionReading(0, Quality.WAITING))
+    range: RangeReading = field(default_factory=lambda: RangeReading(0, Quality.WAITING))
+    d: bool | None = None  # D(t); None: unknowable
+    z_vision_mm: float | None = None
+    stop: bool = True  # they ask for it
+    calm: bool = False  # they have shown no cause for a stop, for clear_hold_s
+    reason: Reason = Reason.STARTING  # why they ask for `stop`
+    memory: FusionMemory = field(default_factory=FusionMemory)
+
+
 class VisitPhase(IntEnum):
     """The phase of a truck's visit (docs/visit.md). The numbers are on the wire: never renumber, only add."""
 
@@ -374,3 +390,7 @@ class StateVector:
     @property
     def _fresh(self) -> bool:
         return self.vision.quality in FRESH_FRAME and self.running
+
+
+Sensed = StateVector | Fused
+"""What the sensors show at one time, and D: both records have it."""

@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 
 from gateway.core import events
-from gateway.core.plc import Control, PlcConnection, PlcWrite
+from gateway.core.plc import Control, PlcConnection, PlcWrite, WriteVerdict
 from gateway.core.readings import Quality
 from gateway.core.state import REASON_MEANING, FunctionCheck, Moved, StateVector
 from gateway.records.factors import Factor
@@ -91,7 +91,7 @@ def done_by(answer: Answer) -> list[tuple[int, str]]:
         match step.observation:
             case PlcWrite() as write:
                 changes = ", ".join(map(str, events.changes(before.state.plc, step.state.plc)))
-                if step.state.plc.conflicts != before.state.plc.conflicts:
+                if step.state.plc.write_verdict is not WriteVerdict.TAKEN:
                     changes = "refused, another writer owns the block"
                 if changes:
                     found.append((at_ns, f"{write.writer} wrote {changes}{_bits(step.state)}"))

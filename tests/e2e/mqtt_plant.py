@@ -15,6 +15,7 @@ from gateway.core.state import StateVector, Tick
 from gateway.hub import Hub
 from gateway.sinks.mqtt.publisher import MqttPublisher
 from gateway.supervisor import Supervisor, Task
+from tests import fused
 from tests.e2e.supervised import Supervised
 from tests.permitted import FOREVER_NS
 
@@ -57,7 +58,7 @@ class ComputedBays(Supervised):
         config = FusionConfig()
         while True:
             for bay in self.hub.bays:
-                self._publish(fusion.step(self.hub.state(bay), Tick(), self.clock.now_ns(), config))
+                self._publish(fused.step(self.hub.state(bay), Tick(), self.clock.now_ns(), config))
             await asyncio.sleep(0.02)
             self.ticks += 1
 

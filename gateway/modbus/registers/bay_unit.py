@@ -20,6 +20,7 @@ WRITABLE: dict[int, str] = {row.address: _FIELD[row.name] for row in HANDSHAKE i
 _EXCEPTION = {
     WriteVerdict.TAKEN: None,
     WriteVerdict.CONFLICT: ModbusException.SERVER_BUSY,
+    WriteVerdict.OTHER_CONNECTION: ModbusException.SERVER_BUSY,
     WriteVerdict.UNDECIDED: ModbusException.DEVICE_FAILURE,
 }
 

@@ -15,6 +15,7 @@ from gateway.core.events import Event, EventKind
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import Reason, StateVector
 from gateway.hub import Hub
+from tests import fused
 from tests.virtual_time import LoopClock, run
 
 MS = 1_000_000
@@ -23,13 +24,13 @@ MS = 1_000_000
 def good(bay: str = "bay1", radius_px: float = 120.0, distance_mm: float = 450.0) -> StateVector:
     state = fusion.initial(bay, 0)
     settings = config.FusionConfig(decision="plain")
-    state = fusion.step(state, VisionReading(0, Quality.GOOD, Circle(320, 240, radius_px)), 0, settings)
-    return fusion.step(state, RangeReading(0, Quality.GOOD, distance_mm), 0, settings)
+    state = fused.step(state, VisionReading(0, Quality.GOOD, Circle(320, 240, radius_px)), 0, settings)
+    return fused.step(state, RangeReading(0, Quality.GOOD, distance_mm), 0, settings)
 
 
 def lost(bay: str) -> StateVector:
     down = VisionReading(0, Quality.LINK_DOWN, detail="unplugged")
-    return fusion.step(good(bay), down, 0, config.FusionConfig())
+    return fused.step(good(bay), down, 0, config.FusionConfig())
 
 
 def drawn(part: RenderableType, width: int = 120, height: int = 40) -> list[str]:
@@ -135,14 +136,14 @@ def test_how_the_marker_was_seen() -> None:
         visible=0.75,
         tracking=Tracking.MEASURED,
     )
-    state = fusion.step(good(), seen, 0, config.FusionConfig())
+    state = fused.step(good(), seen, 0, config.FusionConfig())
     assert view.sight(state) == "marker: measured · confidence 99 % · 75 % of the rim seen · tilt 30°"
     assert any("confidence 99 %" in line for line in drawn(view.bay_panel(config.BayConfig(), state, 0)))
     assert view.sight(good()) == ""  # a method that tells nothing more
     assert view.sight(lost("bay1")) == ""
 
     hidden = VisionReading(0, Quality.COASTED, tracking=Tracking.COASTED, predicted=Circle(322.4, 240, 121.5))
-    state = fusion.step(state, hidden, 0, config.FusionConfig())
+    state = fused.step(state, hidden, 0, config.FusionConfig())
     lines = drawn(view.bay_panel(config.BayConfig(), state, 0))
     assert any("should be at (322, 240) px with R 122: predicted, not measured" in line for line in lines)
     assert any("STOP" in line for line in lines)

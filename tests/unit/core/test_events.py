@@ -10,11 +10,12 @@ from hypothesis import strategies as st
 from gateway.config import CrossCheck, FusionConfig
 from gateway.core.detection import Circle
 from gateway.core.events import Event, EventKind, diff
-from gateway.core.fusion import initial, step
+from gateway.core.fusion import initial
 from gateway.core.plc import Handshake, PlcLink, RecipeVerdict, ResetVerdict, Writer
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import MOVED_MEANING, FusionMemory, Moved, StateVector, Tick, TruckPosition, Visit
 from tests.examples import examples
+from tests.fused import step
 
 CALM = StateVector(bay="bay3", t_ns=77, stop=False, may_move=True, valid_until_ns=10**9)
 

@@ -15,6 +15,7 @@ from gateway.core.interlock import Rules
 from gateway.core.plc import Control, PlcWrite, RecipeVerdict, ResetVerdict, Writer
 from gateway.core.readings import Quality, RangeReading, VisionReading, VisionStats
 from gateway.core.state import FunctionCheck, GuidanceCode, Reason, StateVector, Tick
+from tests import fused
 from tests.examples import examples
 
 MS = 1_000_000
@@ -111,9 +112,9 @@ def test_by_default_it_decides_exactly_as_fusion_does() -> None:
         VisionReading(T0 + 3 * MS, Quality.NO_TARGET),
     ]
     for n, move in enumerate(moves):
-        plain = fusion.step(plain, move, T0 + n * MS, config.bays[0].fusion)
+        plain = fused.step(plain, move, T0 + n * MS, config.bays[0].fusion)
         interlocked = interlock.step(interlocked, move, T0 + n * MS, under)
-        for name in ("stop", "may_move", "reason", "d", "seq", "heartbeat"):
+        for name in ("stop", "may_move", "reason", "d"):
             assert getattr(plain, name) == getattr(interlocked, name), (n, name)
     assert interlocked.plc.writes == 0, "writes are off"
 
@@ -467,7 +468,9 @@ def test_invariants(moves: list[tuple[int, tuple[Any, ...]]], keys: dict[str, An
         observation = _observation(move, now_ns)
         state = interlock.step(before, observation, now_ns, under)
         config = under.recipes[state.plc.recipe].fusion
-        alone = fusion.step(before, observation, now_ns, config)
+        alone = fused.step(before, observation, now_ns, config)
+        ticks = before.heartbeat + (observation is TICK)
+        assert (state.t_ns, state.seq, state.heartbeat) == (now_ns, before.seq + 1, ticks)
 
         # Nothing that stands on top of fusion ends a stop or gives a permit.
         assert state.stop >= alone.stop
@@ -483,7 +486,7 @@ def test_invariants(moves: list[tuple[int, tuple[Any, ...]]], keys: dict[str, An
             cause_unknown = alone.d is None and keys["fail_safe"]
             assert alone.d is not True
             assert not cause_unknown
-            judged = fusion.step(before, TICK, now_ns, under.recipes[before.plc.recipe].fusion)
+            judged = fused.step(before, TICK, now_ns, under.recipes[before.plc.recipe].fusion)
             assert judged.d is not True, "with the thresholds before the write"
         # A latch ends only where D is known to be 0, or the marker is known to be away.
         if before.memory.latched and not state.memory.latched:

@@ -19,6 +19,7 @@ from gateway.core.plc import (
     ResetVerdict,
     TriggerPhase,
     Writer,
+    WriteVerdict,
 )
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import Reason, StateVector, Tick
@@ -67,9 +68,8 @@ class Bay:
 
     def write(self, who: Writer, heartbeat: int | None = None, control: int | None = None, **more: Any) -> bool:
         """Was it taken?"""
-        conflicts = self.state.plc.conflicts
         self.step(PlcWrite(who, heartbeat, control, **more))
-        return self.state.plc.conflicts == conflicts
+        return self.state.plc.write_verdict is WriteVerdict.TAKEN
 
     def wait(self, ms: int) -> None:
         for n in range(ms // TICK_MS):
@@ -246,6 +246,7 @@ def test_two_programs_of_one_plc_are_two_writers() -> None:
         bay.wait(60)
         assert bay.write(A, 100 + n, ENABLE, connection=1)
         assert not bay.write(A, 7000 + n, 0, connection=2)
+        assert bay.state.plc.write_verdict is WriteVerdict.OTHER_CONNECTION
     plc = bay.state.plc
     assert (plc.conflicts, plc.control, plc.heartbeat, plc.owner_connection) == (20, ENABLE, 119, 1)
     assert bay.write(A, control=ENABLE | TRUCK, connection=2), "without a heartbeat it is the owner's own business"

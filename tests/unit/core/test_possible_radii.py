@@ -14,8 +14,9 @@ from gateway.core.interlock import Rules
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.retained import RetainedState
 from gateway.core.scale import MarkerScale, ScaleSample, possible_radii_px
-from gateway.core.state import Reason, StateVector, Tick
+from gateway.core.state import Fused, Reason, StateVector, Tick
 from gateway.hub import Hub
+from tests import fused
 from tests.virtual_time import HandClock
 
 MS = 1_000_000
@@ -175,22 +176,22 @@ def test_a_disc_of_the_wrong_size_contradicts_as_a_circle_would() -> None:
 @pytest.mark.parametrize("quality", [Quality.LINK_DOWN, Quality.PROCESS_FAULT, Quality.WAITING])
 def test_only_a_processed_frame_reports_it(quality: Quality) -> None:
     config, state = FusionConfig(scale_lasting_s=0), fusion.initial("north", T0)
-    state = fusion.step(state, RangeReading(T0, Quality.GOOD, 280.0), T0, config)
-    told = fusion.step(state, VisionReading(T0, quality, wrong_size=LAMP), T0, config)
+    state = fused.step(state, RangeReading(T0, Quality.GOOD, 280.0), T0, config)
+    told = fused.step(state, VisionReading(T0, quality, wrong_size=LAMP), T0, config)
     assert told.vision.wrong_size is None
     assert not told.memory.disagree
 
 
 def test_a_frame_that_is_too_old_reports_it_no_more() -> None:
     config, state = FusionConfig(), fusion.initial("north", T0)
-    state = fusion.step(state, VisionReading(T0, Quality.NO_TARGET, wrong_size=LAMP), T0, config)
+    state = fused.step(state, VisionReading(T0, Quality.NO_TARGET, wrong_size=LAMP), T0, config)
     assert state.vision.wrong_size == LAMP
-    assert fusion.step(state, Tick(), T0 + 301 * MS, config).vision.wrong_size is None
+    assert fused.step(state, Tick(), T0 + 301 * MS, config).vision.wrong_size is None
 
 
 def test_a_bay_with_a_red_disc_of_the_wrong_size_is_not_clear() -> None:
     limits = visit.Limits(VisitConfig(leave_distance_mm=350), FusionConfig(), GuidanceConfig())
-    state = replace(fusion.initial("north", T0), range=RangeReading(T0, Quality.GOOD, 400.0))
+    state = Fused(T0, range=RangeReading(T0, Quality.GOOD, 400.0))
     empty = replace(state, vision=VisionReading(T0, Quality.NO_TARGET))
     assert visit.clear(empty, limits)
     assert not visit.clear(replace(empty, vision=VisionReading(T0, Quality.NO_TARGET, wrong_size=MARKER)), limits)

@@ -11,7 +11,7 @@ from gateway.core import rolling
 from gateway.core.detection import Circle
 from gateway.core.events import EventKind
 from gateway.core.readings import Quality, RangeReading, VisionReading
-from gateway.core.state import GuidanceCode, ReferencePosition, StateVector
+from gateway.core.state import Fused, GuidanceCode, ReferencePosition
 from tests.visit_bench import Bench, Levels, gateway, truck
 
 STANDS_S = 10.0  # so long the truck is in place before it moves, from world time 0
@@ -115,7 +115,7 @@ def test_which_way_it_rolls_is_kept_while_no_distance_is_heard() -> None:
         (None, None, False, False),
     ):
         quality = Quality.NO_ECHO if mm is None else Quality.GOOD
-        state = StateVector("bay1", 2, range=RangeReading(2, quality, mm))
+        state = Fused(2, range=RangeReading(2, quality, mm))
         assert rolling.step(replace(rolls, nearer=was), state, speed, *config).nearer is nearer
 
 
@@ -126,8 +126,7 @@ def test_a_pause_between_two_readings_begins_anew() -> None:
         reference: ReferencePosition | None = None
         for t_ms, mm, circle in ((1000, 270.0, Circle(320.0, 240.0, 200.0)), (1000 + pause_ms, 300.0, moved)):
             t_ns = t_ms * 1_000_000
-            state = StateVector(
-                "bay1",
+            state = Fused(
                 t_ns,
                 vision=VisionReading(t_ns, Quality.GOOD, circle, visible=1.0),
                 range=RangeReading(t_ns, Quality.GOOD, mm, oldest_ns=t_ns - 1),
@@ -177,9 +176,7 @@ def test_single_echoes_show_a_motion_before_the_median_does(heard_mm: list[float
     for number, echo_mm in enumerate([270.0, *heard_mm]):
         t_ns = 1_000_000_000 + number * 60_000_000
         reading = RangeReading(t_ns, Quality.GOOD, 270.0, oldest_ns=t_ns - 60_000_000, echo_mm=echo_mm)
-        reference = rolling.step(
-            reference, StateVector("bay1", t_ns, range=reading), 0.0, VisitConfig(), GuidanceConfig()
-        )
+        reference = rolling.step(reference, Fused(t_ns, range=reading), 0.0, VisitConfig(), GuidanceConfig())
         if reference.rolling_since_ns is not None:
             assert number - 1 == rolls_at
             return
@@ -197,9 +194,7 @@ def test_a_distance_of_a_single_echo_is_one_echo(echo_mm: float | None, oldest_m
         t_ns = 1_000_000_000 + number * 60_000_000
         oldest_ns = t_ns - oldest_ms * 1_000_000
         reading = RangeReading(t_ns, Quality.GOOD, mm, oldest_ns=oldest_ns, echo_mm=echo_mm)
-        reference = rolling.step(
-            reference, StateVector("bay1", t_ns, range=reading), 0.0, VisitConfig(), GuidanceConfig()
-        )
+        reference = rolling.step(reference, Fused(t_ns, range=reading), 0.0, VisitConfig(), GuidanceConfig())
     assert reference is not None
     assert (reference.rolling_since_ns is not None) is rolls
 
@@ -215,7 +210,7 @@ def test_a_truck_that_sinks_on_its_springs_does_not_roll(mm_s: float, rolls: boo
     for frame in range(60 * 30):
         t_ns = 1_000_000_000 + frame * 33_333_333
         circle = Circle(320.0, 240.0 + mm_s * frame / 30 * 200 / 90, 200.0)
-        state = StateVector("bay1", t_ns, vision=VisionReading(t_ns, Quality.GOOD, circle, visible=1.0))
+        state = Fused(t_ns, vision=VisionReading(t_ns, Quality.GOOD, circle, visible=1.0))
         reference = rolling.step(reference, state, 0.0, VisitConfig(), GuidanceConfig())
         if reference.rolling_since_ns is not None:
             break

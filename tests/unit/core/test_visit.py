@@ -19,10 +19,10 @@ from gateway.core.retained import RetainedState, RetainedTruck
 from gateway.core.scale import ScaleSample
 from gateway.core.state import (
     FunctionCheck,
+    Fused,
     GuidanceCode,
     Moved,
     Reason,
-    StateVector,
     Tick,
     TruckPosition,
     Visit,
@@ -1060,8 +1060,9 @@ def test_d_ends_a_release_wherever_the_new_recipe_puts_the_mark() -> None:
     stay = bench.state.visit
     assert stay.farthest_mm is not None
     limits = visit.Limits(bench.config.bays[0].visit, bench.config.bays[0].fusion, bench.config.bays[0].guidance)
-    here = replace(bench.state, d=True, may_move=False)
-    after = visit.step(stay, here, 0.0, limits, released=True, release=False)
+    state = bench.state
+    here = Fused(state.t_ns, state.vision, state.range, True, memory=state.memory)
+    after = visit.step(stay, here, 0.0, limits, released=True, release=False, function_check=False)
     assert (after.released, after.place) == (False, None)
 
 
@@ -1267,13 +1268,13 @@ class TestOneStep:
     LIMITS = visit.Limits(VisitConfig(), FusionConfig(), GuidanceConfig())
     PLACE = TruckPosition(280.0, Circle(320.0, 240.0, 193.0))
 
-    def state(self, circle: Circle | None, distance_mm: float | None, **more: Any) -> StateVector:
+    def state(self, circle: Circle | None, distance_mm: float | None, **more: Any) -> Fused:
         vision = VisionReading(self.T_NS, Quality.NO_TARGET if circle is None else Quality.GOOD, circle)
         range_ = RangeReading(self.T_NS, Quality.NO_ECHO if distance_mm is None else Quality.GOOD, distance_mm)
-        return StateVector("bay1", t_ns=self.T_NS, vision=vision, range=range_, **more)
+        return Fused(self.T_NS, vision, range_, **more)
 
-    def step(self, before: Visit, state: StateVector, *, release: bool = False) -> Visit:
-        return visit.step(before, state, 0.0, self.LIMITS, released=release, release=release)
+    def step(self, before: Visit, state: Fused, *, release: bool = False) -> Visit:
+        return visit.step(before, state, 0.0, self.LIMITS, released=release, release=release, function_check=False)
 
     def test_a_truck_has_left_only_beyond_the_leave_distance(self) -> None:
         leave_mm = self.LIMITS.leave_mm

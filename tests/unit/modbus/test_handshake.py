@@ -192,6 +192,7 @@ def test_the_rest_is_read_only_and_such_a_write_changes_nothing(address: int, se
     [
         (WriteVerdict.TAKEN, None),
         (WriteVerdict.CONFLICT, ModbusException.SERVER_BUSY),
+        (WriteVerdict.OTHER_CONNECTION, ModbusException.SERVER_BUSY),
         (WriteVerdict.UNDECIDED, ModbusException.DEVICE_FAILURE),
     ],
 )

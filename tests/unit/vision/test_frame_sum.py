@@ -25,7 +25,7 @@ from gateway.vision.process.monitor import Emit, ProcessMonitor, Start
 from gateway.vision.process.vision_process import CheckedFrame, RecentFrames, detected
 from gateway.vision.source.freshness import TILES
 from gateway.vision.transport.messages import FrameResult
-from tests import decoys
+from tests import decoys, fused
 from tests.disturb import AIRLIGHT
 
 pytestmark = pytest.mark.one_interpreter
@@ -371,17 +371,17 @@ def test_the_reading_says_how_many_frames_and_is_as_old_as_the_first() -> None:
 def test_an_old_sum_neither_follows_a_newer_frame_nor_outlives_its_oldest() -> None:
     config = FusionConfig(recovery_s=0, clear_hold_s=0)
     z = RangeReading(1_000 * MS, Quality.GOOD, 900.0)
-    state = fusion.step(fusion.initial("1", 0), z, 1_000 * MS, config)
+    state = fused.step(fusion.initial("1", 0), z, 1_000 * MS, config)
     blind = VisionReading(1_000 * MS, Quality.NO_TARGET)
     summed = VisionReading(950 * MS, Quality.GOOD, PLACE, frames=4)
 
-    after = fusion.step(fusion.step(state, blind, 1_050 * MS, config), summed, 1_060 * MS, config)
+    after = fused.step(fused.step(state, blind, 1_050 * MS, config), summed, 1_060 * MS, config)
     assert after.vision.quality is Quality.NO_TARGET
 
-    state = fusion.step(state, summed, 1_060 * MS, config)
+    state = fused.step(state, summed, 1_060 * MS, config)
     assert (state.vision.quality, state.vision.frames) == (Quality.GOOD, 4)
-    assert fusion.step(state, Tick(), 1_250 * MS, config).vision.circle == PLACE
-    late = fusion.step(state, Tick(), 1_251 * MS, config).vision  # 301 ms after its oldest frame
+    assert fused.step(state, Tick(), 1_250 * MS, config).vision.circle == PLACE
+    late = fused.step(state, Tick(), 1_251 * MS, config).vision  # 301 ms after its oldest frame
     assert (late.quality, late.circle, late.frames) == (Quality.STALE, None, 1)
 
 

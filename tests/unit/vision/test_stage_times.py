@@ -10,13 +10,14 @@ from gateway.core import fusion
 from gateway.core.detection import Circle
 from gateway.core.readings import Quality, VisionReading
 from gateway.core.state import StateVector
+from tests import fused
 
 NOW_NS = 5_000_000_000
 TIMES = (("gaussian", 640_000), ("hsv", 349_000), ("contours", 51_000), ("normalise", 0))
 
 
 def state_after(reading: VisionReading) -> StateVector:
-    return fusion.step(fusion.initial("bay1", NOW_NS), reading, NOW_NS + 1, BayConfig().fusion)
+    return fused.step(fusion.initial("bay1", NOW_NS), reading, NOW_NS + 1, BayConfig().fusion)
 
 
 def shown(state: StateVector) -> list[str]:

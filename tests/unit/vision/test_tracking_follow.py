@@ -18,6 +18,7 @@ from gateway.vision.pixels import Image
 from gateway.vision.process.monitor import _quality as quality_of
 from gateway.vision.track.follower import Follower
 from gateway.vision.track.kalman_filter import Prediction
+from tests import fused
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -321,8 +322,8 @@ def decided(circles: list[Circle | None]) -> list[tuple[bool, bool, bool | None,
     drive, settings = Drive(), FusionConfig(decision="plain")
     state, states = fusion.initial("bay", 0), []
     for n, circle in enumerate(circles):
-        state = fusion.step(state, RangeReading(n * PERIOD_NS, Quality.GOOD, 900.0), n * PERIOD_NS, settings)
-        state = fusion.step(state, reading(drive.frame(n, circle), n * PERIOD_NS), n * PERIOD_NS, settings)
+        state = fused.step(state, RangeReading(n * PERIOD_NS, Quality.GOOD, 900.0), n * PERIOD_NS, settings)
+        state = fused.step(state, reading(drive.frame(n, circle), n * PERIOD_NS), n * PERIOD_NS, settings)
         states.append((state.may_move, state.stop, state.d, state.reason))
     return states
 
@@ -353,14 +354,14 @@ def test_a_coasted_marker_never_raises_or_holds_may_move(
         now_ns += later_ms * MS // 4
         match what:
             case "range":
-                state = fusion.step(state, RangeReading(now_ns, Quality.GOOD, distance_mm), now_ns, CONFIG)
+                state = fused.step(state, RangeReading(now_ns, Quality.GOOD, distance_mm), now_ns, CONFIG)
             case "tick":
-                state = fusion.step(state, Tick(), now_ns, CONFIG)
+                state = fused.step(state, Tick(), now_ns, CONFIG)
             case _:
                 last = circle if what == "seen" else last
                 search.circle = None if what == "missed" else last
                 found = find(FRAME, now_ns)
-                state = fusion.step(state, reading(found, now_ns), now_ns, CONFIG)
+                state = fused.step(state, reading(found, now_ns), now_ns, CONFIG)
                 if search.circle is None:
                     assert state.vision.quality in (Quality.COASTED, Quality.NO_TARGET)
         if state.vision.quality is not Quality.GOOD:
