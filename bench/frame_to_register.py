@@ -78,7 +78,7 @@ class Registers:
 
     def on_vision(self, reading: VisionReading) -> None:
         began_ns = self.clock.now_ns()
-        self.control.on_vision(reading)
+        self.control.on_reading(reading)
         words = self.image()
         ended_ns = self.clock.now_ns()
         if not reading.frame_id:

@@ -28,8 +28,9 @@ MAX_DETAIL = 1000
 CHECK_EVENTS = frozenset({EventKind.FUNCTION_CHECK_BEGUN, EventKind.FUNCTION_CHECK_ENDED})
 
 
-# What entered the control step (None: nothing), the state after it, and what happened. It must not wait or raise.
-Recorder = Callable[[fusion.Observation | None, StateVector, Sequence[Event]], None]
+# What entered the control step (None: nothing), the state after it, what happened, and the visit that goes on, if it is
+# asked for. It must not wait or raise.
+Recorder = Callable[[fusion.Observation | None, StateVector, Sequence[Event], Callable[[], VisitSummary | None]], None]
 
 
 def _no_watchdog(bay: str) -> None:
@@ -70,13 +71,7 @@ class BayControl:
         begun = Event(EventKind.FUNCTION_CHECK_BEGUN, self.name, state.t_ns, state, detail=_untried(untried))
         self._publish(state, [started, *([begun] if state.function_check and untried else [])])
 
-    def on_vision(self, reading: VisionReading) -> None:
-        self._on_reading(reading)
-
-    def on_range(self, reading: RangeReading) -> None:
-        self._on_reading(reading)
-
-    def _on_reading(self, reading: VisionReading | RangeReading) -> None:
+    def on_reading(self, reading: VisionReading | RangeReading) -> None:
         """While the control task does not run, the newest of each sensor waits for it: numbers and counters stand."""
         if valid(self._hub.state(self.name), self._clock.now_ns()):
             self._step(reading)
@@ -216,7 +211,7 @@ class BayControl:
     def _report(self, state: StateVector, happened: list[Event], observation: fusion.Observation | None = None) -> None:
         self._hub.publish(state, happened)
         if self._record is not None:
-            self._record(observation, state, happened)
+            self._record(observation, state, happened, self.open_visit)
         for event in happened:
             log.info(
                 "%s: %s%s%s",

@@ -135,18 +135,20 @@ class BayFiles:
     write: Callable[[Path, bytes], None] = write_file
     start: Callable[[Callable[[], None]], None] = _run_in_thread
     fault: str = ""
-    deciding: Callable[[str], Mapping[str, Any]] = lambda _: {}  # the keys of a bay's decision now
+    in_force: Callable[[str], Mapping[str, Any]] = lambda _: {}  # the keys of a bay's decision now
     first: RetainedState = field(default_factory=RetainedState)  # what a bay begins with of which nothing is kept
     _bays: dict[str, _Bay] = field(default_factory=dict)
     _changed: asyncio.Event = field(default_factory=asyncio.Event)
 
     @staticmethod
-    def read(config: GatewayConfig, clock: Clock) -> "BayFiles":
-        """Of all bays; may wait for the disk. Faults of a file are logged and listed in `damaged`."""
+    def read(
+        config: GatewayConfig, clock: Clock, in_force: Callable[[str], Mapping[str, Any]] | None = None
+    ) -> "BayFiles":
+        """Of all bays; may wait for the disk. Faults of a file are logged and listed in `damaged`. `in_force`: the keys
+        of a bay's decision now; None: those of `config`."""
         check = FunctionCheck.MAY_MOVE_OFF if config.initial_function_check else FunctionCheck.OFF
-        files = BayFiles(clock, first=RetainedState(check))
         now = {bay.name: decision.keys_of(bay, config) for bay in config.bays}
-        files.deciding = now.__getitem__
+        files = BayFiles(clock, in_force=in_force or now.__getitem__, first=RetainedState(check))
         for bay in config.bays:
             if (path := path_of(config, bay.name)) is not None:
                 files._bays[bay.name] = _with_tried(_read(bay, path, files.first), now[bay.name])
@@ -160,10 +162,6 @@ class BayFiles:
     def retained(self, bay: str) -> RetainedState:
         """What a bay starts with."""
         return self._bays[bay].wanted if bay in self._bays else self.first
-
-    def in_force(self, bay: str) -> Mapping[str, Any]:
-        """The keys of the bay's decision now."""
-        return self.deciding(bay)
 
     def untried(self, bay: str) -> list[str]:
         """The keys of its decision that differ from those last tried. Nothing where nothing is kept."""

@@ -1,6 +1,6 @@
-"""The current state of every bay: latest wins. Events queue, bounded, and every drop is counted.
+"""The current state of every bay: latest wins. Events queue, bounded, and every drop is counted. Readings pass through.
 
-Single event loop, no locks: `publish` never waits. It runs no consumer but the functions given to `listen`.
+Single event loop, no locks: `publish` never waits. It runs no consumer but the functions that listen.
 """
 
 import asyncio
@@ -8,8 +8,11 @@ from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 
 from gateway.core.events import Event
+from gateway.core.readings import RangeReading, VisionReading
 from gateway.core.shown import shown
 from gateway.core.state import StateVector
+
+ReadingListener = Callable[[VisionReading | RangeReading], None]
 
 
 class EventQueue:
@@ -51,6 +54,7 @@ class Hub:
         self._changed: dict[str, asyncio.Event] = {bay: asyncio.Event() for bay in self._states}
         self._queues: list[EventQueue] = []
         self._listeners: list[Callable[[Event], None]] = []
+        self._reading_listeners: dict[str, list[ReadingListener]] = {bay: [] for bay in self._states}
 
     @property
     def bays(self) -> tuple[str, ...]:
@@ -88,6 +92,16 @@ class Hub:
     def listen(self, listener: Callable[[Event], None]) -> None:
         """`listener` is called with every event before `publish` returns: it must not wait, and must not raise."""
         self._listeners.append(listener)
+
+    def offer(self, bay: str, reading: VisionReading | RangeReading) -> None:
+        """A sensor's newest reading: to the bay's control task, and to whoever else listens."""
+        for listener in self._reading_listeners[bay]:
+            listener(reading)
+
+    def listen_to_readings(self, bay: str, listener: ReadingListener) -> None:
+        """`listener` is called with every reading, after those that were given before it: the control task comes first.
+        It must not wait, and must not raise."""
+        self._reading_listeners[bay].append(listener)
 
     def subscribe(self, limit: int = 1000) -> EventQueue:
         queue = EventQueue(limit)

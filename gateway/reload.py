@@ -38,27 +38,30 @@ class ReloadRequests:
 
 
 @dataclass(slots=True)
+class InForce:
+    """The settings in force: `config`, with those of vision that a technician has applied."""
+
+    config: GatewayConfig
+    visions: Mapping[str, VisionService]
+
+    def deciding(self, bay: str) -> dict[str, Any]:
+        """The keys of the bay's decision."""
+        (own,) = [one for one in self.config.bays if one.name == bay]
+        return decision.keys_of(own.model_copy(update={"vision": self.visions[bay].settings}), self.config)
+
+
+@dataclass(frozen=True, slots=True)
 class Reloader:
-    """What `config`, that in force, is replaced by is handed to these parts."""
+    """What the configuration in force is replaced by is handed to these parts."""
 
     requests: ReloadRequests
-    config: GatewayConfig
+    in_force: InForce
     controls: Mapping[str, BayControl]
-    visions: Mapping[str, VisionService]
     recorder: RecorderService
     pages: WebProcessService | None
     status: StatusCollector
     service: ServiceState
     files: BayFiles | None = None
-
-    def __post_init__(self) -> None:
-        if self.files is not None:
-            self.files.deciding = self.in_force
-
-    def in_force(self, bay: str) -> dict[str, Any]:
-        """The keys of the bay's decision, with the settings of vision that a technician has applied."""
-        (own,) = [one for one in self.config.bays if one.name == bay]
-        return decision.keys_of(own.model_copy(update={"vision": self.visions[bay].settings}), self.config)
 
     async def run(self) -> NoReturn:
         """One reload after each request; requests that come meanwhile are one."""
@@ -81,17 +84,17 @@ class Reloader:
                 log.error("the configuration was not loaded, and nothing has changed: %s", line)
             return
         self.status.config_fault = ""
-        found = live.changes(self.config, new)
+        found = live.changes(self.in_force.config, new)
         waiting = [change for change in found if not change.live]
         self.status.keys_waiting = len(waiting)
-        self._apply(live.in_force(self.config, new), [change for change in found if change.live])
+        self._apply(live.in_force(self.in_force.config, new), [change for change in found if change.live])
         for change in waiting:
             log.warning("configuration: waits for a restart: %s", change)
         if not found:
             log.info("the configuration was read again: nothing in it has changed")
 
     def _apply(self, config: GatewayConfig, found: Sequence[Change]) -> None:
-        self.config = config
+        self.in_force.config = config
         sections = {change.path[0] for change in found}
         if "log_level" in sections:
             self.requests.set_level(config.log_level)
@@ -104,7 +107,7 @@ class Reloader:
         if self.pages is not None and sections & {"hmi", "records"}:  # the pages' rights to pictures are in [records]
             self.pages.apply(config)
         for bay in config.bays:
-            control, vision = self.controls[bay.name], self.visions[bay.name]
+            control, vision = self.controls[bay.name], self.in_force.visions[bay.name]
             own = [change for change in found if change.path[0] != "bays" or change.path[1] == bay.name]
             fixed = any("controls" in change.path for change in own)
             if any(change.path[0] == "bays" for change in own) and (fixed or vision.settings != bay.vision):

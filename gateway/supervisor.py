@@ -51,14 +51,22 @@ class TaskRecord:
 class Supervisor:
     """Runs a table of tasks until cancelled or until one of them must not be restarted any more."""
 
-    def __init__(self, tasks: Sequence[Task], clock: Clock, rng: random.Random | None = None) -> None:
+    def __init__(
+        self,
+        tasks: Sequence[Task],
+        clock: Clock,
+        rng: random.Random | None = None,
+        records: dict[str, TaskRecord] | None = None,
+    ) -> None:
+        """`records`: those of several tables, to which those of this one are added."""
         names = [task.name for task in tasks]
         if len(set(names)) != len(names):
             raise ValueError(f"task names must differ: {names}")
         self._tasks = tuple(tasks)
         self._clock = clock
         self._rng = rng or random.Random()
-        self.records = {name: TaskRecord() for name in names}
+        self.records = {} if records is None else records
+        self.records.update((name, TaskRecord()) for name in names)
 
     async def run(self) -> None:
         """Raises ConfigError or CrashLoopError (in an ExceptionGroup) when a task can't be restarted."""

@@ -223,7 +223,7 @@ class Bay:
         self.task: Coroutine[float, None, None] | None = None  # of the control; begun with its first tick
         self.tick_ns = self.clock.now
         for reading in self.session.opened(self.clock.now):
-            self.control.on_range(reading)
+            self.control.on_reading(reading)
         self._serve()
         self.started_s = self.t_s
 
@@ -312,7 +312,7 @@ class Bay:
         self.board.faults = faults
         if RangerFault.UNPLUGGED in faults:
             if not self.unplugged or self.steps % 5 == 0:
-                control.on_range(self.session.lost(now_ns, "unplugged"))
+                control.on_reading(self.session.lost(now_ns, "unplugged"))
             self.unplugged = True
             return
         if self.unplugged:
@@ -320,7 +320,7 @@ class Bay:
             self.backlog = b""
             self.board.boot(now_ns, POWER_ON)
             for reading in self.session.opened(now_ns):
-                control.on_range(reading)
+                control.on_reading(reading)
         if request := self.session.request(now_ns):
             self.board.hear(request, now_ns)
         data = self.backlog + self.board.advance(now_ns)
@@ -329,7 +329,7 @@ class Bay:
             self.backlog, data = data, b""
         readings = self.session.feed(data, now_ns) if data else []
         for reading in [*readings, *self.session.tick(now_ns)]:
-            control.on_range(reading)
+            control.on_reading(reading)
 
     # -- the camera and its process --------------------------------------------------------------------------------
 
@@ -358,7 +358,7 @@ class Bay:
         for action in self.monitor.settle(now_ns):
             match action:
                 case monitor.Emit(reading):
-                    self.control.on_vision(reading)
+                    self.control.on_reading(reading)
                 case monitor.Start(token, first_seq, _):
                     process.start(token, first_seq, now_ns)
                 case monitor.Kill(token, _):

@@ -90,6 +90,7 @@ class Bench:
         self.visits: list[VisitSummary] = []
         self.progress = VisitProgress()
         self.record: Recorder | None = record
+        self.open_visit: Callable[[], VisitSummary | None] = lambda: None
         self._chance = random.Random(f"bench {seed} {scenario.seed}")
         self._origin_ns = 1000 * NS_PER_S
         self._ticks = 0  # of STEP_S since LEAD_S before world time 0
@@ -123,7 +124,7 @@ class Bench:
         self.state = interlock.initial("bay1", self.now_ns, self.rules, retained)
         self.progress = VisitProgress()
         if self.record is not None:
-            self.record(None, self.state, [])
+            self.record(None, self.state, [], self.open_visit)
         self._session = Hcsr04Session(self.config.bays[0].ranger)
         self._unplugged = False
         for reading in self._session.opened(self.now_ns):
@@ -138,7 +139,7 @@ class Bench:
             self.visits.append(ended)
         self.events += happened
         if self.record is not None:
-            self.record(observation, self.state, happened)
+            self.record(observation, self.state, happened, self.open_visit)
         return self.state
 
     def check_function(self, mode: FunctionCheck) -> None:

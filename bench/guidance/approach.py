@@ -105,9 +105,9 @@ class GuidedBay(Bench):
         self.clock.now = self.now_ns
         match observation:
             case VisionReading():
-                self.control.on_vision(observation)
+                self.control.on_reading(observation)
             case RangeReading():
-                self.control.on_range(observation)
+                self.control.on_reading(observation)
             case Tick():
                 self._ticking.send(None)
             case _:

@@ -17,29 +17,28 @@ REPORTED_CHANGES = 20
 
 
 class AlarmMonitor:
-    """A row of the task table. `state`: a bay's state as a PLC would be shown it now; `conditions`: all the rest;
-    `report` gets every change of an alarm, in order."""
+    """A row of the task table. `state`: a bay's state as a PLC would be shown it now; `report` gets every change of an
+    alarm, in order."""
 
     def __init__(
         self,
         bays: Mapping[str, FusionConfig],
         state: Callable[[str], StateVector],
-        conditions: Callable[[], GatewayConditions],
         clock: Clock,
         report: Callable[[AlarmChange], None],
     ) -> None:
         self._engine = AlarmEngine(bays)
         self._bays = tuple(bays)
         self._state = state
-        self._conditions = conditions
         self._clock = clock
         self._report = report
         self.scanned_ns: int | None = None  # the last time all were evaluated; None: not yet
         self.revision = 0  # another one: something may have changed since
 
-    async def run(self) -> NoReturn:
+    async def run(self, conditions: Callable[[], GatewayConditions]) -> NoReturn:
+        """`conditions`: those of the gateway itself, now."""
         while True:
-            self.scan()
+            self.scan(conditions())
             seen = self._motion()
             for _ in range(round(PERIOD_S / MOTION_S)):
                 await self._clock.sleep(MOTION_S)
@@ -53,12 +52,12 @@ class AlarmMonitor:
             (state.visit.rolling, state.unintended_motion, state.visit.moved, state.visit.in_place) for state in states
         ]
 
-    def scan(self) -> None:
+    def scan(self, conditions: GatewayConditions) -> None:
         now_ns = self.scanned_ns = self._clock.now_ns()
         self.revision += 1
         for bay in self._bays:
             self._report_all(self._engine.update_bay(self._state(bay), now_ns))
-        self._report_all(self._engine.update_gateway(self._conditions(), now_ns))
+        self._report_all(self._engine.update_gateway(conditions, now_ns))
 
     def act(self, action: OperatorAction) -> ActionReply:
         """Apply an operator's action to an alarm. It changes what people see, and nothing else."""

@@ -46,6 +46,7 @@ def main(args: argparse.Namespace) -> int:
     from gateway.config.strict.toml_file import read_toml
     from gateway.errors import ConfigError
     from gateway.hub import Hub
+    from gateway.parts import Ports
     from gateway.reload import ReloadRequests
     from gateway.supervisor import Task
     from gateway.systemd import notify_address
@@ -89,7 +90,7 @@ def main(args: argparse.Namespace) -> int:
         event_loop.run(
             run_loop.serve(
                 settings,
-                app.Ports.of(settings),
+                Ports.of(settings),
                 clock,
                 duration_s=args.duration,
                 on_started=started,

@@ -22,6 +22,7 @@ from gateway.hub import Hub
 from gateway.logs import setup as logs
 from gateway.logs.folding import LogCounts
 from gateway.logs.setup import FoldingHandler
+from gateway.parts import Ports
 from gateway.reload import ReloadRequests
 from gateway.supervisor import Task
 from gateway.systemd import Notifier
@@ -51,7 +52,7 @@ def shipped(*parts: str) -> Path:
 
 async def serve(
     config: GatewayConfig,
-    ports: app.Ports,
+    ports: Ports,
     clock: SystemClock,
     *,
     duration_s: float | None = None,

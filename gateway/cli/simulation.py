@@ -26,6 +26,7 @@ from gateway.config.strict.section import Section, upper_bound_of
 from gateway.errors import ConfigError, LinkError
 from gateway.hub import Hub
 from gateway.net.listener import listening
+from gateway.parts import Ports
 from gateway.shared_state import attachable
 from gateway.sim import scenario as scenarios
 from gateway.sim import trials
@@ -249,7 +250,7 @@ class _Simulation:
             for ranger in rangers.values():
                 await stack.enter_async_context(ranger)
             fixed = {bay.name: settings_of(bay.camera.controls) for bay in self._settings.bays}
-            ports = app.Ports(
+            ports = Ports(
                 camera={
                     bay.name: SimCameraSpec(
                         bay.scenario,

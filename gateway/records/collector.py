@@ -54,7 +54,6 @@ class Collector:
     wall_ns: Callable[[], int]
     word_order: WordOrder = "big"
     identity: BayIdentity = NO_BAY
-    open_visit: Callable[[], VisitSummary | None] = lambda: None  # as it is known after the newest state
     dropped: int = 0  # records since the start
     _newest: StateVector | None = None
     _decision: tuple[object, ...] = ()
@@ -66,8 +65,15 @@ class Collector:
     _image_ns: int = 0
     _visit_ns: int = 0
 
-    def __call__(self, observation: Observation | None, state: StateVector, happened: Sequence[Event]) -> None:
-        """`observation`: what `state` came of; None: the start, the end, or only events without a new state."""
+    def __call__(
+        self,
+        observation: Observation | None,
+        state: StateVector,
+        happened: Sequence[Event],
+        open_visit: Callable[[], VisitSummary | None] = lambda: None,
+    ) -> None:
+        """`observation`: what `state` came of; None: the start, the end, or only events without a new state.
+        `open_visit`: the visit that goes on, as it is known after `state`."""
         t_ns = state.t_ns
         if self._bytes > MAX_PENDING_BYTES:
             self._missing += 1 + len(happened)
@@ -101,7 +107,7 @@ class Collector:
                 self._chunks[-1].visit_ended = True
         if t_ns - self._visit_ns >= VISIT_NS or (new and not stepped):
             self._visit_ns = t_ns
-            if (visit := self.open_visit()) is not None:
+            if (visit := open_visit()) is not None:
                 self._add(VisitRecord(t_ns=t_ns, visit=visit))
         if t_ns - self._image_ns >= IMAGE_NS:
             self._image_ns = t_ns

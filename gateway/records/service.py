@@ -9,9 +9,10 @@ import asyncio
 import json
 import logging
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from platform import python_version
 from typing import NoReturn
@@ -19,11 +20,13 @@ from typing import NoReturn
 from gateway import __version__, bay_file
 from gateway.alarms.records import AlarmChange
 from gateway.alarms.states import AlarmEvent
-from gateway.bay import BayControl
+from gateway.bay import Recorder
 from gateway.clock import NS_PER_S, SystemClock
 from gateway.config import BayConfig, GatewayConfig
 from gateway.config.strict.errors import without_passwords
 from gateway.core.events import Event, EventKind
+from gateway.core.fusion import Observation
+from gateway.core.state import StateVector
 from gateway.core.visit_summary import VisitSummary
 from gateway.errors import LinkError
 from gateway.modbus.registers.bay_identity import identities
@@ -51,6 +54,7 @@ from gateway.vision.transport.ring import RingSpec
 
 log = logging.getLogger(__name__)
 
+Resume = Callable[[str, VisitSummary], None]
 MODULE = "gateway.records.process"
 PERIOD_S = 1.0
 CLOSE_POLL_S = 0.02
@@ -108,7 +112,6 @@ class RecorderService:
     clock: SystemClock
     rings: Mapping[str, RingSpec]
     boot: str
-    on_open_visit: Callable[[str, VisitSummary], None] = lambda _bay, _visit: None  # from before the restart
     status: RecorderStatus = field(default_factory=RecorderStatus)
     fault: str = ""  # of the process itself; empty: it runs
     folder: Path | None = field(init=False)  # of all bays' recordings; None: nothing is recorded
@@ -130,26 +133,32 @@ class RecorderService:
         order = self.config.modbus.word_order
         self.collectors = {bay: Collector(self.clock.wall_ns, order, identity) for bay, identity in bays.items()}
 
-    @property
-    def tasks(self) -> list[Task]:
-        """Rows of the task table."""
-        return [] if self.folder is None else [Task("recorder", self.run)]
+    def tasks(self, resume: Resume) -> list[Task]:
+        """Rows of the task table. `resume`: gets the visit of a bay that was open before the restart."""
+        return [] if self.folder is None else [Task("recorder", partial(self.run, resume))]
 
     @property
     def dropped(self) -> int:
         """Records that could not be written since the start."""
         return sum(collector.dropped for collector in self.collectors.values())
 
-    def follow_visits(self, controls: Mapping[str, BayControl]) -> None:
-        """Record the visits of these bays, and hand them those from before the restart."""
-        for name, collector in self.collectors.items():
-            collector.open_visit = controls[name].open_visit
-        self.on_open_visit = lambda bay, visit: controls[bay].resume_visit(visit)
+    def of_bay(self, bay: str) -> Recorder | None:
+        """For the bay's control task; None: nothing is recorded."""
+        return partial(self._record, self.collectors[bay]) if bay in self.collectors else None
 
-    def on_event(self, event: Event) -> None:
-        """A listener of the hub: pictures are kept round what people may ask about. Never waits."""
-        if event.kind in KEPT and self.folder is not None:
-            self.keep(event.bay, event.t_ns, event.kind.value)
+    def _record(
+        self,
+        collector: Collector,
+        observation: Observation | None,
+        state: StateVector,
+        happened: Sequence[Event],
+        open_visit: Callable[[], VisitSummary | None],
+    ) -> None:
+        """Pictures are kept round what people may ask about. Never waits."""
+        collector(observation, state, happened, open_visit)
+        for event in happened:
+            if event.kind in KEPT:
+                self.keep(event.bay, event.t_ns, event.kind.value)
 
     def on_alarm(self, change: AlarmChange) -> None:
         """Each change of an alarm is recorded, that of the gateway itself with every bay; pictures where one occurs."""
@@ -179,12 +188,12 @@ class RecorderService:
         if self._slot is not None:
             self._slot.wake()
 
-    async def run(self) -> NoReturn:
+    async def run(self, resume: Resume) -> NoReturn:
         """Until cancelled. Raises LinkError when the process ends or writes nothing any more."""
         while True:
-            await self._run_process()
+            await self._run_process(resume)
 
-    async def _run_process(self) -> None:
+    async def _run_process(self, resume: Resume) -> None:
         """Until its configuration has changed."""
         self._outdated = False
         pictures = self.config.records.pictures
@@ -203,14 +212,14 @@ class RecorderService:
                     slot.send(message)
                 for collector in self.collectors.values():
                     collector.begin()
-                await self._serve(slot)
+                await self._serve(slot, resume)
         except LinkError as error:
             self.fault = str(error)
             raise
         finally:
             self._slot = None
 
-    async def _serve(self, slot: ProcessSlot[ToRecorder, FromRecorder]) -> None:
+    async def _serve(self, slot: ProcessSlot[ToRecorder, FromRecorder], resume: Resume) -> None:
         sent_ns = self.clock.now_ns()
         now_s = asyncio.get_running_loop().time
         self._life.begin(now_s())
@@ -227,7 +236,7 @@ class RecorderService:
                     case OpenVisit(bay, visit):
                         if bay not in self._resumed:
                             self._resumed.add(bay)
-                            self.on_open_visit(bay, visit)
+                            resume(bay, visit)
                     case Failed(why):
                         raise LinkError(why)
                     case Gone(how):

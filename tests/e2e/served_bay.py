@@ -30,8 +30,8 @@ class ServedBay:
     async def _measure(self) -> None:
         while True:
             now_ns = self.clock.now_ns()
-            self.bay.on_vision(VisionReading(now_ns, Quality.GOOD, Circle(320, 240, 200.0)))
-            self.bay.on_range(RangeReading(now_ns, Quality.GOOD, self.distance_mm))
+            self.bay.on_reading(VisionReading(now_ns, Quality.GOOD, Circle(320, 240, 200.0)))
+            self.bay.on_reading(RangeReading(now_ns, Quality.GOOD, self.distance_mm))
             await asyncio.sleep(0.03)
 
     @asynccontextmanager

@@ -79,8 +79,8 @@ async def child(deliver_of: SinkOf, name: str, file: str, per_s: float) -> None:
                 near = not near
                 for control in controls:
                     now_ns = clock.now_ns()
-                    control.on_range(RangeReading(now_ns, Quality.GOOD, 250.0))
-                    control.on_vision(VisionReading(now_ns, Quality.GOOD, Circle(1, 2, 200 if near else 100)))
+                    control.on_reading(RangeReading(now_ns, Quality.GOOD, 250.0))
+                    control.on_reading(VisionReading(now_ns, Quality.GOOD, Circle(1, 2, 200 if near else 100)))
                 await clock.sleep(len(controls) / per_s)
 
         tasks = [Task(f"{control.name}.control", control.run, vital=True) for control in controls]

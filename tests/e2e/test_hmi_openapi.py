@@ -63,7 +63,7 @@ class Bay:
     async def _serve(self, made: Plant, stop: asyncio.Event) -> None:
         made.links = full()
         made.rings["bay1"].write(np.zeros((48, 64, 3), np.uint8), 1, made.client.clock.now_ns())
-        made.controls["bay1"].on_vision(VisionReading(made.client.clock.now_ns(), Quality.LINK_DOWN, detail="gone"))
+        made.controls["bay1"].on_reading(VisionReading(made.client.clock.now_ns(), Quality.LINK_DOWN, detail="gone"))
         config = HmiConfig(enabled=True, without_login="none", users=USERS)
         pace = SystemClock()
         logins = Logins(config, pace, lambda _: None, instance="gateway")

@@ -25,8 +25,9 @@ pytestmark = pytest.mark.timeout(300)  # it waits for programs that start, on a 
 REPOSITORY = Path(__file__).parents[2]
 EXITS = "from gateway.cli import run; run.main = lambda args: 3"
 NO_FRAMES = (
-    "from gateway import app; from gateway.vision.source.specs import FileSpec; from dataclasses import replace; "
-    "of = app.Ports.of; app.Ports.of = staticmethod(lambda config: replace(of(config), "
+    "from gateway.parts import Ports; from gateway.vision.source.specs import FileSpec; "
+    "from dataclasses import replace; "
+    "of = Ports.of; Ports.of = staticmethod(lambda config: replace(of(config), "
     "camera=dict.fromkeys(of(config).camera, FileSpec('nothing'))))"
 )
 ALARM = (

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from gateway import app
+from gateway import app, parts
 from gateway.clock import SystemClock
 from gateway.config import BayConfig, FusionConfig, GatewayConfig, ModbusConfig, Reconnect
 from gateway.core.detection import Circle
@@ -22,6 +22,7 @@ from gateway.supervisor import Task
 from gateway.vision.source.specs import FileSpec
 
 ended: list[str] = []  # what is done at the end
+expected: list[tuple[float, float] | None] = []  # the radii that the search was told
 
 
 class Sensors:
@@ -33,7 +34,7 @@ class Sensors:
         self._camera = len(args) > 3
 
     def expect(self, radii_px: tuple[float, float] | None) -> None:
-        pass
+        expected.append(radii_px)
 
     async def put_back(self) -> None:
         ended.append("put back")
@@ -71,10 +72,11 @@ def test_sinks_publish_the_final_state_whatever_ends_the_gateway(
 ) -> None:
     """Else the broker would keep `may_move` of the last good state for as long as nobody starts the gateway again."""
     for name, stand_in in (("VisionService", Sensors), ("RangerService", Sensors)):
-        monkeypatch.setattr(app, name, stand_in)
+        monkeypatch.setattr(parts, name, stand_in)
     monkeypatch.setattr(app, "SHUTDOWN_SHOWN_S", 0.01)
     monkeypatch.setattr(LastState, "published", None)
     ended.clear()
+    expected.clear()
     monkeypatch.setattr(registry, "TYPES", (SinkType("last_state", LastState, settings=lambda config: config),))
     config = GatewayConfig(
         instance=f"test-app-{os.getpid()}-{past_help}",
@@ -99,7 +101,7 @@ def test_sinks_publish_the_final_state_whatever_ends_the_gateway(
 
             return [Task("ends_all", ends_all)]
 
-        ports = app.Ports(camera={"bay1": FileSpec("nothing")}, ranger={"bay1": ""})
+        ports = parts.Ports(camera={"bay1": FileSpec("nothing")}, ranger={"bay1": ""})
         await app.run(config, ports, SystemClock(), stop=stop, extra_tasks=extra_tasks)
 
     if past_help:
@@ -108,6 +110,7 @@ def test_sinks_publish_the_final_state_whatever_ends_the_gateway(
     else:
         asyncio.run(main())
     assert permitted == [True]
+    assert expected == [None], "the one distance reached the search, too"
     assert sorted(ended) == ["put back", "sink"]
     told = LastState.published
     assert told is not None
@@ -125,7 +128,7 @@ def test_alarms_are_raised_and_logged_without_pages(
             await asyncio.Event().wait()
 
     for name in ("VisionService", "RangerService"):
-        monkeypatch.setattr(app, name, Unplugged)
+        monkeypatch.setattr(parts, name, Unplugged)
     monkeypatch.setattr(app, "SHUTDOWN_SHOWN_S", 0.01)
     caplog.set_level("INFO", "gateway.app")
     raised = "alarm bay1.camera_down: occurs, now unacknowledged: no such device"
@@ -142,7 +145,7 @@ def test_alarms_are_raised_and_logged_without_pages(
                 if record.getMessage() == raised:
                     stop.set()
 
-        ports = app.Ports(camera={"bay1": FileSpec("nothing")}, ranger={"bay1": ""})
+        ports = parts.Ports(camera={"bay1": FileSpec("nothing")}, ranger={"bay1": ""})
         app.log.addHandler(handler := StopWhenRaised())
         try:
             await app.run(config, ports, SystemClock(speed=10.0), stop=stop)

@@ -56,8 +56,8 @@ class Bench:
 
     def go(self, ms: int = 0, radius_px: float = 100.0, distance_mm: float = 900.0) -> None:
         """Both sensors good at that time."""
-        self.bay.on_vision(seen(self.at(ms), radius_px))
-        self.bay.on_range(heard(self.at(ms), distance_mm))
+        self.bay.on_reading(seen(self.at(ms), radius_px))
+        self.bay.on_reading(heard(self.at(ms), distance_mm))
 
     def kinds(self) -> list[EventKind]:
         return [event.kind for event in self.events.drain()]
@@ -110,8 +110,8 @@ def test_ticks_count_the_heartbeat_and_values_age_without_any_reading() -> None:
         task = asyncio.create_task(bench.bay.run())
         found: list[tuple[int, bool]] = []
         await asyncio.sleep(0.01)
-        bench.bay.on_vision(seen(bench.clock.now_ns()))
-        bench.bay.on_range(heard(bench.clock.now_ns()))
+        bench.bay.on_reading(seen(bench.clock.now_ns()))
+        bench.bay.on_reading(heard(bench.clock.now_ns()))
         for _ in range(4):  # at 0.11, 0.21, 0.31, 0.41 s
             await asyncio.sleep(0.1)
             found.append((bench.state.heartbeat, bench.state.may_move))
@@ -183,8 +183,8 @@ def test_a_tick_that_raises_once_withdraws_everything_and_nothing_comes_back_by_
             end_ns = clock.now_ns() + round(for_s * 1000) * MS
             while clock.now_ns() < end_ns:
                 number = clock.now_ns() // MS
-                bay.on_vision(replace(seen(clock.now_ns(), 190.0), frame_id=number))
-                bay.on_range(replace(heard(clock.now_ns(), 285.0), seq=number))
+                bay.on_reading(replace(seen(clock.now_ns(), 190.0), frame_id=number))
+                bay.on_reading(replace(heard(clock.now_ns(), 285.0), seq=number))
                 images.append((clock.now_ns(), image()))
                 await asyncio.sleep(0.03)
 
@@ -225,7 +225,7 @@ def test_no_value_is_shown_longer_than_its_deadline_and_the_time_to_notice_a_dea
     bench = Bench()  # 0.3 s + 0.25 s
     bench.go()
     bench.at(549)
-    bench.bay.on_range(heard(bench.clock.now_ns()))
+    bench.bay.on_reading(heard(bench.clock.now_ns()))
     assert bench.bay.state().vision.circle is None  # fusion ran, so the deadline alone counts
     bench.at(549 + 251)
     assert bench.bay.state().range.distance_mm is None
@@ -239,8 +239,8 @@ async def test_it_recovers_from_a_pause_by_itself() -> None:
 
     task = asyncio.create_task(bench.bay.run())
     await asyncio.sleep(0.01)
-    bench.bay.on_vision(seen(bench.clock.now_ns()))
-    bench.bay.on_range(heard(bench.clock.now_ns()))
+    bench.bay.on_reading(seen(bench.clock.now_ns()))
+    bench.bay.on_reading(heard(bench.clock.now_ns()))
     task.cancel()
     await asyncio.wait([task])
     assert bench.bay.state() is bench.state
@@ -264,7 +264,7 @@ def test_sensors_that_still_speak_do_not_make_a_dead_control_task_look_alive() -
 def test_a_prediction_does_not_outlive_the_control_task() -> None:
     bench = Bench()
     place = Circle(320.0, 240.0, 100.0)
-    bench.bay.on_vision(VisionReading(bench.at(0), Quality.COASTED, tracking=Tracking.COASTED, predicted=place))
+    bench.bay.on_reading(VisionReading(bench.at(0), Quality.COASTED, tracking=Tracking.COASTED, predicted=place))
     assert bench.bay.state().vision.predicted == place
 
     bench.at(251)
@@ -314,8 +314,8 @@ async def test_nothing_changes_the_final_state() -> None:
     bench.kinds()
     task = asyncio.create_task(bench.bay.run())
     await asyncio.sleep(5.0)
-    bench.bay.on_vision(seen(bench.clock.now_ns()))
-    bench.bay.on_range(heard(bench.clock.now_ns()))
+    bench.bay.on_reading(seen(bench.clock.now_ns()))
+    bench.bay.on_reading(heard(bench.clock.now_ns()))
     bench.bay.shut_down()
     task.cancel()
     await asyncio.wait([task])
@@ -330,7 +330,7 @@ def test_events_are_logged_in_words(caplog: pytest.LogCaptureFixture) -> None:
     bench = Bench()
     bench.go(radius_px=200.0, distance_mm=200.0)
     bench.go(20)
-    bench.bay.on_range(RangeReading(bench.at(30), Quality.LINK_DOWN, detail="port /dev/ttyACM0 is gone"))
+    bench.bay.on_reading(RangeReading(bench.at(30), Quality.LINK_DOWN, detail="port /dev/ttyACM0 is gone"))
     bench.bay.shut_down()
 
     assert caplog.messages == [

@@ -546,15 +546,15 @@ class Bench:
         """At once, and until the bay has been clear for long enough."""
         for _ in range(200):
             now_ns = self.clock.now_ns()
-            self.control.on_vision(VisionReading(now_ns, Quality.NO_TARGET))
-            self.control.on_range(RangeReading(now_ns, Quality.NO_ECHO))
+            self.control.on_reading(VisionReading(now_ns, Quality.NO_TARGET))
+            self.control.on_reading(RangeReading(now_ns, Quality.NO_ECHO))
             await asyncio.sleep(0.02)
         assert self.hub.state("bay1").visit.place is None
 
     def _both(self, distance_mm: float, radius_px: float) -> None:
         now_ns = self.clock.now_ns()
-        self.control.on_vision(VisionReading(now_ns, Quality.GOOD, Circle(320, 240, radius_px)))
-        self.control.on_range(RangeReading(now_ns, Quality.GOOD, distance_mm))
+        self.control.on_reading(VisionReading(now_ns, Quality.GOOD, Circle(320, 240, radius_px)))
+        self.control.on_reading(RangeReading(now_ns, Quality.GOOD, distance_mm))
 
 
 def kept(folder: Path) -> RetainedState:

@@ -32,8 +32,8 @@ class Bench:
         self.events.drain()
 
     def see(self, distance_mm: float) -> None:
-        self.bay.on_vision(VisionReading(self.clock.t_ns, Quality.GOOD, Circle(1, 2, 200.0)))
-        self.bay.on_range(RangeReading(self.clock.t_ns, Quality.GOOD, distance_mm))
+        self.bay.on_reading(VisionReading(self.clock.t_ns, Quality.GOOD, Circle(1, 2, 200.0)))
+        self.bay.on_reading(RangeReading(self.clock.t_ns, Quality.GOOD, distance_mm))
 
     def reported(self) -> list[tuple[EventKind, str]]:
         return [(event.kind, event.detail) for event in self.events.drain()]

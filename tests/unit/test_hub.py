@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.core.events import Event, EventKind
-from gateway.core.readings import Quality
+from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import StateVector
 from gateway.hub import EventQueue, Hub
 from tests import virtual_time
@@ -23,6 +23,21 @@ def event(n: int, bay: str = "a") -> Event:
 
 def stamps(queue: EventQueue) -> list[int]:
     return [e.t_ns for e in queue.drain()]
+
+
+# Readings.
+
+
+def test_a_reading_reaches_the_listeners_of_its_bay_at_once_in_the_order_in_which_they_began_to_listen() -> None:
+    """The control task is the first: what the pages do with a reading does not delay the decision."""
+    hub, heard = Hub(["a", "b"]), list[tuple[str, object]]()
+    hub.listen_to_readings("a", lambda reading: heard.append(("control", reading)))
+    hub.listen_to_readings("a", lambda reading: heard.append(("pages", reading)))
+    hub.listen_to_readings("b", lambda reading: heard.append(("other bay", reading)))
+    distance, frame = RangeReading(1, Quality.GOOD, 900.0), VisionReading(2, Quality.NO_TARGET)
+    hub.offer("a", distance)
+    hub.offer("a", frame)
+    assert heard == [("control", distance), ("pages", distance), ("control", frame), ("pages", frame)]
 
 
 # Events.

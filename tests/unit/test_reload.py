@@ -6,7 +6,7 @@ from typing import Any, cast
 import pytest
 
 from gateway.config import BayConfig, CameraConfig, ControlsConfig, GatewayConfig, VisionConfig
-from gateway.reload import Reloader, ReloadRequests
+from gateway.reload import InForce, Reloader, ReloadRequests
 
 
 class Part:
@@ -48,9 +48,8 @@ def test_other_settings_of_vision_and_of_the_cameras_controls_replace_the_vision
     vision, control, other = Part(), Part(), cast("Any", Part())
     reloader = Reloader(
         ReloadRequests(lambda: GatewayConfig(bays=(new,))),
-        GatewayConfig(),
+        InForce(GatewayConfig(), cast("Any", {"bay1": vision})),
         cast("Any", {"bay1": control}),
-        cast("Any", {"bay1": vision}),
         other,
         None,
         other,

@@ -168,14 +168,14 @@ async def _do(control: BayControl, clock: LoopClock, act: tuple[Any, ...]) -> No
     match act:
         case ("see", quality, radius_px):
             circle = Circle(320.0, 240.0, radius_px) if quality is Quality.GOOD else None
-            control.on_vision(VisionReading(clock.now_ns(), quality, circle))
+            control.on_reading(VisionReading(clock.now_ns(), quality, circle))
         case ("hear", quality, distance_mm):
             z = distance_mm if quality is Quality.GOOD else None
-            control.on_range(RangeReading(clock.now_ns(), quality, z))
+            control.on_reading(RangeReading(clock.now_ns(), quality, z))
         case ("stand", times):
             for _ in range(times):
-                control.on_vision(VisionReading(clock.now_ns(), Quality.GOOD, Circle(320.0, 240.0, 190.0)))
-                control.on_range(RangeReading(clock.now_ns(), Quality.GOOD, 285.0))
+                control.on_reading(VisionReading(clock.now_ns(), Quality.GOOD, Circle(320.0, 240.0, 190.0)))
+                control.on_reading(RangeReading(clock.now_ns(), Quality.GOOD, 285.0))
                 await asyncio.sleep(0.06)
         case ("wait", ms):
             await asyncio.sleep(ms / 1000)

@@ -93,7 +93,7 @@ async def test_what_a_gateway_writes_of_itself() -> None:
     async with plant() as made:
         clock = made.client.clock
         made.loading()
-        made.monitor.scan()
+        made.monitor.scan(made.conditions)
         await clock.sleep(0.1)
         collector = StatusCollector(GatewayConfig(), made.hub, modbus=lambda: (server(),))
         status = collector.status(made.monitor, clock.now_ns())
@@ -131,14 +131,14 @@ async def test_alarms_with_an_active_cause_and_latched_ones_are_in_it() -> None:
             return collector.status(monitor, made.client.clock.now_ns()).alarms
 
         made.conditions = GatewayConditions(bay_file_damaged="bay1: cut off")
-        monitor.scan()
+        monitor.scan(made.conditions)
         assert alarms()["bay_file_damaged"] == "bay1: cut off"
         made.conditions = GatewayConditions(crashes=1, crashed="bay1.vision: KeyError()")
-        monitor.scan()
+        monitor.scan(made.conditions)
         made.conditions = GatewayConditions(crashes=1)
         for _ in range(90):
             await made.client.clock.sleep(1)
-            monitor.scan()
+            monitor.scan(made.conditions)
         found = alarms()
         assert "bay_file_damaged" not in found, "it returned to normal, and waits only for its acknowledgement"
         assert found["task_crashed"] == "bay1.vision: KeyError()", "latched"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway import app
+from gateway import app, parts
 from gateway.bay import BayControl
 from gateway.clock import SystemClock
 from gateway.config import BayConfig, FusionConfig, GatewayConfig, ModbusConfig
@@ -176,8 +176,8 @@ class TestWatchdog:
         async def main() -> None:
             clock = LoopClock()
             control = BayControl(BayConfig(), Hub(["bay1"]), clock, ticked=ticked.append)
-            control.on_vision(VisionReading(clock.now_ns(), Quality.NO_TARGET))
-            control.on_range(RangeReading(clock.now_ns(), Quality.GOOD, 900.0))
+            control.on_reading(VisionReading(clock.now_ns(), Quality.NO_TARGET))
+            control.on_reading(RangeReading(clock.now_ns(), Quality.GOOD, 900.0))
             assert ticked == []
             running = asyncio.create_task(control.run())
             await clock.sleep(0.99)
@@ -193,7 +193,7 @@ class TestWatchdog:
 @in_real_time
 async def _a_taken_port(manager: socket.socket, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("VisionService", "RangerService"):
-        monkeypatch.setattr(app, name, Sensors)
+        monkeypatch.setattr(parts, name, Sensors)
     monkeypatch.setattr(app, "SHUTDOWN_SHOWN_S", 0.01)
     loop, stop = asyncio.get_running_loop(), asyncio.Event()
     started: list[int] = []
@@ -213,7 +213,7 @@ async def _a_taken_port(manager: socket.socket, monkeypatch: pytest.MonkeyPatch)
             state_dir="",
             modbus=ModbusConfig(port=port),
         )
-        ports = app.Ports(camera={"bay1": FileSpec("nothing")}, ranger={"bay1": ""})
+        ports = parts.Ports(camera={"bay1": FileSpec("nothing")}, ranger={"bay1": ""})
         running = asyncio.create_task(
             app.run(
                 config,

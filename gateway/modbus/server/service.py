@@ -1,8 +1,9 @@
 """What listens for Modbus: plain TCP, Modbus/TCP Security, or both beside each other, on the same units."""
 
+import asyncio
 import logging
 from asyncio import Transport
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, replace
 
@@ -33,6 +34,29 @@ class Listening:
     def now(self) -> tuple[ServerNow, ...]:
         """The counters of each port."""
         return tuple(server.now() for server in self.servers)
+
+
+class ModbusService:
+    """A row of a task table. `now`: the counters of each port that is open."""
+
+    def __init__(self, config: ModbusConfig, clock: Clock) -> None:
+        self._config = config
+        self._clock = clock
+        self._bound: Listening | None = None
+
+    def now(self) -> tuple[ServerNow, ...]:
+        return () if self._bound is None else self._bound.now()
+
+    async def run(self, units: Mapping[int, Unit], opened: Callable[[Listening], None]) -> None:
+        """Raises LinkError where the port can't be had yet, which is tried again: the bays, the pages and the sinks do
+        not wait for the PLC's network."""
+        async with serving(self._config, units, self._clock) as bound:
+            self._bound = bound
+            try:
+                opened(bound)
+                await asyncio.Event().wait()
+            finally:
+                self._bound = None
 
 
 @asynccontextmanager

@@ -12,17 +12,15 @@ UNACKNOWLEDGED = frozenset({AlarmState.UNACKNOWLEDGED, AlarmState.RETURNED, Alar
 
 
 class ShownAlarms:
-    """Callable as a sink's AlarmSource. `monitor` is set once there is one."""
+    """Callable as a sink's AlarmSource."""
 
-    def __init__(self) -> None:
-        self.monitor: AlarmMonitor | None = None
+    def __init__(self, monitor: AlarmMonitor) -> None:
+        self._monitor = monitor
         self._revision = -1
         self._known: dict[tuple[str, bool], BayAlarms] = {}  # of this revision
 
     def __call__(self, bay: str, now_ns: int) -> BayAlarms:
-        monitor = self.monitor
-        if monitor is None:
-            return BayAlarms()
+        monitor = self._monitor
         if monitor.revision != self._revision:
             self._revision = monitor.revision
             self._known.clear()

@@ -12,7 +12,7 @@ from gateway.alarms.states import AlarmState
 from gateway.bay_file import BayFiles
 from gateway.clock import NS_PER_S
 from gateway.config import GatewayConfig
-from gateway.core.readings import FRESH_FRAME, VisionReading
+from gateway.core.readings import FRESH_FRAME, RangeReading, VisionReading
 from gateway.core.state import FunctionCheck, StateVector
 from gateway.hub import Hub
 from gateway.logs.folding import LogCounts
@@ -41,18 +41,13 @@ class LatencyHistograms:
     def __init__(self) -> None:
         self._rows: dict[str, dict[str, list[int]]] = {}  # bay -> stage -> counts, then the sum in ns
 
-    def observing(self, bay: str, emit: Callable[[VisionReading], None]) -> Callable[[VisionReading], None]:
-        """`emit`, and a count of what it passed on, afterwards: the decision does not wait for it."""
-        rows = self._rows.setdefault(bay, {})
-
-        def both(reading: VisionReading) -> None:
-            emit(reading)
-            if reading.stage_ns and reading.quality in FRESH_FRAME:
-                _note(rows, CAPTURE_TO_RESULT, round(reading.stats.latency_ms * 1e6))
-                for stage, took_ns in reading.stage_ns:
-                    _note(rows, stage, took_ns)
-
-        return both
+    def note(self, bay: str, reading: VisionReading | RangeReading) -> None:
+        """A listener of the hub."""
+        if isinstance(reading, VisionReading) and reading.stage_ns and reading.quality in FRESH_FRAME:
+            rows = self._rows.setdefault(bay, {})
+            _note(rows, CAPTURE_TO_RESULT, round(reading.stats.latency_ms * 1e6))
+            for stage, took_ns in reading.stage_ns:
+                _note(rows, stage, took_ns)
 
     def histograms(self) -> tuple[Histogram, ...]:
         """Since the start of the gateway."""
@@ -102,25 +97,20 @@ def _bay_now(state: StateVector, unit_id: int) -> BayNow:
 
 @dataclass(slots=True)
 class StatusCollector:
-    """`modbus` and `tasks` are set once there are any. `boot`: a random number of this start, in the events' ids."""
+    """`config_fault` and `keys_waiting` are set by whoever reads the configuration again."""
 
     config: GatewayConfig
     hub: Hub
-    boot: str = ""
     sinks: Sequence[Sink] = ()
     latencies: LatencyHistograms = field(default_factory=LatencyHistograms)
     bay_files: BayFiles | None = None
     recorder: RecorderService | None = None
     modbus: Callable[[], tuple[ServerNow, ...]] = tuple
-    tasks: dict[str, TaskRecord] = field(default_factory=dict)
+    tasks: Mapping[str, TaskRecord] = field(default_factory=dict)
     config_fault: str = ""  # why the configuration file that was to be read again was not loaded
     keys_waiting: int = 0  # of that file, for a restart
     certificates: CertificateEnds | None = None
     log: Callable[[], LogCounts] = LogCounts
-
-    def observing(self, bay: str, emit: Callable[[VisionReading], None]) -> Callable[[VisionReading], None]:
-        """`emit`, and a note of how long the frame took, where there are pages to show it."""
-        return self.latencies.observing(bay, emit) if self.config.hmi.enabled else emit
 
     def system_status(self, monitor: AlarmMonitor) -> SystemStatus:
         """For the pages, about once a second."""

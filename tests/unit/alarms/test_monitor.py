@@ -37,10 +37,10 @@ def scanned(at_s: float, visit: Visit, before: Visit | None = None) -> list[floa
             moments.append(since_s())
             return GatewayConditions()
 
-        monitor = AlarmMonitor({"bay1": FusionConfig()}, state, conditions, clock, lambda change: None)
+        monitor = AlarmMonitor({"bay1": FusionConfig()}, state, clock, lambda change: None)
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(UNTIL_S):
-                await monitor.run()
+                await monitor.run(conditions)
 
     run(main())
     return moments

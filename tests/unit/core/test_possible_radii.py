@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from gateway import app
+from gateway import parts
 from gateway.bay import BayControl
 from gateway.config import BayConfig, CrossCheck, FusionConfig, GuidanceConfig, VisitConfig
 from gateway.core import fusion, interlock, visit
@@ -85,7 +85,8 @@ class Bay:
     def hears(self, quality: Quality, distance_mm: float | None = None) -> tuple[float, float] | None:
         self.clock.t_ns += 60 * MS
         reading = RangeReading(self.clock.t_ns, quality, distance_mm)
-        app._on_range(self.control, self.vision, reading)  # type: ignore[arg-type]  # a stand-in
+        self.control.on_reading(reading)
+        parts._expect(self.control, self.vision, reading)  # type: ignore[arg-type]  # a stand-in
         return self.vision.told[-1]
 
     def stands(self, distance_mm: float = 280.0) -> tuple[float, float] | None:

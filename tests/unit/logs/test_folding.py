@@ -5,6 +5,7 @@ import io
 import logging
 import random
 import re
+from functools import partial
 
 import pytest
 
@@ -139,24 +140,24 @@ def test_a_camera_that_comes_and_goes_writes_less_than_half_a_megabyte_a_day() -
 
         async def camera() -> None:
             for _ in range(12):
-                control.on_vision(VisionReading(clock.now_ns(), Quality.GOOD, Circle(300.0, 200.0, 60.0)))
+                control.on_reading(VisionReading(clock.now_ns(), Quality.GOOD, Circle(300.0, 200.0, 60.0)))
                 await clock.sleep(0.1)
-            control.on_vision(VisionReading(clock.now_ns(), Quality.LINK_DOWN, detail=FAILED))
+            control.on_reading(VisionReading(clock.now_ns(), Quality.LINK_DOWN, detail=FAILED))
             raise LinkError(FAILED)
 
         async def ranger() -> None:
             while True:
-                control.on_range(RangeReading(clock.now_ns(), Quality.GOOD, 900.0))
+                control.on_reading(RangeReading(clock.now_ns(), Quality.GOOD, 900.0))
                 await clock.sleep(0.2)
 
         def on_alarm(change: AlarmChange) -> None:
             logging.getLogger("gateway.app").info("alarm %s", change)
 
-        monitor = AlarmMonitor({"bay1": bay.fusion}, lambda _: control.state(), GatewayConditions, clock, on_alarm)
+        monitor = AlarmMonitor({"bay1": bay.fusion}, lambda _: control.state(), clock, on_alarm)
         tasks = [
             Task("bay1.vision", camera, Reconnect(min_s=0.05, max_s=0.1)),
             Task("bay1.ranger", ranger),
-            Task("alarms", monitor.run),
+            Task("alarms", partial(monitor.run, GatewayConditions)),
         ]
         tasks.append(Task("bay1.control", control.run))
         running = asyncio.create_task(Supervisor(tasks, clock, random.Random(7)).run())

@@ -81,9 +81,9 @@ def test_an_event_s_line_has_bay_radius_distance_and_reason() -> None:
     try:
         clock = HandClock()
         control = BayControl(BayConfig(), Hub(["bay1"]), clock)
-        control.on_vision(VisionReading(clock.now_ns(), Quality.GOOD, Circle(1.0, 2.0, 100.04)))
-        control.on_range(RangeReading(clock.now_ns(), Quality.GOOD, 900.0))
-        control.on_range(RangeReading(clock.now_ns(), Quality.LINK_DOWN, detail="no such device"))
+        control.on_reading(VisionReading(clock.now_ns(), Quality.GOOD, Circle(1.0, 2.0, 100.04)))
+        control.on_reading(RangeReading(clock.now_ns(), Quality.GOOD, 900.0))
+        control.on_reading(RangeReading(clock.now_ns(), Quality.LINK_DOWN, detail="no such device"))
     finally:
         logger.removeHandler(handler)
         logger.setLevel(before)

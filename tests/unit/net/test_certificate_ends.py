@@ -37,16 +37,17 @@ def test_the_first_that_ends_counts_for_each_server(plant: Plant) -> None:
 
 def test_the_alarm_s_detail_names_key_file_and_day(plant: Plant) -> None:
     clock = LaterClock(days=[-1.0])
-    status = StatusCollector(made := config(plant, pages=False), Hub(["bay1"]))
-    status.certificates = CertificateEnds(made, clock)
+    made = config(plant, pages=False)
+    certificates = CertificateEnds(made, clock)
+    status = StatusCollector(made, Hub(["bay1"]), certificates=certificates)
     assert status.conditions().sink_alarms == {}  # 31 days
     clock.days.append(1.5)
     end = NOW + timedelta(days=DAYS)
     detail = f"modbus.tls.cert: {plant.folder.path}/gateway.pem expires on {end:%Y-%m-%d}"
-    assert status.certificates.warning() == detail
+    assert certificates.warning() == detail
     assert status.conditions().sink_alarms == {"certificate_expiring": detail[:120]}
     clock.days.append(DAYS)
-    assert "expired on" in status.certificates.warning()
+    assert "expired on" in certificates.warning()
 
 
 def test_a_renewed_file_is_seen_and_one_that_cannot_be_read_is_left_out(plant: Plant, tmp_path: Path) -> None:

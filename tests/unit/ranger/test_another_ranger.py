@@ -117,7 +117,7 @@ def test_its_readings_arrive_in_the_fused_state_and_its_loss_withdraws_them() ->
         clock, (bay,) = SystemClock(), bay_config.bays
         hub = Hub([bay.name])
         control = BayControl(bay, hub, clock)
-        service = RangerService(bay.ranger, clock, control.on_range)
+        service = RangerService(bay.ranger, clock, control.on_reading)
         tasks = [Task("control", control.run), Task("ranger", service.run, bay.ranger.reconnect)]
 
         async def until(quality: Quality) -> RangeReading:

@@ -131,8 +131,10 @@ def test_csv_has_the_visits_that_ended_in_that_time(tmp_path: Path) -> None:
     for visit in (early, late):
         bench.run(bench.t_s + 5)
         at_ns, open_ = bench.now_ns, replace(late, end=VisitEnd.OPEN)
-        folder.collector.open_visit = partial(replace, open_)  # one that goes on is none
-        folder.collector(None, bench.state, [Event(EventKind.VISIT, "bay1", at_ns, bench.state, summary=visit)])
+        bench.open_visit = partial(replace, open_)  # one that goes on is none
+        folder.collector(
+            None, bench.state, [Event(EventKind.VISIT, "bay1", at_ns, bench.state, summary=visit)], bench.open_visit
+        )
     bench.run(bench.t_s + 2)
     folder.write(996 * S)
     out = tmp_path / "out"

@@ -79,7 +79,7 @@ def _record(folder: Path) -> Bench:
     bench = Bench(truck(*legs, start={"distance_cm": 115}))
     bench.record = collector = Collector(lambda: bench.unix_ns)
     collector(None, bench.state, [])
-    collector.open_visit = lambda: bench.progress.open(bench.now_ns)
+    bench.open_visit = lambda: bench.progress.open(bench.now_ns)
     number = 0
     for until_s in (10, 40, 70):
         bench.run(until_s)
@@ -459,11 +459,10 @@ def test_the_visit_that_was_open_is_found_in_the_recording(tmp_path: Path) -> No
 def test_an_open_visit_is_recorded_every_ten_seconds_and_at_the_end() -> None:
     collector = Collector(lambda: UNIX_NS)
     open_ = replace(VISIT, end=VisitEnd.OPEN)
-    collector.open_visit = lambda: open_
     state = StateVector("bay1")
     for second in range(25):
-        collector(Tick() if second else None, replace(state, t_ns=second * S + 1), [])
-    collector(None, replace(state, t_ns=26 * S), [])
+        collector(Tick() if second else None, replace(state, t_ns=second * S + 1), [], lambda: open_)
+    collector(None, replace(state, t_ns=26 * S), [], lambda: open_)
     taken = []
     while (chunk := collector.take()) is not None:
         taken += [msgspec.msgpack.decode(record) for record in chunk.records]

@@ -70,9 +70,8 @@ def test_a_head_has_no_password_of_a_camera() -> None:
 @in_virtual_time
 async def test_where_nothing_is_recorded_nothing_runs_and_nothing_is_kept() -> None:
     made = service(state_dir="")
-    assert made.tasks == []
-    assert made.collectors == {}
-    made.on_event(Event(EventKind.STOP_RAISED, "bay1", 5, StateVector("bay1")))
+    assert made.tasks(lambda _bay, _visit: None) == []
+    assert made.of_bay("bay1") is None
     made.on_alarm(change(None, AlarmEvent.OCCURS))
     assert not made._wanted
     await made.close(1.0)
@@ -81,8 +80,9 @@ async def test_where_nothing_is_recorded_nothing_runs_and_nothing_is_kept() -> N
 @in_virtual_time
 async def test_pictures_are_wanted_round_what_people_ask_about_and_alarms_that_occur() -> None:
     made = service()
-    for kind in EventKind:
-        made.on_event(Event(kind, "bay1", 5, StateVector("bay1")))
+    record, state = made.of_bay("bay1"), StateVector("bay1")
+    assert record is not None
+    record(None, state, [Event(kind, "bay1", 5, state) for kind in EventKind], lambda: None)
     made.on_alarm(change("bay2", AlarmEvent.OCCURS))
     made.on_alarm(change("bay2", AlarmEvent.ACKNOWLEDGE))
     made.on_alarm(change(None, AlarmEvent.OCCURS))

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from pydantic import BaseModel
 
-from gateway import app, config_check
+from gateway import app, config_check, parts
 from gateway.clock import SystemClock
 from gateway.config import GatewayConfig, parse
 from gateway.core.events import EventKind
@@ -43,7 +43,7 @@ def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("installed")
 def test_a_sink_of_another_distribution_gets_states_and_events_of_the_real_app(monkeypatch: pytest.MonkeyPatch) -> None:
     for service in ("VisionService", "RangerService"):
-        monkeypatch.setattr(app, service, Sensors)
+        monkeypatch.setattr(parts, service, Sensors)
     monkeypatch.setattr(app, "SHUTDOWN_SHOWN_S", 0.01)
     text = '[sinks.historian]\ntable = "plant"\n'
     document = {
@@ -68,7 +68,7 @@ def test_a_sink_of_another_distribution_gets_states_and_events_of_the_real_app(m
 
             return [Task("ends", ends)]
 
-        ports = app.Ports(camera={"bay1": FileSpec("nothing")}, ranger={"bay1": ""})
+        ports = parts.Ports(camera={"bay1": FileSpec("nothing")}, ranger={"bay1": ""})
         await app.run(config, ports, SystemClock(), stop=stop, extra_tasks=extra_tasks)
 
     asyncio.run(asyncio.wait_for(main(), 60))

@@ -90,8 +90,8 @@ class Plant:
         """A truck at 900 mm, seen by both sensors now."""
         now_ns = self.client.clock.now_ns()
         reading = VisionReading(now_ns, Quality.GOOD, Circle(320, 240, 100), frame_id=7, **seen)
-        self.controls[bay].on_vision(reading)
-        self.controls[bay].on_range(RangeReading(now_ns, Quality.GOOD, 900.0))
+        self.controls[bay].on_reading(reading)
+        self.controls[bay].on_reading(RangeReading(now_ns, Quality.GOOD, 900.0))
 
 
 @asynccontextmanager
@@ -121,7 +121,6 @@ async def plant(
     monitor = AlarmMonitor(
         {bay.name: bay.fusion for bay in config.bays},
         lambda bay: controls[bay].state(),
-        lambda: made.conditions,
         clock,
         lambda _: None,
     )
@@ -184,7 +183,7 @@ async def plant(
     try:
         async with asyncio.TaskGroup() as group:
             ticking = [group.create_task(control.run()) for control in controls.values()]
-            ticking.append(group.create_task(monitor.run()))
+            ticking.append(group.create_task(monitor.run(lambda: made.conditions)))
             kept = group.create_task(client.keep()) if keep else None
             yield made
             for task in (*ticking, *([kept] if kept else [])):

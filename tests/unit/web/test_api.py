@@ -48,7 +48,7 @@ async def kept_loading(made: Plant) -> None:
 
 
 def lost(made: Plant, bay: str = "bay1") -> None:
-    made.controls[bay].on_vision(VisionReading(made.client.clock.now_ns(), Quality.LINK_DOWN, detail="no such device"))
+    made.controls[bay].on_reading(VisionReading(made.client.clock.now_ns(), Quality.LINK_DOWN, detail="no such device"))
 
 
 @in_virtual_time

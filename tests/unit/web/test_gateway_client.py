@@ -113,7 +113,7 @@ async def test_a_new_alarm_comes_with_the_next_answer_and_no_links_where_none_ha
         with made.client.watching("bay1"):
             await asyncio.sleep(1.0)
             made.conditions = replace(made.conditions, crashes=1, crashed="mqtt.deliver: KeyError")
-            made.monitor.scan()
+            made.monitor.scan(made.conditions)
             await asyncio.sleep(0.11)
             assert [alarm.kind for alarm in made.client.links.alarms.alarms] == ["task_crashed"]
             known = made.client.links.alarms.newest_change

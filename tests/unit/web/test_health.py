@@ -60,9 +60,9 @@ async def test_a_broken_sensor_is_degraded_and_an_empty_bay_is_not(sensor: str, 
     def happens(made: Plant) -> None:
         now_ns = made.client.clock.now_ns() + 1
         if sensor == "vision":
-            made.controls["bay1"].on_vision(VisionReading(now_ns, quality, detail="rtsp://10.0.0.3/secret"))
+            made.controls["bay1"].on_reading(VisionReading(now_ns, quality, detail="rtsp://10.0.0.3/secret"))
         else:
-            made.controls["bay1"].on_range(RangeReading(now_ns, quality, detail="rtsp://10.0.0.3/secret"))
+            made.controls["bay1"].on_reading(RangeReading(now_ns, quality, detail="rtsp://10.0.0.3/secret"))
 
     async with plant() as made:
         view = await judged(made, happens, verbose=True)

@@ -18,6 +18,7 @@ from gateway.core.readings import (
     PictureFault,
     PictureHealth,
     Quality,
+    RangeReading,
     VisionReading,
     VisionStats,
 )
@@ -256,11 +257,9 @@ class TestLatencies:
         return VisionReading(0, quality, stats=VisionStats(latency_ms=latency_ms), stage_ns=stages)
 
     def test_frames_fall_into_their_buckets(self) -> None:
-        latencies, passed = LatencyHistograms(), list[VisionReading]()
-        emit = latencies.observing("bay1", passed.append)
+        latencies = LatencyHistograms()
         for latency_ms in (0.5, 1.0, 1.001, 30, 999, 1001):
-            emit(self.reading(latency_ms, ("hsv", 1_500_000)))
-        assert len(passed) == 6
+            latencies.note("bay1", self.reading(latency_ms, ("hsv", 1_500_000)))
         total, stage = latencies.histograms()
         assert (total.bay, total.stage, total.counts) == ("bay1", CAPTURE_TO_RESULT, (2, 1, 0, 0, 0, 1, 0, 0, 0, 1, 1))
         assert total.sum_s == pytest.approx(2.032501)
@@ -268,16 +267,14 @@ class TestLatencies:
         assert stage.sum_s == pytest.approx(0.009)
 
     def test_what_is_no_result_is_not_noted(self) -> None:
-        latencies, passed = LatencyHistograms(), list[VisionReading]()
-        emit = latencies.observing("bay1", passed.append)
-        emit(self.reading(5.0))
-        emit(self.reading(5.0, ("hsv", 1), quality=Quality.PROCESS_FAULT))
-        assert len(passed) == 2
+        latencies = LatencyHistograms()
+        latencies.note("bay1", self.reading(5.0))
+        latencies.note("bay1", self.reading(5.0, ("hsv", 1), quality=Quality.PROCESS_FAULT))
+        latencies.note("bay1", RangeReading(0, Quality.GOOD, 900.0))
         assert latencies.histograms() == ()
 
     def test_stages_without_end_are_bounded(self) -> None:
         latencies = LatencyHistograms()
-        emit = latencies.observing("bay1", lambda _: None)
         for n in range(100):
-            emit(self.reading(5.0, (f"stage {n}", 1)))
+            latencies.note("bay1", self.reading(5.0, (f"stage {n}", 1)))
         assert len(latencies.histograms()) == MAX_STAGES

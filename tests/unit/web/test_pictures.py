@@ -31,7 +31,7 @@ def film(made: Plant, seq: int, *, reading: bool = True) -> None:
     now_ns = made.client.clock.now_ns()
     made.rings["bay1"].write(scenery(seq % 256), seq, now_ns)
     if reading:
-        made.controls["bay1"].on_vision(VisionReading(now_ns, Quality.GOOD, Circle(80, 60, float(seq)), frame_id=seq))
+        made.controls["bay1"].on_reading(VisionReading(now_ns, Quality.GOOD, Circle(80, 60, float(seq)), frame_id=seq))
 
 
 def of(made: Plant, width_px: int = 1280) -> Pictures:

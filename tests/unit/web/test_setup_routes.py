@@ -365,8 +365,8 @@ async def test_a_truck_that_was_in_place_is_at_the_bay_also_where_no_sensor_show
         await asyncio.sleep(11)
         for _ in range(50):
             now_ns = asked.made.client.clock.now_ns()
-            control.on_vision(VisionReading(now_ns, Quality.GOOD, Circle(320, 240, 200), frame_id=7))
-            control.on_range(RangeReading(now_ns, Quality.GOOD, 250.0))
+            control.on_reading(VisionReading(now_ns, Quality.GOOD, Circle(320, 240, 200), frame_id=7))
+            control.on_reading(RangeReading(now_ns, Quality.GOOD, 250.0))
             await asyncio.sleep(0.1)
         assert control.state().visit.phase is VisitPhase.IN_PLACE
         await asyncio.sleep(3)

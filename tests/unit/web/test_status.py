@@ -125,15 +125,6 @@ def test_a_bays_line_for_the_service_manager_is_what_the_plc_is_told(
     assert in_words(replace(state, function_check=check)) == said + more
 
 
-def test_frames_are_timed_only_for_pages() -> None:
-    for enabled in (False, True):
-        made = parts()
-        made.config = made.config.model_copy(update={"hmi": made.config.hmi.model_copy(update={"enabled": enabled})})
-        passed: list[VisionReading] = []
-        made.observing("bay1", passed.append)(VisionReading(0, Quality.NO_TARGET, stage_ns=(("hsv", 5),)))
-        assert (len(passed), bool(made.latencies.histograms())) == (1, enabled)
-
-
 @in_virtual_time
 async def test_with_everything_broken_at_once_it_still_fits_into_one_message() -> None:
     chance = random.Random(1)
@@ -151,7 +142,7 @@ async def test_with_everything_broken_at_once_it_still_fits_into_one_message() -
         answer = made.handler.answer(StateRequest(1, made.client.bays))
         assert len(answer.bays) == MAX_STATES
         for control in made.controls.values():
-            control.on_vision(VisionReading(made.client.clock.now_ns(), Quality.LINK_DOWN, detail="x"))
+            control.on_reading(VisionReading(made.client.clock.now_ns(), Quality.LINK_DOWN, detail="x"))
         await asyncio.sleep(8)
         alarms = made.monitor.summary(MAX_ALARMS)
         assert len(alarms.alarms) == 100

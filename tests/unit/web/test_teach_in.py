@@ -42,9 +42,9 @@ class Truck:
             now_ns = clock.now_ns()
             seen = None if self.circle is None else Circle(160, 120, self.circle.radius_px + 0.2 * (n % 3 - 1))
             quality = Quality.NO_TARGET if seen is None else Quality.GOOD
-            self.made.controls["bay1"].on_vision(VisionReading(now_ns, quality, seen, frame_id=n))
+            self.made.controls["bay1"].on_reading(VisionReading(now_ns, quality, seen, frame_id=n))
             heard = Quality.NO_ECHO if self.distance_mm is None else Quality.GOOD
-            self.made.controls["bay1"].on_range(RangeReading(now_ns, heard, self.distance_mm, seq=n))
+            self.made.controls["bay1"].on_reading(RangeReading(now_ns, heard, self.distance_mm, seq=n))
             await clock.sleep(0.05)
 
     async def view(self) -> Any:

@@ -53,7 +53,7 @@ async def test_the_live_view_of_some_bays() -> None:
 async def test_the_live_view_of_the_alarms_is_that_of_the_operator_s_page() -> None:
     async with plant() as made:
         made.conditions = replace(made.conditions, crashes=1, crashed="mqtt.deliver: KeyError")
-        made.monitor.scan()
+        made.monitor.scan(made.conditions)
         await asyncio.sleep(1.2)
         view = fits(views.alarms_json(made.client, made.client.bays), "AlarmsLiveView")
         assert view["alarms"]["first"]["title"] == "Software fault"

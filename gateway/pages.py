@@ -1,0 +1,138 @@
+"""The pages, and the processes that reply to them, made complete by one builder."""
+
+import asyncio
+import logging
+import socket
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from gateway import config_check
+from gateway.config import GatewayConfig
+from gateway.errors import LinkError
+from gateway.net import tls
+from gateway.net.listener import listening, url
+from gateway.net.tls import TlsFiles
+from gateway.parts import Bays, Outputs, Sensors, Shared
+from gateway.processes.request_service import RequestService
+from gateway.records.questions import ReaderSetup
+from gateway.reload import InForce, ReloadRequests
+from gateway.supervisor import Task
+from gateway.web.host.request_handler import BayParts, RequestHandler
+from gateway.web.host.service import WebProcessService, of_pages
+from gateway.web.host.settings_file import SettingsFile
+from gateway.web.host.startup import Startup
+from gateway.web.host.status import StatusCollector
+from gateway.web.ipc.devices import DevicesSetup
+from gateway.web.ipc.messages import WebSetup
+from gateway.web.ipc.testsets import SetsSetup
+from gateway.web.testsets.folder import folder_of as test_sets_folder
+
+log = logging.getLogger("gateway.app")  # the name that operators filter by
+
+RELOAD_S = 0.5  # from a save on the pages to the reload that it needs
+
+
+@dataclass(frozen=True, slots=True)
+class Pages:
+    """`service` None: there are none. `url` None: not served now."""
+
+    service: WebProcessService | None = None
+    url: str | None = None
+    tasks: Sequence[Task] = ()
+
+
+def build_pages(
+    shared: Shared,
+    sensors: Sensors,
+    outputs: Outputs,
+    bays: Bays,
+    status: StatusCollector,
+    in_force: InForce,
+    settings: SettingsFile | None,
+    source: str,
+    restart: Callable[[], None] | None,
+) -> Pages:
+    """What runs the web process, and the processes that reply to it. A taken port is no reason to let the PLC wait; a
+    certificate that can't be read is a ConfigError, or the port would be open without a server behind it.
+    """
+    config, clock = shared.config, shared.clock
+    parts = {
+        bay.name: BayParts(
+            bays.controls[bay.name],
+            bays.units[bay.unit_id].read,
+            sensors.visions[bay.name],
+            partial(outputs.files.untried, bay.name),
+        )
+        for bay in config.bays
+    }
+    for bay in config.bays:
+        shared.hub.listen_to_readings(bay.name, partial(status.latencies.note, bay.name))
+    tasks: list[Task] = []
+    replying = partial(_replying, shared, tasks)
+    questions = devices = test_sets = None
+    if (recordings := outputs.recorder.folder) is not None:
+        questions = replying(
+            "gateway.records.reader_process",
+            "gw-reader",
+            "records-reader",
+            lambda fd: ReaderSetup(str(recordings), fd, config.hmi.run_as),
+        )
+    if config.hmi.setup_page:
+        devices = replying(
+            "gateway.doctor.device_process", "gw-devices", "devices", lambda fd: DevicesSetup(in_force.config, fd)
+        )
+    if (sets := test_sets_folder(config)) is not None:
+        names = tuple(bay.name for bay in config.bays)
+        test_sets = replying(
+            "gateway.web.testsets.process", "gw-testsets", "test-sets", lambda fd: SetsSetup(str(sets), fd, names)
+        )
+    setup = WebSetup(
+        of_pages(config), clock, sensors.frames, (), source, shared.boot, questions, devices, test_sets=test_sets
+    )
+    handler = RequestHandler(
+        outputs.history, parts, clock, lambda: status.system_status(outputs.alarms), outputs.alarms, restart
+    )
+    tls.check(TlsFiles.of_pages(config.hmi))
+    sockets: tuple[socket.socket, ...] = ()
+    try:
+        sockets = shared.resources.enter_context(listening("hmi", config.hmi.host, config.hmi.port))
+    except LinkError as error:
+        log.warning("%s; trying again", error)
+    service = WebProcessService(handler, setup, sockets, settings)
+    tasks.append(Task("hmi", service.run))
+    if not sockets:
+        return Pages(service, None, tasks)
+    scheme = "https" if config.hmi.tls_cert else "http"
+    return Pages(service, url(scheme, config.hmi.host, sockets[0].getsockname()[1]), tasks)
+
+
+def _replying(
+    shared: Shared, tasks: list[Task], module: str, name: str, label: str, job: Callable[[int], object]
+) -> int:
+    """A process that replies to the web process: adds its row to the table. Returns its socket's descriptor."""
+    service = RequestService(module, name, label, job, shared.clock)
+    shared.resources.callback(service.close)
+    tasks.append(Task(label, service.run))
+    return service.client_socket.fileno()
+
+
+def settings_file(
+    source: str, startup: Startup, reload: ReloadRequests | None, in_force: InForce
+) -> SettingsFile | None:
+    """The operator's own configuration file; None: there is none."""
+    if not source:
+        return None
+    loop = asyncio.get_running_loop()
+
+    def soon() -> None:
+        """After the answer to who saved: a reload may replace the web process."""
+        if reload is not None:
+            loop.call_soon_threadsafe(loop.call_later, RELOAD_S, reload.requested.set)
+
+    def checked(changed: GatewayConfig, name: str, text: str) -> None:
+        config_check.check(changed, source=name, text=text)
+
+    take_over = None if reload is None else soon
+    return SettingsFile(Path(source), lambda: in_force.config, startup, checked, take_over, in_force.deciding)

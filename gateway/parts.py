@@ -1,0 +1,194 @@
+"""The parts of a gateway, without the pages: sensors, outputs and bays, each made complete by one builder."""
+
+import logging
+import os
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import partial
+
+from gateway.alarms.monitor import AlarmMonitor
+from gateway.alarms.records import AlarmChange
+from gateway.bay import BayControl
+from gateway.bay_file import BayFiles
+from gateway.clock import SystemClock
+from gateway.config import GatewayConfig
+from gateway.core.readings import RangeReading, VisionReading
+from gateway.hub import Hub
+from gateway.modbus.protocol.answers import Unit
+from gateway.modbus.registers.bay_unit import unit_of
+from gateway.processes.template import ProcessTemplate
+from gateway.ranger.service import RangerService
+from gateway.records.service import RecorderService
+from gateway.reload import InForce
+from gateway.shared_state import SharedStateWriter
+from gateway.sinks import registry as sink_registry
+from gateway.sinks.contract import Sink
+from gateway.supervisor import Task
+from gateway.vision.process.service import VisionService, vision_template
+from gateway.vision.source.contract import SourceSpec
+from gateway.vision.source.specs import check_exposure, source_spec
+from gateway.vision.transport.ring import RingSpec
+from gateway.web.host.request_handler import EventHistory
+from gateway.web.host.shown_alarms import ShownAlarms
+
+log = logging.getLogger("gateway.app")  # the name that operators filter by
+
+
+@dataclass(frozen=True, slots=True)
+class Ports:
+    """The sources of each bay's frames and distances, by bay name."""
+
+    camera: Mapping[str, SourceSpec]
+    ranger: Mapping[str, str]  # pyserial URLs
+
+    @staticmethod
+    def of(config: GatewayConfig) -> "Ports":
+        """The real ports that the configuration names. Raises ConfigError for a camera that could never work."""
+        for bay in config.bays:
+            check_exposure(bay.camera)
+        return Ports(
+            camera={bay.name: source_spec(bay.camera) for bay in config.bays},
+            ranger={bay.name: bay.ranger.port for bay in config.bays},
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Shared:
+    """What every builder needs. `boot`: a random number of this start, in the events' ids; `resources`: closed at the
+    end."""
+
+    config: GatewayConfig
+    hub: Hub
+    clock: SystemClock
+    boot: str
+    resources: ExitStack
+
+
+@dataclass(frozen=True, slots=True)
+class Sensors:
+    """The sensors of all bays, by bay name: their readings go to the hub. `frames`: to be read only."""
+
+    frames: dict[str, RingSpec]
+    template: ProcessTemplate
+    visions: Mapping[str, VisionService]
+    rangers: Mapping[str, RangerService]
+
+
+@dataclass(frozen=True, slots=True)
+class Outputs:
+    """What the bays' states and events go to, but for Modbus and the pages. `history`: for these; `vectors`: by bay
+    name."""
+
+    history: EventHistory
+    sinks: Sequence[Sink]
+    recorder: RecorderService
+    alarms: AlarmMonitor
+    vectors: Mapping[str, SharedStateWriter]
+    files: BayFiles
+
+
+@dataclass(frozen=True, slots=True)
+class Bays:
+    """The control tasks by bay name, the PLC's view of them by unit id, and the rows of the task table."""
+
+    controls: Mapping[str, BayControl]
+    units: Mapping[int, Unit]
+    tasks: Sequence[Task]
+
+
+def build_sensors(shared: Shared, ports: Ports) -> Sensors:
+    """Nothing of it runs yet. Raises ConfigError."""
+    config, hub, clock = shared.config, shared.hub, shared.clock
+    rings, frames = _rings(config, shared.resources)
+    template = vision_template(ports.camera.values(), (bay.vision for bay in config.bays))
+    visions = {
+        bay.name: VisionService(
+            bay.name,
+            ports.camera[bay.name],
+            bay.camera,
+            bay.vision,
+            clock,
+            partial(hub.offer, bay.name),
+            ring=rings[bay.name],
+            template=template,
+        )
+        for bay in config.bays
+    }
+    rangers = {
+        bay.name: RangerService(bay.ranger, clock, partial(hub.offer, bay.name), port=ports.ranger[bay.name])
+        for bay in config.bays
+    }
+    return Sensors(frames, template, visions, rangers)
+
+
+def build_outputs(shared: Shared, sensors: Sensors, in_force: InForce) -> Outputs:
+    """Raises ConfigError."""
+    config, hub, clock = shared.config, shared.hub, shared.clock
+    history = EventHistory(hub)
+    recorder = RecorderService(config, clock, sensors.frames, shared.boot)
+    alarms = AlarmMonitor(
+        {bay.name: bay.fusion for bay in config.bays},
+        lambda bay: hub.shown(bay, clock.now_ns()),
+        clock,
+        partial(_on_alarm, recorder),
+    )
+    sinks = sink_registry.opened(config, hub, clock, shared.boot, shared.resources, ShownAlarms(alarms))
+    vectors = {
+        bay.name: shared.resources.enter_context(SharedStateWriter(config.instance, bay.name)) for bay in config.bays
+    }
+    # Read now: with the vectors in hand, no earlier gateway of this name can still write to them.
+    files = BayFiles.read(config, clock, in_force.deciding)
+    return Outputs(history, sinks, recorder, alarms, vectors, files)
+
+
+def build_bays(shared: Shared, sensors: Sensors, outputs: Outputs, ticked: Callable[[str], None]) -> Bays:
+    """Publishes the first state of each bay. `ticked`: called with the bay's name after each control tick."""
+    config, hub, files = shared.config, shared.hub, outputs.files
+    controls: dict[str, BayControl] = {}
+    tasks = [Task("vision-template", sensors.template.run)]
+    for bay in config.bays:
+        vision = sensors.visions[bay.name]
+        control = controls[bay.name] = BayControl(
+            bay,
+            hub,
+            shared.clock,
+            (outputs.vectors[bay.name].write, files.note),
+            config,
+            files.retained(bay.name),
+            files.untried(bay.name),
+            outputs.recorder.of_bay(bay.name),
+            ticked,
+        )
+        hub.listen_to_readings(bay.name, control.on_reading)
+        hub.listen_to_readings(bay.name, partial(_expect, control, vision))
+        tasks += [
+            Task(f"{bay.name}.control", control.run, vital=True),
+            Task(f"{bay.name}.vision", vision.run, bay.camera.reconnect),
+            Task(f"{bay.name}.ranger", sensors.rangers[bay.name].run, bay.ranger.reconnect),
+        ]
+    units = {bay.unit_id: unit_of(controls[bay.name], config, shared.clock) for bay in config.bays}
+    return Bays(controls, units, tasks)
+
+
+def _rings(config: GatewayConfig, resources: ExitStack) -> tuple[dict[str, RingSpec], dict[str, RingSpec]]:
+    """Of each bay's frames, to be written and to be read only."""
+    rings = {bay.name: RingSpec.create(bay.camera.max_megapixels) for bay in config.bays}
+    readers = {bay: ring.reader() for bay, ring in rings.items()}
+    for ring in rings.values():
+        resources.callback(ring.close)
+    for ring in readers.values():
+        resources.callback(os.close, ring.fd)
+    return rings, readers
+
+
+def _expect(control: BayControl, vision: VisionService, reading: VisionReading | RangeReading) -> None:
+    """A distance also gives the search the marker's possible size."""
+    if isinstance(reading, RangeReading):
+        vision.expect(control.marker_radii_px())
+
+
+def _on_alarm(recorder: RecorderService, change: AlarmChange) -> None:
+    recorder.on_alarm(change)
+    fields = {"alarm": change.kind} | ({} if change.bay is None else {"bay": change.bay})
+    log.log(logging.DEBUG if change.by_design else logging.INFO, "alarm %s", change, extra={"fields": fields})
