@@ -46,7 +46,7 @@ def test_of_a_visit_what_is_not_known_is_null() -> None:
     }  # fmt: skip
     before = visit_readings(None)
     assert set(before.values()) == {(None, QualityCode.BAD)}
-    assert set(before) == {row.name for row in VISIT}
+    assert set(before) == set(VISIT)
     assert set(before) <= set(readings(initial("bay1", 5)))
     odd = visit_readings(replace(visit, begun_ms=-5, distance_mm=float("nan")))
     assert (odd["Visit/Last/Begun"][0], odd["Visit/Last/Distance"]) == (0, (None, QualityCode.BAD))

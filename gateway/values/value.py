@@ -1,0 +1,74 @@
+"""What a value is: its row of the table. Pure."""
+
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from functools import partial
+from typing import Any, Generic, TypeVar
+
+from gateway.core.readings import Quality
+
+Source = TypeVar("Source")
+_UNIT = re.compile(r"[_.](px_mm|mm_s|px|mm|ms|s|hz|deg|db)$")
+_UNITS = {"px_mm": "px mm", "mm_s": "mm/s", "hz": "Hz", "db": "dB"}  # written in another way than in a name
+
+
+def always(_: object) -> Quality:
+    return Quality.GOOD
+
+
+@dataclass(frozen=True, slots=True)
+class Value(Generic[Source]):
+    """One row. The name ends with the unit; a dot is a level of the JSON that MQTT and the pages show.
+
+    `kind`: bool, int, float, str, an enumeration, or tuple for several names. `null`: when it has no value, in words;
+    empty: it always has one. `quality`: of what it rests on; the value is read only where that is GOOD.
+    """
+
+    name: str
+    kind: type
+    meaning: str
+    read: Callable[[Source], Any] = field(repr=False)
+    null: str = ""
+    quality: Callable[[Source], Quality] = field(default=always, repr=False)
+
+    @property
+    def unit(self) -> str:
+        found = _UNIT.search(self.name)
+        return "" if found is None else _UNITS.get(found[1], found[1])
+
+    @property
+    def words(self) -> str:
+        return f"{self.meaning}; null: {self.null}" if self.null else self.meaning
+
+    def of(self, source: Source) -> Any:
+        """As it may be shown: None where it is not known, or is no number."""
+        found = self.read(source) if self.quality(source) is Quality.GOOD else None
+        return None if isinstance(found, float) and not math.isfinite(found) else found
+
+
+def by_name(rows: Sequence[Value[Source]], texts: Mapping[type[Enum], Mapping[Any, str]]) -> dict[str, Value[Source]]:
+    """The rows by their names; of each enumeration also `<name>.name`, `<name>.code` and, where `texts` has its words,
+    `<name>.text`."""
+    found = {row.name: row for row in rows}
+    for row in rows:
+        if issubclass(row.kind, Enum):
+            form = partial(_form, row)
+            found |= form("name", str, ", by name", lambda code: code.name)
+            found |= form("code", type(next(iter(row.kind)).value), "", lambda code: code.value)
+            if row.kind in texts:
+                found |= form("text", str, ", in words, for people; never to be parsed", texts[row.kind].__getitem__)
+    return found
+
+
+def _form(
+    row: Value[Source], form: str, kind: type, words: str, shape: Callable[[Any], Any]
+) -> dict[str, Value[Source]]:
+    name = f"{row.name}.{form}"
+
+    def read(source: Source) -> Any:
+        return None if (code := row.of(source)) is None else shape(code)
+
+    return {name: replace(row, name=name, kind=kind, meaning=row.meaning + words, read=read)}
