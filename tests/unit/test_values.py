@@ -1,6 +1,8 @@
 """The table of values: what every output relies on."""
 
+from collections.abc import Iterable
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -23,7 +25,7 @@ MARKER = {"u_px": 1.0, "v_px": 2.0, "radius_px": 3.0, "z_vision_mm": 290.0, "x_n
 FRAME = {"tracking": Tracking.MEASURED, "picture.sharpness": 0.6, "picture.shift_px": 3.0, "picture.veil_proven": 0.3}
 
 
-def read(state: StateVector, names: dict[str, object]) -> dict[str, object]:
+def read(state: StateVector, names: Iterable[str]) -> dict[str, object]:
     return {name: BAY_VALUES[name].of(state) for name in names}
 
 
@@ -40,11 +42,12 @@ def test_without_its_quality_a_value_is_not_there_whatever_the_record_holds(qual
 @pytest.mark.parametrize("wrong", [float("nan"), float("inf")])
 def test_what_is_no_number_is_not_known(wrong: float) -> None:
     state = replace(STATE, range=replace(STATE.range, distance_mm=wrong), vision=replace(SEEN, confidence=wrong))
-    assert read(state, {"distance_mm": 0, "confidence": 0}) == {"distance_mm": None, "confidence": None}
+    assert read(state, ("distance_mm", "confidence")) == {"distance_mm": None, "confidence": None}
 
 
 def test_every_value_can_be_read_under_one_name() -> None:
-    for rows, source in ((bay_values.ROWS, STATE), (visit_values.ROWS, VisitSummary(5, 1.0))):
+    tables: tuple[tuple[Any, Any], ...] = ((bay_values.ROWS, STATE), (visit_values.ROWS, VisitSummary(5, 1.0)))
+    for rows, source in tables:
         assert len({row.name for row in rows}) == len(rows)
         for row in rows:
             found = row.of(source)
@@ -61,4 +64,4 @@ def test_names_end_with_the_unit() -> None:
 def test_an_enumeration_is_also_shown_by_name_code_and_words() -> None:
     names = {"reason.name": "TARGET_REACHED", "reason.code": 1,
              "reason.text": "D = 1: the marker is large enough and the distance short enough"}  # fmt: skip
-    assert read(STATE, dict.fromkeys(names)) == names
+    assert read(STATE, names) == names
