@@ -5,7 +5,13 @@ is never renamed or removed, and its meaning never changes: an older gateway can
 A new column is a further step in `_steps`.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
+
+from gateway.values.bay_values import BAY_VALUES
+from gateway.values.value import Value
+from gateway.values.visit_values import VISIT_VALUES
 
 LAYOUT = 1  # version of the tables: number of steps
 
@@ -32,37 +38,41 @@ def _text(name: str, path: str, meaning: str) -> Column:
     return Column(name, "text", f"e#>>'{{{path}}}'", meaning)
 
 
-def _of(kind: str, name: str, meaning: str, path: str = "") -> Column:
-    return Column(name, kind, f"(e#>>'{{{path or name}}}')::{kind}", meaning)
-
-
 def _time(name: str, path: str, meaning: str) -> Column:
     return Column(name, "timestamptz", f"to_timestamp((e#>>'{{{path}}}')::bigint / 1000.0)", meaning)
 
 
-def _visit(kind: str, name: str, meaning: str) -> Column:
-    return _of(kind, name, meaning, f"visit,{name}")
+def _bay(*same: str, **picked: str) -> tuple[Column, ...]:
+    """Columns by the values of a bay that they hold; `same`: of the value's own name."""
+    return tuple(_shown(name, BAY_VALUES[value], _RENAMED.get(value, value)) for name, value in _pairs(same, picked))
 
 
-REAL = "double precision"
+def _visit(*same: str, **picked: str) -> tuple[Column, ...]:
+    """Likewise of a visit."""
+    return tuple(_shown(name, VISIT_VALUES[value], f"visit.{value}") for name, value in _pairs(same, picked))
+
+
+def _pairs(same: tuple[str, ...], picked: dict[str, str]) -> Iterable[tuple[str, str]]:
+    return (dict(zip(same, same, strict=True)) | picked).items()
+
+
+def _shown(name: str, row: Value[Any], path: str) -> Column:
+    kind = "bigint" if row.name in _LONG else _TYPES.get(row.kind, "text")
+    text = f"e#>>'{{{path.replace('.', ',')}}}'"
+    return Column(name, kind, text if kind == "text" else f"({text})::{kind}", row.words)
+
+
+_RENAMED = {"u_px": "u", "v_px": "v"}  # in the JSON
+_TYPES = {bool: "boolean", int: "integer", float: "double precision"}
+_LONG = ("begun_ms", "frame_id")
 _WHERE = (
     _text("site", "site", "`site` of the configuration"),
     _text("instance", "instance", "`instance` of the gateway"),
     _text("bay", "bay", "name of the bay"),
 )
 _DECISION = (
-    _of("boolean", "stop", "the truck must stop; also on whenever D is unknown"),
-    _of("boolean", "may_move", "the truck may move; no condition for loading"),
-    _of("boolean", "in_place", "the truck is in place"),
-    _of("boolean", "held", "`in_place` is held by the ranger alone"),
-    _text("moved", "moved", "since it was in place, the truck left it without release: NO, DISTANCE or MARKER"),
-    _text("phase", "phase", "phase of the visit"),
-    _text("reason", "reason,name", "why `stop` is on"),
-    _of("boolean", "d", "D(t), equation 14; null: unknowable"),
-    _of(REAL, "radius_px", "R; null unless vision is GOOD"),
-    _of(REAL, "distance_mm", "Z; null unless the ranger is GOOD"),
-    _text("vision_quality", "vision,quality,name", "quality of the camera's reading"),
-    _text("range_quality", "range,quality,name", "quality of the ranger's reading"),
+    *_bay("stop", "may_move", "in_place", "held", "moved", "phase", reason="reason.name"),
+    *_bay("d", "radius_px", "distance_mm", vision_quality="vision.quality.name", range_quality="range.quality.name"),
 )
 
 EVENTS = Table(
@@ -86,31 +96,16 @@ VISITS = Table(
     "the trucks' visits, from arrival to leaving; every visit once. Times in s begin with the visit",
     (
         *_WHERE,
-        _of("bigint", "begun_ms", "when it began, Unix time, ms", "visit,begun_ms"),
+        *_visit("begun_ms"),
         _time("begun", "visit,begun_ms", "the same"),
-        _visit(REAL, "length_s", "until the bay was clear, or the truck was last seen"),
-        _text("ended_by", "visit,end", "clear, next_truck or gateway_off (docs/records.md)"),
-        _visit(REAL, "at_mark_s", "until the first D = 1; null: never"),
-        _visit(REAL, "to_position_s", "until it was first in place; null: never"),
-        _visit(REAL, "released_s", "until the last release by the PLC; null: none"),
-        _visit(REAL, "in_place_s", "time in place, in all"),
-        _visit("integer", "times_in_place", "how often it was in place"),
-        _visit("integer", "corrections", "reversals of the motion before it was in place"),
-        _visit(REAL, "stop_latency_ms", "newest measurement with D = 1 until the decision"),
-        _visit(REAL, "halt_s", "from the stop until the truck stood"),
-        _visit(REAL, "overrun_mm", "how far it rolled meanwhile"),
-        _visit(REAL, "radius_px", "R when it was last found in place"),
-        _visit(REAL, "distance_mm", "Z at that moment"),
-        _visit(REAL, "offset_px", "marker minus aim point, to the right; null: no aim point"),
-        _visit(REAL, "offset_mm", "the same in the plane of the marker"),
-        _visit("bigint", "frame_id", "the picture in which it was found in place"),
+        *_visit("length_s", ended_by="end", at_mark_s="at_mark_s", to_position_s="to_position_s"),
+        *_visit("released_s", "in_place_s", "times_in_place", "corrections", "stop_latency_ms", "halt_s"),
+        *_visit("overrun_mm", "radius_px", "distance_mm", "offset_px", "offset_mm", "frame_id"),
         _time("frame_at", "visit,frame_ms", "when that was taken"),
-        _text("moved", "visit,moved", "it left its place without release: NO, DISTANCE or MARKER"),
+        *_visit("moved"),
         Column("phases_s", "jsonb", "e#>'{visit,phases_s}'", "time in each phase, by its name"),
         Column("faults", "jsonb", "e#>'{visit,faults}'", "array of reason, times and seconds"),
-        _visit("boolean", "interrupted", "the gateway was restarted meanwhile"),
-        _visit("integer", "interruptions", "how often"),
-        _visit(REAL, "off_s", "for how long the truck was not watched because of it"),
+        *_visit("interrupted", "interruptions", "off_s"),
         _text("event_id", "id", "the event that reported it"),
     ),
     key=("site", "instance", "bay", "begun_ms"),
@@ -125,16 +120,9 @@ STATES = Table(
         _time("t", "timestamp_ms", "when the state was computed"),
         *_WHERE,
         *_DECISION,
-        _of(REAL, "u", "centre of the marker, px from the left; null unless vision is GOOD"),
-        _of(REAL, "v", "centre of the marker, px from the top; null unless vision is GOOD"),
-        _of(REAL, "z_vision_mm", "distance seen by the camera; null unless known and vision GOOD"),
-        _text("ne107", "ne107,name", "the bay's health after NAMUR NE 107"),
-        _text("guidance", "guidance,name", "instruction for the driver"),
-        _of(REAL, "to_go_mm", "until D = 1; negative: past it; null: not known", "guidance,to_go_mm"),
-        _of(REAL, "closing_mm_s", "positive: the truck approaches; null: not known", "guidance,closing_mm_s"),
-        _of(REAL, "vision_hz", "vision results a second", "rates,vision_hz"),
-        _of(REAL, "range_hz", "distances a second", "rates,range_hz"),
-        _of(REAL, "vision_latency_ms", "capture to result, newest frame", "rates,vision_latency_ms"),
+        *_bay(u="u_px", v="v_px", z_vision_mm="z_vision_mm", ne107="ne107.name", guidance="guidance.name"),
+        *_bay(to_go_mm="guidance.to_go_mm", closing_mm_s="guidance.closing_mm_s"),
+        *_bay(vision_hz="rates.vision_hz", range_hz="rates.range_hz", vision_latency_ms="rates.vision_latency_ms"),
     ),
     key=("site", "bay", "instance", "t"),
     indexes=(("t",),),
