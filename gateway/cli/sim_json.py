@@ -17,12 +17,14 @@ from gateway.cli.output import LossyOutput
 from gateway.clock import NS_PER_MS, NS_PER_S, Clock
 from gateway.config import FusionConfig
 from gateway.core.events import EventKind
-from gateway.core.readings import FRESH_FRAME, Quality
+from gateway.core.readings import Quality
 from gateway.core.state import StateVector
 from gateway.hub import EventQueue, Hub
 from gateway.sim.scenario import Scenario
 from gateway.sim.world import TruckHold, Truth, World
 from gateway.supervisor import Task
+from gateway.values.bay_values import BAY_VALUES
+from gateway.values.value import plain
 
 
 class Bay:
@@ -62,6 +64,15 @@ class Bay:
 
 
 PERIOD_S = 0.05
+PREDICTED = {"u": "predicted.u_px", "v": "predicted.v_px", "r": "predicted.radius_px"}
+STATE = {  # name of the JSON: value of the table
+    "seq": "seq", "u": "u_px", "v": "v_px", "r": "radius_px", "z_mm": "distance_mm",
+    "vision": "vision.quality", "range": "range.quality", "tracking": "tracking", "confidence": "confidence",
+    "visible": "visible", "frames_summed": "frames_summed", "d": "d", "stop": "stop", "may_move": "may_move",
+    "in_place": "in_place", "held": "held", "moved": "moved", "released": "released", "phase": "phase",
+    "reason": "reason", "guidance": "guidance",
+}  # fmt: skip
+_DIGITS = {"px": 3, "mm": 2, "": 4}
 Writable = TextIO | LossyOutput
 
 
@@ -69,6 +80,11 @@ def emit(out: Writable, **row: Any) -> None:
     """One line, at once: the reader may be waiting for it."""
     out.write(json.dumps(row) + "\n")
     out.flush()
+
+
+def _shown(state: StateVector, picked: dict[str, str]) -> dict[str, Any]:
+    rows = {name: BAY_VALUES[value] for name, value in picked.items()}
+    return {name: plain(row, state, _DIGITS[row.unit]) for name, row in rows.items()}
 
 
 class JsonLines:
@@ -122,41 +138,16 @@ class JsonLines:
                 emit(self._out, **self._state(state, bay))
 
     def _state(self, state: StateVector, bay: Bay) -> dict[str, Any]:
-        circle, truth = state.vision.circle, bay.truth(state.t_ns)
-        predicted = state.vision.predicted
+        truth = bay.truth(state.t_ns)
         unix_ns = self._clock.wall_ns() - self._clock.now_ns() + state.t_ns
+        predicted = _shown(state, PREDICTED)
         return {
             "type": "state",
             "bay": bay.name,
             "t_s": round(bay.t_s(state.t_ns), 4),
             "unix_ms": unix_ns // NS_PER_MS,
-            "seq": state.seq,
-            "u": circle and round(circle.u_px, 3),
-            "v": circle and round(circle.v_px, 3),
-            "r": circle and round(circle.radius_px, 3),
-            "z_mm": None if state.range.distance_mm is None else round(state.range.distance_mm, 2),
-            "vision": state.vision.quality.name.lower(),
-            "range": state.range.quality.name.lower(),
-            "tracking": state.vision.tracking.name.lower() if state.vision.quality in FRESH_FRAME else None,
-            "confidence": state.vision.confidence and round(state.vision.confidence, 4),
-            "visible": state.vision.visible and round(state.vision.visible, 4),
-            "frames_summed": state.vision.frames if circle else None,
-            "predicted": predicted
-            and {
-                "u": round(predicted.u_px, 3),
-                "v": round(predicted.v_px, 3),
-                "r": round(predicted.radius_px, 3),
-            },
-            "d": state.d,
-            "stop": state.stop,
-            "may_move": state.may_move,
-            "in_place": state.in_place,
-            "held": state.visit.held,
-            "moved": state.visit.moved.name.lower(),
-            "released": state.visit.released,
-            "phase": state.visit.phase.name.lower(),
-            "reason": state.reason.name.lower(),
-            "guidance": state.guidance.code.name.lower(),
+            **_shown(state, STATE),
+            "predicted": None if predicted["u"] is None else predicted,
             "truth": {
                 "z_mm": round(truth.distance_mm, 2),
                 "u": round(truth.u_px, 3),

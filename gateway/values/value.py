@@ -49,6 +49,16 @@ class Value(Generic[Source]):
         return None if isinstance(found, float) and not math.isfinite(found) else found
 
 
+def plain(row: Value[Source], source: Source, digits: int) -> Any:
+    """For lines of JSON and CSV: enumerations by name in small letters, floats rounded."""
+    found = row.of(source)
+    if found is None:
+        return None
+    if isinstance(found, Enum):
+        return found.name.lower()
+    return round(float(found), digits) if row.kind is float else found
+
+
 def by_name(rows: Sequence[Value[Source]], texts: Mapping[type[Enum], Mapping[Any, str]]) -> dict[str, Value[Source]]:
     """The rows by their names; of each enumeration also `<name>.name`, `<name>.code` and, where `texts` has its words,
     `<name>.text`."""
