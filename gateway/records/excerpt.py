@@ -3,11 +3,10 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from gateway.core.plc import PlcConnection, PlcWrite
 from gateway.core.readings import RangeReading, VisionReading
-from gateway.core.state import FunctionCheck, Tick
+from gateway.core.state import FunctionCheck, StateVector, Tick
 from gateway.core.visit_summary import VisitEnd, VisitSummary
 from gateway.errors import ConfigError
 from gateway.records import moment, names, picture_search, recording
@@ -17,6 +16,9 @@ from gateway.records.recorded_rules import RecordedRules
 from gateway.records.recording import Item, Missing
 from gateway.records.replay import Difference, NoTick, Replay, Step
 from gateway.records.segment import Picture
+from gateway.values.bay_values import BAY_VALUES
+from gateway.values.value import Value as Shown
+from gateway.values.value import plain
 
 NS_PER_S = 1_000_000_000
 Value = str | int | float | bool | None
@@ -25,6 +27,16 @@ ENTERED = (
     (VisionReading, "frame"), (RangeReading, "distance"), (PlcWrite, "write"), (PlcConnection, "connection"),
     (FunctionCheck, "function_check"), (Tick, "tick"), (NoTick, "nothing"),
 )  # fmt: skip
+
+COLUMNS = {  # of a state: value of the table
+    "stop": "stop", "may_move": "may_move", "in_place": "in_place", "moved": "moved", "reason": "reason", "d": "d",
+    "phase": "phase", "guidance": "guidance", "vision": "vision.quality", "frame_id": "frame_id",
+    "frame_age_ms": "vision.age_ms", "tracking": "tracking", "radius_px": "radius_px", "u_px": "u_px", "v_px": "v_px",
+    "range": "range.quality", "range_age_ms": "range.age_ms", "distance_mm": "distance_mm",
+    "closing_mm_s": "guidance.closing_mm_s", "plc": "plc.link", "plc_heartbeat": "plc.heartbeat",
+    "plc_control": "plc.control", "recipe": "plc.recipe", "latched": "plc.stop_latched",
+    "function_check": "function_check",
+}  # fmt: skip
 
 
 @dataclass(slots=True)
@@ -123,7 +135,6 @@ class Excerpt:
 def state_row(step: Step) -> Row:
     """One state, flat: units are in the names, empty is not known."""
     state, at_ns = step.state, unix_ns(step.place.head, step.state.t_ns)
-    vision, rng, circle = state.vision, state.range, state.vision.circle
     entered = next((name for kind, name in ENTERED if isinstance(step.observation, kind)), "start")
     return {
         "time": moment.shown(at_ns),
@@ -131,32 +142,13 @@ def state_row(step: Step) -> Row:
         "seq": state.seq,
         "heartbeat": state.heartbeat,
         "entered": entered,
-        "stop": int(state.stop),
-        "may_move": int(state.may_move),
-        "in_place": int(state.in_place),
-        "moved": state.visit.moved.name.lower(),
-        "reason": state.reason.name.lower(),
-        "d": None if state.d is None else int(state.d),
-        "phase": state.visit.phase.name.lower(),
-        "guidance": state.guidance.code.name.lower(),
-        "vision": vision.quality.name.lower(),
-        "frame_id": vision.frame_id,
-        "frame_age_ms": _ms(state.t_ns - vision.t_ns),
-        "tracking": vision.tracking.name.lower(),
-        "radius_px": _rounded(circle and circle.radius_px),
-        "u_px": _rounded(circle and circle.u_px),
-        "v_px": _rounded(circle and circle.v_px),
-        "range": rng.quality.name.lower(),
-        "range_age_ms": _ms(state.t_ns - rng.t_ns),
-        "distance_mm": _rounded(rng.distance_mm),
-        "closing_mm_s": _rounded(state.guidance.closing_mm_s),
-        "plc": state.plc.link.name.lower(),
-        "plc_heartbeat": state.plc.heartbeat,
-        "plc_control": state.plc.control,
-        "recipe": state.plc.recipe,
-        "latched": int(state.memory.latched),
-        "function_check": state.function_check.name.lower(),
+        **{name: _cell(BAY_VALUES[value], state) for name, value in COLUMNS.items()},
     }
+
+
+def _cell(row: Shown[StateVector], state: StateVector) -> Value:
+    found = plain(row, state, 1 if row.unit == "ms" else 3)
+    return int(found) if isinstance(found, bool) else found
 
 
 def event_row(at_ns: int, event: EventRecord) -> Row:
@@ -180,11 +172,3 @@ def _span(paths: list[Path]) -> tuple[int, int]:
     if first is None or last is None:
         raise ConfigError(f"{paths[0].parent}: no record in it can be read")
     return first, last
-
-
-def _ms(ns: int) -> float:
-    return round(ns / 1e6, 1)
-
-
-def _rounded(value: Any) -> float | None:
-    return None if value is None else round(float(value), 3)

@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from gateway.errors import ConfigError
-from gateway.records.excerpt import Excerpt, Row, event_row, state_row
+from gateway.records.excerpt import COLUMNS, Excerpt, Row, event_row, state_row
 from gateway.records.moment import unix_ns
 from gateway.records.replay import Step
 from gateway.records.segment import Picture
+from gateway.values.bay_values import BAY_VALUES
 
 EXTRA = "pip install 'plc-loading-gateway[mcap]'"
 _TEXT, _NUMBER, _INTEGER = {"type": "string"}, {"type": "number"}, {"type": "integer"}
@@ -30,10 +31,7 @@ IMAGE = {
     },
 }
 FRACTIONS = ("_s", "_ms", "_px", "_mm")  # how the names of columns with fractions end
-INTEGERS = frozenset(
-    {"seq", "heartbeat", "stop", "may_move", "in_place", "d", "frame_id", "plc_heartbeat", "plc_control"}
-    | {"recipe", "latched"}
-)
+INTEGERS = {"seq", "heartbeat", *(name for name, value in COLUMNS.items() if BAY_VALUES[value].kind in (bool, int))}
 
 
 def schema(title: str, row: Row) -> dict[str, Any]:
