@@ -5,7 +5,6 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from functools import partial
 from typing import Any, Generic, TypeVar
 
 from gateway.core.readings import Quality
@@ -33,6 +32,7 @@ class Value(Generic[Source]):
     read: Callable[[Source], Any] = field(repr=False)
     null: str = ""
     quality: Callable[[Source], Quality] = field(default=always, repr=False)
+    choices: tuple[str | int, ...] = ()  # of an enumeration, as JSON has them
 
     @property
     def unit(self) -> str:
@@ -65,20 +65,22 @@ def by_name(rows: Sequence[Value[Source]], texts: Mapping[type[Enum], Mapping[An
     found = {row.name: row for row in rows}
     for row in rows:
         if issubclass(row.kind, Enum):
-            form = partial(_form, row)
-            found |= form("name", str, ", by name", lambda code: code.name)
-            found |= form("code", type(next(iter(row.kind)).value), "", lambda code: code.value)
+            names, codes = tuple(code.name for code in row.kind), tuple(code.value for code in row.kind)
+            found[row.name] = replace(row, choices=names)
+            found |= _form(row, "name", ", by name", names, lambda code: code.name)
+            found |= _form(row, "code", "", codes, lambda code: code.value)
             if row.kind in texts:
-                found |= form("text", str, ", in words, for people; never to be parsed", texts[row.kind].__getitem__)
+                found |= _form(
+                    row, "text", ", in words, for people; never to be parsed", (), texts[row.kind].__getitem__
+                )
     return found
 
 
 def _form(
-    row: Value[Source], form: str, kind: type, words: str, shape: Callable[[Any], Any]
+    row: Value[Source], form: str, words: str, choices: tuple[str | int, ...], shape: Callable[[Any], Any]
 ) -> dict[str, Value[Source]]:
-    name = f"{row.name}.{form}"
-
     def read(source: Source) -> Any:
         return None if (code := row.of(source)) is None else shape(code)
 
-    return {name: replace(row, name=name, kind=kind, meaning=row.meaning + words, read=read)}
+    name, kind = f"{row.name}.{form}", type(choices[0]) if choices else str
+    return {name: replace(row, name=name, kind=kind, meaning=row.meaning + words, read=read, choices=choices)}

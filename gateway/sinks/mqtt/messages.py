@@ -9,13 +9,10 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from gateway.core.detection import Tracking
 from gateway.core.events import EventKind
-from gateway.core.ne107 import Ne107
-from gateway.core.plc import PlcLink
-from gateway.core.readings import ExposureState, PictureFault, Quality
-from gateway.core.state import GuidanceCode, Reason
+from gateway.core.readings import PictureFault, Quality
 from gateway.sinks.mqtt.visit_payload import VisitPayload
+from gateway.values.models import ShownModel
 
 SCHEMA_VERSION = 1
 EVENT_MEANING: dict[EventKind, str] = {
@@ -64,13 +61,13 @@ class QualityPayload(BaseModel):
     code: int = Field(json_schema_extra={"enum": [int(quality) for quality in Quality]})
 
 
-class ReasonPayload(BaseModel):
+class ReasonPayload(ShownModel):
     """Why `stop` is on."""
 
-    model_config = FROZEN
-    name: str = Field(json_schema_extra={"enum": [reason.name for reason in Reason]})
-    code: int = Field(json_schema_extra={"enum": [int(reason) for reason in Reason]})
-    text: str = Field(description="in words, for people; never to be parsed")
+    level = "reason."
+    name: str
+    code: int
+    text: str
 
 
 class SensorPayload(BaseModel):
@@ -82,150 +79,140 @@ class SensorPayload(BaseModel):
     detail: str = Field(description="what went wrong, in words, for people; never to be parsed")
 
 
-class Measured(BaseModel):
+class Measured(ShownModel):
     """The decision and what it rests on; the same fields in a state and in an event."""
 
-    model_config = FROZEN
     schema_version: Literal[1] = Field(description="raised when a field is removed or changes its meaning")
     site: str
     bay: str
     instance: str = Field(description="the gateway that reports for this bay")
-    seq: Count = Field(description="number of the state in this bay; begins again when the gateway starts")
+    seq: Count
     timestamp_ms: Count = Field(description="when the state was computed, Unix time, ms")
     timestamp: str = Field(description="the same, ISO 8601, UTC", json_schema_extra={"format": "date-time"})
-    stop: bool = Field(description="the truck must stop; also on whenever D is unknown")
-    may_move: bool = Field(
-        description="the truck may move: stop is off, nothing withholds it; no condition for loading"
-    )
-    in_place: bool = Field(description="the truck is in place: the only condition for loading")
-    held: bool = Field(description="in_place is held by the ranger alone: the marker is covered")
-    moved: Literal["NO", "DISTANCE", "MARKER"] = Field(
-        description="since it was in place, the truck left it without release: how"
-    )
-    rolling: bool = Field(description="a truck that was in place moves now, without release: stop loading")
-    phase: str = Field(description="phase of the visit: a name of VisitPhase (docs/registers.md); for people")
+    stop: bool
+    may_move: bool
+    in_place: bool
+    held: bool
+    moved: Literal["NO", "DISTANCE", "MARKER"]
+    rolling: bool
+    phase: str
     reason: ReasonPayload
-    d: bool | None = Field(description="D(t), equation 14; null: unknowable")
-    u: float | None = Field(description="centre of the marker, px from the left; null unless vision is GOOD")
-    v: float | None = Field(description="centre of the marker, px from the top; null unless vision is GOOD")
-    radius_px: float | None = Field(description="R, px; null unless vision is GOOD")
-    distance_mm: float | None = Field(description="Z, mm; null unless range is GOOD")
-    z_vision_mm: float | None = Field(description="distance seen by the camera, mm; null unless known and vision GOOD")
+    d: bool | None
+    u: float | None
+    v: float | None
+    radius_px: float | None
+    distance_mm: float | None
+    z_vision_mm: float | None
     vision: SensorPayload
     range: SensorPayload
 
 
-class RatesPayload(BaseModel):
+class RatesPayload(ShownModel):
     """Over about the last second."""
 
-    model_config = FROZEN
-    vision_hz: float | None = Field(description="vision results a second")
-    range_hz: float | None = Field(description="distances a second")
-    vision_latency_ms: float | None = Field(description="capture to result, newest frame")
+    level = "rates."
+    vision_hz: float | None
+    range_hz: float | None
+    vision_latency_ms: float | None
 
 
-class CountersPayload(BaseModel):
+class CountersPayload(ShownModel):
     """Since the start of the gateway."""
 
-    model_config = FROZEN
-    frames: Count = Field(description="vision results")
-    frames_skipped: Count = Field(description="frames not processed: replaced by a newer one before, or damaged")
-    frames_lost: Count = Field(description="frames that ended with their process")
-    vision_restarts: Count = Field(description="vision processes replaced")
+    level = "counters."
+    frames: Count
+    frames_skipped: Count
+    frames_lost: Count
+    vision_restarts: Count
     camera_reopens: Count
-    range_lines: Count = Field(description="good measurement lines")
-    range_damaged: Count = Field(description="lines dropped: checksum, length, syntax")
-    range_gaps: Count = Field(description="measurements missing by sequence number")
-    range_rejected: Count = Field(description="readings the glitch gate held back")
+    range_lines: Count
+    range_damaged: Count
+    range_gaps: Count
+    range_rejected: Count
     ranger_reopens: Count
 
 
-class PredictedPayload(BaseModel):
+class PredictedPayload(ShownModel):
     """Where the marker should be while it coasts. To be shown to people; nothing may be decided on it."""
 
-    model_config = FROZEN
-    u: float = Field(description="px from the left")
-    v: float = Field(description="px from the top")
+    level = "predicted."
+    u: float
+    v: float
     radius_px: float
 
 
-class Ne107Payload(BaseModel):
+class Ne107Payload(ShownModel):
     """NAMUR NE 107: the bay's own health."""
 
-    model_config = FROZEN
-    name: str = Field(json_schema_extra={"enum": [signal.name for signal in Ne107]})
-    code: int = Field(json_schema_extra={"enum": [int(signal) for signal in Ne107]})
-    active: tuple[str, ...] = Field(description="every signal that holds, by name; `name` is the one that counts most")
+    level = "ne107."
+    name: str
+    code: int
+    active: tuple[str, ...]
 
 
-class GuidancePayload(BaseModel):
+class GuidancePayload(ShownModel):
     """The instruction for the driver and its numbers."""
 
-    model_config = FROZEN
-    name: str = Field(json_schema_extra={"enum": [code.name for code in GuidanceCode]})
-    code: int = Field(json_schema_extra={"enum": [int(code) for code in GuidanceCode]})
-    text: str = Field(description="in words, for people; never to be parsed")
-    amount_mm: float | None = Field(description="amount for the instruction `name`; null: not known")
-    offset_u_px: float | None = Field(description="marker minus aim point, to the right; null: no marker or no aim")
-    offset_v_px: float | None = Field(description="marker minus aim point, downwards; null: no marker or no aim")
-    offset_mm: float | None = Field(description="offset_u_px at the marker's distance; null: size not known")
-    closing_mm_s: float | None = Field(description="positive: the truck approaches; null: not known")
-    to_go_mm: float | None = Field(description="until D = 1; negative: past it; null: not known")
+    level = "guidance."
+    name: str
+    code: int
+    text: str
+    amount_mm: float | None
+    offset_u_px: float | None
+    offset_v_px: float | None
+    offset_mm: float | None
+    closing_mm_s: float | None
+    to_go_mm: float | None
 
 
-class PlcPayload(BaseModel):
+class PlcPayload(ShownModel):
     """The handshake with the PLC."""
 
-    model_config = FROZEN
-    link: str = Field(json_schema_extra={"enum": [link.name for link in PlcLink]})
-    age_ms: float | None = Field(description="since its heartbeat last changed; null: never received")
+    level = "plc."
+    link: str
+    age_ms: float | None
     stop_latched: bool
-    recipe: Count = Field(description="id of the recipe in force; 0: the configuration as it is")
-    acquisition_id: Count = Field(description="number of the newest accepted trigger; 0: none")
-    results_valid: bool = Field(description="the result of acquisition_id is held for the PLC")
-    writes: Count = Field(description="writes accepted since the start of the gateway")
-    write_conflicts: Count = Field(description="writes refused since then because another PLC owns the block")
+    recipe: Count
+    acquisition_id: Count
+    results_valid: bool
+    writes: Count
+    write_conflicts: Count
 
 
-class ScalePayload(BaseModel):
+class ScalePayload(ShownModel):
     """R times Z of the marker, a constant of marker and lens, as learned from one visit to the next."""
 
-    model_config = FROZEN
-    px_mm: float = Field(description="median of R x Z over the visits, px mm")
-    spread: float = Field(description="largest minus smallest, as a share of px_mm")
-    visits: Count = Field(description="trucks in place that it was learned from, the newest 60 at most")
+    level = "scale."
+    px_mm: float
+    spread: float
+    visits: Count
     newest_ms: Count = Field(description="Unix time of the newest of them, ms")
-    jump: float | None = Field(
-        description="how much the newest differs from those before, as a share; null: by no more than a tenth"
-    )
+    jump: float | None
 
 
-class PicturePayload(BaseModel):
+class PicturePayload(ShownModel):
     """Figures of the camera's picture itself. Shares are 0 to 1."""
 
-    model_config = FROZEN
-    brightness: float = Field(description="mean grey level, share of white")
-    clipped: float = Field(description="share of the pixels that are burnt out")
-    contrast: float = Field(description="from the 5th to the 95th percentile of the grey levels")
-    sharpness: float | None = Field(description="of the strongest edges, 0.6 in focus; null: too few edges")
-    veil: float | None = Field(description="share of dust or haze; null: too dark to measure")
-    veil_proven: float | None = Field(
-        None, description="up to this veil the bay was shown to be reliable; null: not shown"
-    )
-    shift_px: float | None = Field(description="how far the fixed background has moved; null: hidden, or not learned")
+    level = "picture."
+    brightness: float
+    clipped: float
+    contrast: float
+    sharpness: float | None
+    veil: float | None
+    veil_proven: float | None = None
+    shift_px: float | None
     faults: tuple[str, ...] = Field(
-        description="what is wrong for some time now; empty: nothing",
-        json_schema_extra={"items": {"type": "string", "enum": [fault.name for fault in PictureFault]}},
+        json_schema_extra={"items": {"type": "string", "enum": [fault.name for fault in PictureFault]}}
     )
 
 
-class ExposurePayload(BaseModel):
+class ExposurePayload(ShownModel):
     """What the camera is set to, where the gateway controls it (`camera.exposure = "marker"`)."""
 
-    model_config = FROZEN
-    state: str = Field(json_schema_extra={"enum": [state.name for state in ExposureState]})
-    time_ms: float | None = Field(description="exposure time; null: the camera can't be set")
-    gain_db: float | None = Field(description="null: not controlled")
+    level = "exposure."
+    state: str
+    time_ms: float | None
+    gain_db: float | None
 
 
 class StatePayload(Measured):
@@ -233,26 +220,19 @@ class StatePayload(Measured):
 
     status_topic: str = Field(description="topic with the status of this bay's gateway")
     stale_after_ms: Count = Field(description="no newer state for so long: treat the bay as dead, stop on")
-    heartbeat: Count = Field(description="+1 with every tick of fusion")
-    frame_id: Count = Field(description="of the newest observation of the camera")
-    x_n: float | None = Field(description="normalised coordinate, equation 11; null without intrinsics")
-    y_n: float | None = Field(description="normalised coordinate, equation 11; null without intrinsics")
-    tracking: str | None = Field(
-        description="how the position was obtained; null: no fresh frame",
-        json_schema_extra={"enum": [*(tracking.name for tracking in Tracking), None]},
-    )
-    confidence: float | None = Field(description="0 to 1; null unless vision is GOOD and the method gives one")
-    visible: float | None = Field(description="share of the rim seen, 0 to 1; null unless vision is GOOD and known")
-    frames_summed: Count | None = Field(
-        description="frames whose sum shows the marker; 1: a single one shows it; null unless vision is GOOD"
-    )
-    semi_minor_px: float | None = Field(
-        description="of the rim's ellipse; null unless vision is GOOD and it was fitted"
-    )
-    tilt_deg: float | None = Field(description="of the disc against the line of sight; null like semi_minor_px")
+    heartbeat: Count
+    frame_id: Count
+    x_n: float | None
+    y_n: float | None
+    tracking: str | None
+    confidence: float | None
+    visible: float | None
+    frames_summed: Count | None
+    semi_minor_px: float | None
+    tilt_deg: float | None
     predicted: PredictedPayload | None = Field(description="null unless vision is COASTED; never to be decided on")
-    in_place_ms: float | None = Field(description="since it is in place, without a break; null: it is not")
-    held_ms: float | None = Field(description="since the marker was covered, in place; null: it is not held")
+    in_place_ms: float | None
+    held_ms: float | None
     scale: ScalePayload | None = Field(description="null: not learned yet, for the recipe in force")
     picture: PicturePayload | None = Field(description="health of the picture itself; null without a fresh frame")
     exposure: ExposurePayload | None = Field(
