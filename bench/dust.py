@@ -2,7 +2,7 @@
 
     .venv/bin/python -m bench.dust                      # the half of the seeds that the method may be tuned on
     .venv/bin/python -m bench.dust --half reporting     # the other half
-    .venv/bin/python -m bench.dust --markdown           # for docs/vision-robust.md
+    .venv/bin/python -m bench.dust --markdown           # for bench/reports/vision.md
     .venv/bin/python -m bench.dust --sum 4 8            # what the sum of so many frames adds, where one shows nothing
 
 The simulator's bay (other surfaces, distances, light and red clutter for each seed) and drawn scenes (a disc beside a

@@ -2,7 +2,7 @@
 
     python -m bench.frame_to_register                     1080p, 30 frames a second, all ways
     python -m bench.frame_to_register --idle              without the busy cores
-    python -m bench.frame_to_register --markdown          a table for docs/performance.md
+    python -m bench.frame_to_register --markdown          a table for bench/reports/performance.md
 
 The ways:
 - gateway: the real path. The clock starts when a frame is in the memory of the vision process. Capture thread ->

@@ -1,7 +1,7 @@
 """How long each method looks at a frame: interleaved, one thread, against the plain OpenCV pipeline of the same run.
 
     python -m bench.vision_speed                      a table on the terminal
-    python -m bench.vision_speed --markdown           the same for docs/performance.md
+    python -m bench.vision_speed --markdown           the same for bench/reports/performance.md
     python -m bench.vision_speed --json out.json      every figure, for a machine
     python -m bench.vision_speed --run 1              frame by frame in turn: with caches full of the other's data
     python -m bench.vision_speed --rhythm             at 30 frames a second, between which the caches lose everything

@@ -1,4 +1,5 @@
-"""Write the generated parts of docs/ anew: `./dev docs`. `--check` changes nothing and fails where something drifted.
+"""Write the generated parts of docs/ and bench/reports/ anew: `./dev docs`. `--check` changes nothing, and fails where
+something drifted.
 
 A page holds generated blocks between `<!-- generated: NAME -->` and `<!-- end -->`. What stands in them comes from the
 tables in the code, so that page and code cannot disagree for longer than one test run.
@@ -17,7 +18,7 @@ from bench.guidance import rolling as rolling_bench
 from gateway.alarms import failure_modes
 from gateway.alarms import states as alarm_states
 from gateway.alarms import table as alarm_table
-from gateway.config import VisitConfig, live
+from gateway.config import live
 from gateway.config import reference as configdoc
 from gateway.core.state import VISIT_PHASE_MEANING, VisitPhase
 from gateway.modbus.exports import reference as plc_reference
@@ -77,11 +78,6 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
     },
     "config.md": {"live": live.markdown, "keys": lambda: configdoc.markdown(sink_registry.sections())},
     "fmea.md": {"failure modes": lambda: failure_modes.markdown(marked_tests(DOCS.parent / "tests"))},
-    "guidance.md": {
-        "comparison": guidance_report.comparison,
-        "grid": guidance_report.grid,
-        "against": guidance_report.against,
-    },
     "historian.md": {"tables": historian_tables.markdown},
     "hmi-security.md": {"access": app.markdown},
     "modbus-server.md": modbus_reference.BLOCKS,
@@ -91,18 +87,25 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
     "ranger.md": {"wire": protocol.markdown},
     "reaction-time.md": reaction_time.blocks(protocol.PERIOD_MS),
     "registers.md": {"registers": tables.markdown, "situations": situations.markdown, **lamps.BLOCKS},
-    "sparkplug.md": {"device metrics": sparkplug_metrics.markdown, "assertions": sparkplug_assertions},
+    "sparkplug.md": {"device metrics": sparkplug_metrics.markdown},
     "simulator.md": {"keys and faults": scenario.markdown},
     "visit.md": {
         "situations": situations.markdown,
         "phases": visit_phases,
         "rolling": rolling_bench.latency_markdown,
-        "standing": rolling_bench.standing_markdown,
-        "covered": rolling_bench.covered_markdown,
-        "keys": lambda: "\n".join(configdoc.key_table(VisitConfig)),
     },
     "vision.md": {"stages and parameters": detection.paper_stages_and_parameters},
     "vision-robust.md": detection.ROBUST_BLOCKS,
+}
+REPORTS: dict[str, Mapping[str, Callable[[], str]]] = {
+    "guidance.md": {
+        "comparison": guidance_report.comparison,
+        "grid": guidance_report.grid,
+        "against": guidance_report.against,
+        "standing": rolling_bench.standing_markdown,
+        "covered": rolling_bench.covered_markdown,
+    },
+    "sparkplug.md": {"assertions": sparkplug_assertions},
 }
 PLC_EXAMPLES = ("ignition", "kepware", "st", "plcopen", "codesys", "tcpou", "scl", "l5x", "node-red", "openplc")
 
@@ -117,9 +120,9 @@ def page(text: str, blocks: Mapping[str, Callable[[], str]]) -> str:
 
 def texts() -> Iterator[tuple[Path, str]]:
     """Every generated or partly generated text file with what it should say."""
-    for name, blocks in PAGES.items():
-        path = DOCS / name
-        yield path, page(path.read_text(encoding="utf-8"), blocks)
+    for folder, pages in ((DOCS, PAGES), (DOCS.parent / "bench/reports", REPORTS)):
+        for name, blocks in pages.items():
+            yield folder / name, page((folder / name).read_text(encoding="utf-8"), blocks)
     for name, text in reference.schemas().items():
         yield DOCS / "schemas" / name, text
     yield DOCS / "scada" / "postgresql.sql", historian_tables.sql_file()

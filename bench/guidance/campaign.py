@@ -8,7 +8,7 @@
 Each approach runs the gateway's own bay control in virtual time (bench/guidance/approach.py); equal seeds draw the same
 driver, truck, start and noise for every aid and setting. The comparison is made on seeds that chose no threshold. Both
 results are written to one file, from which `python -m bench.guidance.report` makes the plots and `./dev docs` the
-tables of docs/guidance.md.
+tables of bench/reports/guidance.md.
 
 Each approach is kept in a file once it was driven (--kept): the same command goes on where it was interrupted. A file
 of other code is begun anew.

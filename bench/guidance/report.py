@@ -1,4 +1,4 @@
-"""Tables and plots of docs/guidance.md, from the result file that `python -m bench.guidance.campaign` writes.
+"""Tables and plots of bench/reports/guidance.md, from the result file that `python -m bench.guidance.campaign` writes.
 
 .dev/uv/bin/uv sync --frozen --group bench       once: matplotlib
 python -m bench.guidance.report                  the plots; `./dev docs` writes the tables
@@ -98,7 +98,7 @@ def mcnemar(only_one: int, only_other: int) -> float:
 
 
 def plots(folder: Path) -> None:
-    """The pictures of docs/guidance.md. Needs matplotlib."""
+    """The pictures of bench/reports/guidance.md. Needs matplotlib."""
     import matplotlib as mpl  # noqa: PLC0415 - only for the plots: `./dev docs` does without
 
     mpl.use("Agg")

@@ -1,4 +1,4 @@
-"""How soon a truck in place that begins to move is reported, and how often one that stands is: tables of docs/visit.md.
+"""How soon a truck in place that begins to move is reported, and how often one that stands is: tables of visit.md.
 
     python -m bench.guidance.rolling --hours 0.25 --days 4 --jobs 2     of standing, for each noise; then ./dev docs
 

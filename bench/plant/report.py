@@ -18,7 +18,7 @@ SHOWN = 20
 
 @dataclass
 class Report:
-    """`fail` makes the verdict; `rows` are for people and docs/reliability.md; `data` is for the JSON beside them."""
+    """`fail` makes the verdict; `rows` are for people and bench/reports; `data` is for the JSON beside them."""
 
     program: str
     seed: int

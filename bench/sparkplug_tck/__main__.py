@@ -13,8 +13,8 @@ Needs mosquitto, a JDK of 17 or later, and from Debian: {packages}.
 
 The TCK is an extension of the broker HiveMQ. java/ loads it without HiveMQ, before mosquitto. Each test is run with
 MQTT 3.1.1 and with MQTT 5, as some assertions are about one of them. A test has passed when no assertion failed, and
-each was reached in one of the runs, but for those that docs/sparkplug.md lists as not applicable. Prints a table and
-exits with 1 if a test has not passed.
+each was reached in one of the runs, but for those that bench/reports/sparkplug.md lists as not applicable. Prints a
+table and exits with 1 if a test has not passed.
 """
 
 import argparse
@@ -25,7 +25,7 @@ from pathlib import Path
 from bench.sparkplug_tck import build, results
 from bench.sparkplug_tck.runs import CASES, run
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "sparkplug.md"
+PAGE = Path(__file__).resolve().parents[2] / "bench" / "reports" / "sparkplug.md"
 VERSIONS = ("3.1.1", "5")
 
 

@@ -1,4 +1,4 @@
-"""A small share of the proof programs (docs/reliability.md), with real processes. Nothing here is about how late."""
+"""A small share of the proof programs (bench/reports), with real processes. Nothing here is about how late."""
 
 import contextlib
 import json

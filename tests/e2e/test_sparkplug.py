@@ -3,7 +3,7 @@
 One recorded life of an edge node on a real broker is looked at from all sides: births, data, a device's death and
 return, a rebirth, a cut connection, a primary host that comes and goes, and a proper end. The recorder takes the MQTT
 packets apart; payloads are decoded by code that the Protocol Buffers compiler made from the specification's layout.
-docs/sparkplug.md lists the assertions.
+bench/reports/sparkplug.md lists the assertions.
 """
 
 import asyncio
@@ -31,7 +31,7 @@ pytestmark = pytest.mark.xdist_group("sparkplug")  # all look at two recorded li
 NODE = "gw"
 GROUP = "Plant 7"
 ASSERTIONS = 299  # that the specification marks as testable
-PAGE = Path(__file__).parents[2] / "docs" / "sparkplug.md"
+PAGE = Path(__file__).parents[2] / "bench" / "reports" / "sparkplug.md"
 
 
 @dataclass

@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 generate = SimpleNamespace(**runpy.run_path(str(DOCS / "generate.py")))
-PAGES = sorted([*DOCS.rglob("*.md"), *ROOT.glob("*.md")])
+PAGES = sorted([*DOCS.rglob("*.md"), *(ROOT / "bench").rglob("*.md"), *ROOT.glob("*.md")])
 
 
 @pytest.mark.parametrize(("path", "text"), [pytest.param(*pair, id=pair[0].name) for pair in generate.texts()])
@@ -48,10 +48,17 @@ def test_check_fails_on_drift_and_writes_nothing(
     assert drifted.read_text() == "old"
 
 
+def anchors(page: Path) -> set[str]:
+    """Of each heading, as GitHub makes it."""
+    titles = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles}
+
+
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_every_link_leads_somewhere(path: Path) -> None:
-    targets = re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", path.read_text(encoding="utf-8"))
-    broken = [t for t in targets if "://" not in t and not (path.parent / t).exists()]
+    links = re.findall(r"\]\(([^)#\s]*)(?:#([^)]*))?\)", path.read_text(encoding="utf-8"))
+    local = [(path.parent / to if to else path, anchor) for to, anchor in links if "://" not in to]
+    broken = [(str(to), anchor) for to, anchor in local if not to.exists() or (anchor and anchor not in anchors(to))]
     assert broken == []
 
 

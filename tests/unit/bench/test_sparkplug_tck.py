@@ -7,7 +7,7 @@ import pytest
 from bench.sparkplug_tck.build import EDITS, PACKAGE, BuildError, build, edited, requirements, sections, statements
 from bench.sparkplug_tck.results import Outcome, markdown, not_applicable, outcome, verdict
 
-PAGE = Path(__file__).parents[3] / "docs" / "sparkplug.md"
+PAGE = Path(__file__).parents[3] / "bench" / "reports" / "sparkplug.md"
 SUMMARY = """2026-11-23 15:59:41.0 Summary Test Results for Edge SendData
 Monitor:tck-id-topic-structure: PASS;
 tck-id-topics-ndata-mqtt: NOT EXECUTED;

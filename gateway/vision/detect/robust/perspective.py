@@ -33,7 +33,7 @@ TOWARDS_CAMERA: Vector = (0.0, 0.0, -1.0)
 # How far a marker leans, one sigma each: some hang as they should, the rest lean any way. With the one Gaussian of 10
 # degrees the likelier pose got nearly all the weight, and the centre was farther off than the ellipse's own where that
 # was the wrong one. So weighted, its 95th percentile is no worse at any tilt than without a correction
-# (docs/accuracy.md).
+# (bench/reports/accuracy.md).
 USUAL_TILT_RAD, OTHER_TILT_RAD = radians(5), radians(25)
 USUALLY = 0.15  # chance of the former
 
