@@ -20,7 +20,6 @@ from gateway.alarms import states as alarm_states
 from gateway.alarms import table as alarm_table
 from gateway.config import live
 from gateway.config import reference as configdoc
-from gateway.core.state import VISIT_PHASE_MEANING, VisitPhase
 from gateway.modbus.exports import reference as plc_reference
 from gateway.modbus.exports import tables
 from gateway.modbus.exports.registry import export
@@ -58,11 +57,6 @@ def sparkplug_assertions() -> str:
     )
 
 
-def visit_phases() -> str:
-    rows = [f"| {phase.value} | `{phase.name.lower()}` | {VISIT_PHASE_MEANING[phase]} |" for phase in VisitPhase]
-    return "\n".join(["| number | name | means |", "|---|---|---|", *rows])
-
-
 PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
     "alarms.md": {
         "alarms": alarm_table.summary_markdown,
@@ -86,12 +80,11 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
     "plc-integration.md": plc_reference.BLOCKS,
     "ranger.md": {"wire": protocol.markdown},
     "reaction-time.md": reaction_time.blocks(protocol.PERIOD_MS),
-    "registers.md": {"registers": tables.markdown, "situations": situations.markdown, **lamps.BLOCKS},
+    "registers.md": {"registers": tables.markdown, **lamps.BLOCKS},
     "sparkplug.md": {"device metrics": sparkplug_metrics.markdown},
     "simulator.md": {"keys and faults": scenario.markdown},
     "visit.md": {
         "situations": situations.markdown,
-        "phases": visit_phases,
         "rolling": rolling_bench.latency_markdown,
     },
     "vision.md": {"stages and parameters": detection.paper_stages_and_parameters},

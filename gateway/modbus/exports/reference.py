@@ -2,13 +2,12 @@
 
 from collections.abc import Callable, Mapping
 
-from gateway.core.state import REASON_MEANING, Reason
+from gateway.core.state import Reason
 from gateway.modbus.exports.diagnosis import CHECKS, MEANING, Diagnosis
 from gateway.modbus.exports.interface import INPUTS, OUTPUTS
 from gateway.modbus.exports.registry import SUMMARY, export
 from gateway.modbus.exports.tables import markdown_table
 from gateway.modbus.exports.target import Target
-from gateway.modbus.reference import situations
 
 REMEDY: dict[Reason, str] = {
     Reason.NONE: "nothing",
@@ -62,8 +61,8 @@ def diagnoses() -> str:
 
 def reasons() -> str:
     """Every reason with what to do about it."""
-    rows = ((str(int(r)), f"`{r.name.lower()}`", REASON_MEANING[r], REMEDY[r]) for r in Reason)
-    return markdown_table(("reason", "name", "what it means", "what to do"), rows)
+    rows = ((str(int(r)), f"`{r.name.lower()}`", REMEDY[r]) for r in Reason)
+    return markdown_table(("reason", "name", "what to do"), rows)
 
 
 BLOCKS: Mapping[str, Callable[[], str]] = {
@@ -71,5 +70,4 @@ BLOCKS: Mapping[str, Callable[[], str]] = {
     "block": block,
     "diagnoses": diagnoses,
     "reasons": reasons,
-    "situations": situations.markdown,
 }

@@ -39,8 +39,8 @@ def exceptions() -> str:
 
 def bit_table() -> str:
     return markdown_table(
-        ("bit", "name", "the same as", "meaning"),
-        ((str(bit.address), bit.name, f"bit {bit.bit} of {bit.register}", bit.meaning) for bit in bits.table()),
+        ("bit", "name", "the same as"),
+        ((str(bit.address), bit.name, f"bit {bit.bit} of {bit.register}") for bit in bits.table()),
     )
 
 

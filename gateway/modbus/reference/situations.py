@@ -1,8 +1,7 @@
 """What a PLC reads in each situation of a truck's visit, and in each fault: played by the gateway itself. Pure.
 
-The table and the figure of docs/registers.md and docs/plc-integration.md. Every row is the end of a sequence that runs
-through gateway/core/interlock.py with the default configuration and writes on, so that the pages can't differ
-from the code.
+The table and the figure of docs/visit.md. Every row is the end of a sequence that runs through
+gateway/core/interlock.py with the default configuration and writes on, so that the page can't differ from the code.
 """
 
 from collections.abc import Callable
