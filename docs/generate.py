@@ -75,7 +75,7 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
     "historian.md": {"tables": historian_tables.markdown},
     "hmi-security.md": {"access": app.markdown},
     "modbus-server.md": modbus_reference.BLOCKS,
-    "hmi-api.md": {"calls": openapi.markdown, "metrics": metrics.markdown},
+    "hmi-api.md": {"metrics": metrics.markdown},
     "mqtt.md": reference.BLOCKS,
     "plc-integration.md": plc_reference.BLOCKS,
     "ranger.md": {"wire": protocol.markdown},

@@ -117,11 +117,3 @@ def _schemas(routes: list[APIRoute]) -> Json:
     _, schemas = TypeAdapter.json_schemas(adapters, ref_template="#/components/schemas/{model}")  # type: ignore[arg-type]
     definitions: Json = schemas["$defs"]
     return definitions
-
-
-def markdown() -> str:
-    """The addresses with their roles, for docs/hmi-api.md."""
-    described = {(_method(route).upper(), route.path) for route in _described()}
-    rules = (rule for group in GROUPS for rule in group.rules if (rule.method, rule.path) in described)
-    rows = [f"| {rule.method} | `{rule.path}` | {rule.least.role} | {rule.summary} |" for rule in rules]
-    return "\n".join(["| method | address | role | answers |", "|---|---|---|---|", *rows]) + "\n"
