@@ -27,11 +27,12 @@ TABLES = {  # page: columns that are words
     "ranger.md": {"meaning"},
     "registers.md": {"meaning"},
     "simulator.md": {"meaning", "does", "what happens"},
-    "sparkplug.md": {"meaning", "test, or why not"},
+    "sparkplug.md": {"meaning"},
     "alarms.md": {"meaning", "when", "", "cause", "consequence", "response", "what it means", "what to do"},
 }
 NAMES = ("name", "method", "address")  # columns that name a row; else its first
 WORDS = {"description", "summary", "title", "info", "tags", "example", "examples"}
+NO_WIRE = ("assertions", "calls", "situations")  # of older pages: what tests show, and a copy of another table
 BLOCK = re.compile(r"<!-- generated: ([a-z][a-z ]*) -->\n(.*?)<!-- end -->", re.DOTALL)
 
 COMMENTS = re.compile(
@@ -67,6 +68,8 @@ def files(commit: str | None, folder: str) -> list[str]:
 def table_rows(page: str, words: set[str]) -> Iterator[tuple[str, object]]:
     """Each row of each generated table as (place, cells that are no words)."""
     for name, block in BLOCK.findall(page):
+        if name in NO_WIRE:
+            continue
         heading, columns = "", None
         for line in block.splitlines():
             if line.startswith("#"):
