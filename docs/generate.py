@@ -5,9 +5,11 @@ A page holds generated blocks between `<!-- generated: NAME -->` and `<!-- end -
 tables in the code, so that page and code cannot disagree for longer than one test run.
 """
 
+import ast
 import json
 import re
 import sys
+import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
@@ -57,6 +59,27 @@ def sparkplug_assertions() -> str:
     )
 
 
+def layers() -> str:
+    """The import contracts' layers, the uppermost first."""
+    contracts = tomllib.loads((DOCS.parent / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
+    lines = ["```"]
+    for contract in contracts["contracts"]:
+        if contract["type"] == "layers":
+            lines += [f"{contract['containers'][0]}:", *(f"    {layer}" for layer in contract["layers"])]
+    return "\n".join([*lines, "```"])
+
+
+def folders() -> str:
+    """What each folder and each module at the top holds: the first paragraph of its docstring."""
+    top = DOCS.parent / "gateway"
+    lines = ["| in `gateway/` | what it is |", "|---|---|"]
+    for path in sorted([*top.glob("*/__init__.py"), *top.glob("*/*/__init__.py"), *top.glob("[!_]*.py")]):
+        place = f"{path.parent.relative_to(top)}/" if path.name == "__init__.py" else path.name
+        meaning = (ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "").split("\n\n")[0]
+        lines.append(f"| `{place}` | {' '.join(meaning.split())} |")
+    return "\n".join(lines)
+
+
 PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
     "alarms.md": {
         "alarms": alarm_table.summary_markdown,
@@ -65,6 +88,7 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
         "responses": alarm_table.responses_markdown,
         "benchmarks": alarm_rates.markdown,
     },
+    "architecture.md": {"layers": layers, "folders": folders},
     "commissioning-vision.md": {
         "labels": labels.markdown,
         "requirements": requirements.markdown,
@@ -72,7 +96,6 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
     },
     "config.md": {"live": live.markdown, "keys": lambda: configdoc.markdown(sink_registry.sections())},
     "fmea.md": {"failure modes": lambda: failure_modes.markdown(marked_tests(DOCS.parent / "tests"))},
-    "historian.md": {"tables": historian_tables.markdown},
     "hmi-security.md": {"access": app.markdown},
     "modbus-server.md": modbus_reference.BLOCKS,
     "hmi-api.md": {"metrics": metrics.markdown},

@@ -1,0 +1,1 @@
+"""The recorder: what entered each decision, written by a process of its own, and what reads it again."""

@@ -1,1 +1,1 @@
-"""Frames in, detections out; docs/architecture.md has what each folder does."""
+"""Frames in, detections out, in a process of its own for each bay."""

@@ -222,15 +222,3 @@ def sql_file() -> str:
             create("loading"),
         ]
     )
-
-
-def markdown() -> str:
-    """The tables with their columns, for docs/historian.md."""
-    lines: list[str] = []
-    for table in TABLES:
-        lines += [f"### `{table.name}`", "", f"{table.meaning[0].upper()}{table.meaning[1:]}.", ""]
-        lines += [f"Primary key: {', '.join(f'`{name}`' for name in table.key)}.", ""]
-        lines += ["| column | type | meaning |", "|---|---|---|"]
-        lines += [f"| `{c.name}` | {c.type} | {c.meaning} |" for c in table.columns]
-        lines.append("")
-    return "\n".join(lines)
