@@ -110,7 +110,7 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
         "situations": situations.markdown,
         "rolling": rolling_bench.latency_markdown,
     },
-    "vision.md": {"stages and parameters": detection.paper_stages_and_parameters},
+    "vision.md": {"stages": detection.paper_stages},
     "vision-robust.md": detection.ROBUST_BLOCKS,
 }
 REPORTS: dict[str, Mapping[str, Callable[[], str]]] = {

@@ -10,7 +10,6 @@ from collections.abc import Awaitable, Callable, Coroutine, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -32,10 +31,8 @@ from gateway.modbus.server.server import CLOSE_TIMEOUT_S, ModbusServer
 from tests.virtual_time import synchronous
 
 MS = 1_000_000
-PAGE = Path(__file__).parents[2] / "docs" / "registers.md"
 ANY_PORT = ModbusConfig(port=0)
 
-# The state that docs/registers.md shows.
 ON_ITS_MARK = StateVector(
     bay="bay1",
     t_ns=30_000 * MS,
@@ -47,7 +44,6 @@ ON_ITS_MARK = StateVector(
     stop=True,
     reason=Reason.TARGET_REACHED,
 )
-IMAGE = encode(ON_ITS_MARK, 1_763_640_000_123 * MS, "big")
 COUNTING = tuple(range(1000, 1000 + BLOCK_WORDS))  # every register tells its own address
 
 
@@ -162,24 +158,6 @@ async def test_float_word_order_with_mbpoll(order: WordOrder, flag: str) -> None
         assert [value_of(line) for line in wrong] == ["1.08658e-19"]  # what the page says a swap looks like
         _, wrong = await mbpoll(f"{poll} {other} -t 4:int -r 40 -c 1")
         assert [value_of(line) for line in wrong] == ["1450709556"]
-
-
-@complete
-async def test_the_lines_in_the_page_are_real() -> None:
-    """Every mbpoll line of docs/registers.md is run; its output must be the page's."""
-    shown: list[tuple[str, list[str]]] = []
-    for block in re.findall(r"```console\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.S):
-        for line in block.splitlines():
-            if line.startswith("$ "):
-                shown.append((line[2:], []))
-            else:
-                shown[-1][1].append(line.rstrip())
-    assert len(shown) == 4
-
-    async with ModbusServer(ANY_PORT, {1: Unit(lambda: IMAGE)}) as server:
-        for command, expected in shown:
-            assert " -p 5020 " in command
-            assert await mbpoll(command.replace("5020", str(server.port))) == (0, expected)
 
 
 @complete

@@ -2,8 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
-from gateway.config import VisionConfig
-from gateway.config.reference import key_table
 from gateway.vision.detect.paper import method as paper
 from gateway.vision.detect.robust import method as robust
 from gateway.vision.detect.robust.decision import POWERS
@@ -20,12 +18,9 @@ SHARE_MEANING: dict[str, str] = {
 }
 
 
-def paper_stages_and_parameters() -> str:
-    """The stages and every parameter of `[vision]`."""
+def paper_stages() -> str:
     rows = [(f"`{stage.name}`", stage.equation or "–", stage.meaning) for stage in paper.STAGES]
-    lines = ["| stage | equation | what it does |", "|---|---|---|"]
-    lines += [f"| {' | '.join(row)} |" for row in rows]
-    return "\n".join([*lines, "", *key_table(VisionConfig)]) + "\n"
+    return _table(("stage", "equation", "what it does"), rows)
 
 
 def _robust_stages() -> str:
