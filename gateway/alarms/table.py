@@ -47,13 +47,13 @@ def responses_markdown() -> str:
     """What each alarm means and what to do: the alarm response procedures."""
     parts: list[str] = []
     for kind in ALARM_DEFINITIONS.values():
-        causes = "".join(f"\n  - {cause}" for cause in kind.causes)
         reasons = [f"`{reason.value}`" for reason in Suppression if reason in kind.suppressed_by]
-        silent = ", ".join(reasons) if kind in BAY_ALARMS else "never"
+        others = kind in BAY_ALARMS and len(reasons) < len(Suppression)
+        suppressed = f"- Suppressed by design: {', '.join(reasons) or 'never'}.\n" if others else ""
         parts.append(
             f"### {kind.id}\n\n**{kind.title}**: {kind.meaning}.\n\n- Consequence: {kind.consequence}.\n"
-            f"- What to do, within {_time(kind.respond_min)}: {kind.action}.\n- Likely causes:{causes}\n"
-            f"- Suppressed by design: {silent}.\n"
+            f"- What to do, within {_time(kind.respond_min)}: {kind.action}.\n"
+            f"- Likely causes: {'; '.join(kind.causes)}.\n{suppressed}"
         )
     return "\n".join(parts)
 
