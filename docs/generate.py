@@ -89,7 +89,7 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
         "benchmarks": alarm_rates.markdown,
     },
     "architecture.md": {"layers": layers, "folders": folders},
-    "commissioning-vision.md": {
+    "technician.md": {
         "labels": labels.markdown,
         "requirements": requirements.markdown,
         "verdicts": scoring.markdown,

@@ -315,7 +315,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         'camera.exposure is "marker", but the camera cannot be set, refuses, or its pictures do not follow',
         "a marker in the sun, under a lamp or in the dark is not found: stop is on",
         ("a camera without an exposure time that can be set", "another program sets it, too", "a driver's fault"),
-        "look at the log for the reason; see docs/commissioning-vision.md, or set the camera by hand and "
+        "look at the log for the reason; see docs/technician.md#exposure, or set the camera by hand and "
         'camera.exposure to "camera"',
         8 * 60,
         lambda inputs: inputs.state.exposure is not None and inputs.state.exposure.state in UNCONTROLLED,
@@ -330,7 +330,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         "the fixed background is not where it was when the gateway learned it",
         "aim point, offset and the distance seen by the camera are wrong by as much",
         ("something hit the camera or its mount", "a loose screw", "it was turned or zoomed"),
-        "put the camera back or align it anew (docs/commissioning-vision.md), then restart the gateway: it learns the "
+        "put the camera back or align it anew (docs/technician.md#aim-the-camera), then restart the gateway: it learns the "
         "background again",
         60,
         *_picture(PictureFault.SHIFTED),

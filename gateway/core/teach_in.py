@@ -8,7 +8,7 @@ other light and air; 10 cm before it D must be 0 in every one. So each threshold
 noise: NOISE_SIGMAS robust standard deviations (1.4826 MAD), or as far as the outermost 0.5 % of the readings lie, where
 that is more. drift: by how much the medians of the sixth parts of the time differ. 5 % of Z: the speed of sound
 changes by 0.17 % a kelvin, so that is air 30 K colder than at the teach-in, without a thermometer. Where these margins
-come from: docs/teach-in.md, `python -m bench.teach_in`.
+come from: bench/reports/teach-in.md.
 """
 
 import math

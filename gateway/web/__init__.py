@@ -1,1 +1,1 @@
-"""Web pages for operator, driver and technician, served by a process of their own (docs/hmi.md)."""
+"""Web pages for operator, driver and technician, served by a process of their own (docs/technician.md)."""

@@ -93,7 +93,7 @@ class HmiConfig(Section):
     setup_page: bool = Field(
         True,
         description="technicians may change every key of this file and restart the gateway on the page /setup; false: "
-        "only who may write the file (docs/setup-page.md)",
+        "only who may write the file (docs/technician.md#change-any-other-setting)",
     )
     session_hours: float = Field(12.0, ge=0.1, le=168, description="a login ends after so long in any case")
     session_idle_minutes: float = Field(60.0, ge=1, le=10_080, description="and after so long without an open page")
@@ -102,7 +102,7 @@ class HmiConfig(Section):
         16, ge=1, le=1000, description="of max_viewers, for one address; more where all connect through one proxy"
     )
     languages_folder: str | None = Field(
-        None, min_length=1, description="folder of a plant's own languages and words, one JSON file each (docs/hmi.md)"
+        None, min_length=1, description="folder of a plant's own languages and words, one JSON file each (docs/technician.md#units-languages-browsers)"
     )
     picture_max_hz: float = Field(10.0, ge=0.5, le=60, description="of one bay's picture, for all viewers together")
     picture_max_width_px: int = Field(1280, ge=160, le=4096, description="wider pictures are made smaller")

@@ -176,7 +176,7 @@ class RequestHandler:
     def _why_no_restart(self, wanted: RestartGateway) -> str:
         """Empty: it may be started again now."""
         if self._restart is None:
-            return "this gateway can't be restarted from the pages (docs/setup-page.md)"
+            return "this gateway can't be restarted from the pages (docs/technician.md#change-any-other-setting)"
         if (ran_s := (self._clock.now_ns() - self._begun_ns) / NS_PER_S) < RESTART_AFTER_S:
             return f"the gateway started {ran_s:.0f} s ago; it can be restarted {RESTART_AFTER_S:g} s after its start"
         visits = {name: bay.control.state().visit for name, bay in self._bays.items()}

@@ -24,7 +24,7 @@ from gateway.web.ipc.testsets import (
 
 MAX_WAITING = 16
 ANSWER_S = 45.0  # real time; the process is ended before
-NOT_KEPT = "no test sets are kept: set state_dir in the configuration (docs/tuning-page.md)"
+NOT_KEPT = "no test sets are kept: set state_dir in the configuration (docs/technician.md#test-sets)"
 
 
 class SetsClient:

@@ -150,7 +150,7 @@ def parse(text: str, *, folder: Path = Path(), source: str = FILE_NAME) -> Label
 
 
 def markdown() -> str:
-    """The keys for docs/commissioning-vision.md."""
+    """The keys for docs/technician.md."""
     return "\n".join(key_table(Label)) + "\n"
 
 

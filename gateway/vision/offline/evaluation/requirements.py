@@ -88,6 +88,6 @@ def parse(texts: Sequence[str]) -> tuple[Requirement, ...]:
 
 
 def markdown() -> str:
-    """The table for docs/commissioning-vision.md."""
+    """The table for docs/technician.md."""
     rows = [f"| `{g.name}` | {'at least' if g.at_least else 'at most'} | {g.unit} | {g.meaning} |" for g in METRICS]
     return "\n".join(["| name | limit is | unit | meaning |", "|---|---|---|---|", *rows]) + "\n"

@@ -41,7 +41,7 @@ ON = frozenset((Verdict.CLOSE, Verdict.LOOSE))
 
 
 def markdown() -> str:
-    """The verdicts for docs/commissioning-vision.md."""
+    """The verdicts for docs/technician.md."""
     rows = [f"| {verdict} | {meaning} |" for verdict, meaning in VERDICT_MEANING.items()]
     return "\n".join(["| verdict | meaning |", "|---|---|", *rows]) + "\n"
 
