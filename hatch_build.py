@@ -1,4 +1,7 @@
-"""Build hook: compile the vision kernels where there is a C compiler. Without one the package is whole, only slower."""
+"""Build hook: compile the vision kernels where there is a C compiler, and add the manual that the pages serve.
+
+Without a compiler the package is whole, only slower.
+"""
 
 import runpy
 import sysconfig
@@ -16,6 +19,10 @@ class KernelHook(BuildHookInterface):  # type: ignore[misc, type-arg, unused-ign
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         if self.target_name != "wheel":
             return
+        if version != "editable":
+            docs = Path(self.root, "docs")
+            manual = (*docs.glob("*.md"), *docs.glob("images/*"))
+            build_data["force_include"].update({str(p): f"gateway/manual/{p.relative_to(docs)}" for p in manual})
         if why := runpy.run_path(str(Path(self.root) / ROOM / "build.py"))["build"]():
             self.app.display_warning(f"without the compiled vision kernels: {why}")
             return

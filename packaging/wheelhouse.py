@@ -108,7 +108,7 @@ def project_wheel(wheels: Path, architecture: Architecture, version: str, epoch:
         raise PackageError(f"{architecture.compiler} is missing; on Debian: apt-get install {packages}")
     copy = wheels.parent / "source"
     nothing_built = shutil.ignore_patterns("__pycache__", "*.so", "*.tmp")
-    for name in ("gateway", "config"):
+    for name in ("gateway", "config", "docs"):
         shutil.copytree(ROOT / name, copy / name, ignore=nothing_built)
     for name in ("pyproject.toml", "hatch_build.py", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, copy)

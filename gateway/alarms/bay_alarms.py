@@ -330,8 +330,8 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         "the fixed background is not where it was when the gateway learned it",
         "aim point, offset and the distance seen by the camera are wrong by as much",
         ("something hit the camera or its mount", "a loose screw", "it was turned or zoomed"),
-        "put the camera back or align it anew (docs/technician.md#aim-the-camera), then restart the gateway: it learns the "
-        "background again",
+        "put the camera back or align it anew (docs/technician.md#aim-the-camera), then restart the gateway: it learns "
+        "the background again",
         60,
         *_picture(PictureFault.SHIFTED),
         off_delay_s=60.0,

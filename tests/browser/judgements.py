@@ -98,7 +98,7 @@ OUT_OF_REACH = """() => {
       !e.closest('[inert]') && e.type !== 'hidden' && !e.matches('.skip, .sr'))
     .filter((e) => {
       e.scrollIntoView({ block: 'center', inline: 'center', behavior: 'instant' });
-      const box = e.getBoundingClientRect();
+      const box = e.getClientRects()[0]; // of a link in a text that is wrapped: its first line
       const [left, right] = [Math.max(0, box.left), Math.min(innerWidth, box.right)];
       const [top, bottom] = [Math.max(0, box.top), Math.min(innerHeight, box.bottom)];
       const hit = document.elementFromPoint((left + right) / 2, (top + bottom) / 2);

@@ -416,7 +416,7 @@ MISSING = """(text) => {
 
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_no_letter_is_an_empty_box(display: Display, language: str) -> None:
-    """It is where no font of this machine has the letter: `./dev test` and the recipe in docs/technician.md#screens-that-nobody-operates install some."""
+    """It is where no font of this machine has the letter: `./dev test` and the recipe of the manual install some."""
     texts = languages({}).catalogues[language].texts
     page = display(f"?lang={language}&theme=sun")
     expect(page.locator("html")).to_have_attribute("lang", language)

@@ -30,6 +30,7 @@ PAGES = {
         "() => document.querySelectorAll('.figure').length === 7",
     ),
     "driver": ("/driver/bay1", "() => document.body.dataset.fresh === 'true'"),
+    "manual": ("/manual/technician#test-sets", "() => document.querySelector('.top nav') !== null"),
     "login": ("/login", "() => document.activeElement?.id === 'name'"),
 }
 

@@ -3,10 +3,13 @@
 import re
 import runpy
 import sys
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+
+from gateway.web.server import manual
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -48,18 +51,32 @@ def test_check_fails_on_drift_and_writes_nothing(
     assert drifted.read_text() == "old"
 
 
-def anchors(page: Path) -> set[str]:
-    """Of each heading, as GitHub makes it."""
-    titles = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
-    return {re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles}
-
-
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_every_link_leads_somewhere(path: Path) -> None:
     links = re.findall(r"\]\(([^)#\s]*)(?:#([^)]*))?\)", path.read_text(encoding="utf-8"))
-    local = [(path.parent / to if to else path, anchor) for to, anchor in links if "://" not in to]
-    broken = [(str(to), anchor) for to, anchor in local if not to.exists() or (anchor and anchor not in anchors(to))]
-    assert broken == []
+    assert [link for link in links if "://" not in link[0] and not reached(path.parent / link[0], path, link[1])] == []
+
+
+def test_every_page_that_the_program_names_is_there() -> None:
+    texts = [p for kind in ("*.py", "*.js", "*.css", "languages/de.json") for p in (ROOT / "gateway").rglob(kind)]
+    named = {
+        link for p in texts for link in re.findall(r"docs/([a-z-]+\.md)(?:#([\w-]+))?", p.read_text(encoding="utf-8"))
+    }
+    assert ("technician.md", "exposure") in named
+    assert [link for link in named if not reached(DOCS / link[0], DOCS, link[1])] == []
+
+
+def reached(target: Path, page: Path, anchor: str) -> bool:
+    """Is there the file, and the place in it? A link without a file leads to a place in its own page."""
+    if target == page.parent:
+        target = page
+    return target.exists() and (not anchor or anchor in anchors(target))
+
+
+@cache
+def anchors(page: Path) -> set[str]:
+    tokens = manual.MARKDOWN.parse(page.read_text(encoding="utf-8"))
+    return {anchor for _, anchor in manual.anchors(tokens)}
 
 
 def test_each_decision_has_a_number_of_its_own_which_its_heading_says() -> None:

@@ -102,7 +102,10 @@ class HmiConfig(Section):
         16, ge=1, le=1000, description="of max_viewers, for one address; more where all connect through one proxy"
     )
     languages_folder: str | None = Field(
-        None, min_length=1, description="folder of a plant's own languages and words, one JSON file each (docs/technician.md#units-languages-browsers)"
+        None,
+        min_length=1,
+        description="folder of a plant's own languages and words, one JSON file each "
+        "(docs/technician.md#units-languages-browsers)",
     )
     picture_max_hz: float = Field(10.0, ge=0.5, le=60, description="of one bay's picture, for all viewers together")
     picture_max_width_px: int = Field(1280, ge=160, le=4096, description="wider pictures are made smaller")

@@ -24,7 +24,7 @@ from gateway.web.history import routes as history
 from gateway.web.history import why
 from gateway.web.ipc.messages import ChangedOnDiskError
 from gateway.web.manager import routes as manager
-from gateway.web.server import api, openapi, pages
+from gateway.web.server import api, manual, openapi, pages
 from gateway.web.server.gateway_client import RefusedError
 from gateway.web.server.pictures import UnencodableError
 from gateway.web.server.services import Services
@@ -114,7 +114,7 @@ GROUPS = (
     login.ADDRESSES, pages.ADDRESSES, api.ADDRESSES, history.ADDRESSES, why.ADDRESSES, manager.ADDRESSES,
     openapi.ADDRESSES, tuning.ADDRESSES, test_sets.ADDRESSES, teach_in.ADDRESSES, calibration.ADDRESSES,
     camera.ADDRESSES, devices.ADDRESSES, setup.ADDRESSES,
-    doctor.ADDRESSES,
+    doctor.ADDRESSES, manual.ADDRESSES,
 )  # fmt: skip
 RULES = tuple(rule for group in GROUPS for rule in group.rules)
 

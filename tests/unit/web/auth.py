@@ -236,4 +236,5 @@ class Socket:
 
 def example(rule: Rule) -> str:
     """A path that fits."""
-    return rule.path.replace("{bay}", "north").replace("{alarm}", "7").replace("{path:path}", "lib/api.js")
+    named = rule.path.replace("{bay}", "north").replace("{alarm}", "7").replace("{name}", "technician")
+    return named.replace("{path:path}", "lib/api.js")

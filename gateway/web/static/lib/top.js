@@ -24,6 +24,7 @@ export function Pages({ session, bay, current, alarms }) {
     ['History', `/history#${path}`],
     ['Manager', `/manager?bay=${path}`],
     ...(session.role === 'technician' ? [['Technician', `/tune/${path}`], ['Settings', '/setup'], ['New bay', '/setup/new-bay']] : []),
+    ['Manual', '/manual'],
   ];
   if (kiosk) return html`<${AlarmBar} session=${session} given=${alarms} />`;
   return html`<nav aria-label="pages">

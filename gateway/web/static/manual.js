@@ -1,0 +1,9 @@
+// The bar above a page of the manual, whose text the gateway has rendered.
+
+import { get } from './lib/api.js';
+import { html, render } from './lib/page.js';
+import { Brand, Pages, SessionMenu } from './lib/top.js';
+
+const session = await get('/api/session');
+render(html`<${Brand} title="Loading bays" /><${Pages} session=${session} bay=${null} current="Manual" />
+  <div class="facts push"><${SessionMenu} session=${session} /></div>`, document.querySelector('header'));
