@@ -2,13 +2,17 @@
 
 import gzip
 import hashlib
+import io
 import os
 import shutil
 import subprocess
+from contextlib import redirect_stdout, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
 from wheelhouse import ROOT, Architecture, run
+
+from gateway.cli.main import VERBS, main
 
 HERE = ROOT / "packaging"
 NAME = "loading-gateway"
@@ -39,6 +43,11 @@ def write(
     documents = tree / f"usr/share/doc/{NAME}"
     compressed(fill(HERE / "debian/changelog", filled).encode(), documents / "changelog.gz")
     compressed((ROOT / "CHANGELOG.md").read_bytes(), documents / "CHANGELOG.md.gz")
+    for page in (*(ROOT / "docs").glob("*.md"), *(ROOT / "docs").glob("images/*")):
+        copied(page.read_bytes(), documents / "manual" / page.relative_to(ROOT / "docs"))
+    manual = tree / "usr/share/man/man1"
+    compressed(man_page(version, when).encode(), manual / "gateway.1.gz")
+    (manual / f"{NAME}.1.gz").symlink_to("gateway.1.gz")
     (documents / "sbom.cdx.json").symlink_to(f"../../{NAME}/sbom.cdx.json")
     (tree / "usr/bin").mkdir()
     (tree / f"usr/bin/{NAME}").symlink_to(f"/opt/{NAME}/current/bin/gateway")
@@ -80,6 +89,32 @@ def copied(content: bytes, target: Path, mode: int = 0o644) -> None:
 
 def compressed(content: bytes, target: Path) -> None:
     copied(gzip.compress(content, 9, mtime=0), target)
+
+
+def man_page(version: str, when: str) -> str:
+    """gateway(1), in roff: what the command's own --help prints, of each verb too."""
+    parts = [
+        f'.TH GATEWAY 1 "{when}" "{NAME} {version}"',
+        ".SH NAME\ngateway \\- reports to a PLC when a truck stands under the loading spout",
+        f".SH DESCRIPTION\nInstalled as /usr/bin/{NAME}. The manual: /usr/share/doc/{NAME}/manual/technician.md.",
+        f".SH GATEWAY\n.nf\n{roff(helped())}.fi",
+        *(f".SH GATEWAY {verb.upper()}\n.nf\n{roff(helped(verb))}.fi" for verb in VERBS),
+    ]
+    return "\n".join(parts) + "\n"
+
+
+def helped(*words: str) -> str:
+    os.environ["COLUMNS"] = "80"  # whatever terminal the package is built in
+    printed = io.StringIO()
+    with redirect_stdout(printed), suppress(SystemExit):
+        main([*words, "--help"])
+    return printed.getvalue()
+
+
+def roff(text: str) -> str:
+    """As it stands: no line is a request, no character an escape."""
+    escaped = text.replace("\\", "\\e").replace("-", "\\-").replace("'", "\\(aq").replace("`", "\\(ga")
+    return "".join(f"\\&{line}" for line in escaped.splitlines(keepends=True))
 
 
 def fill(template: Path, values: dict[str, str]) -> str:

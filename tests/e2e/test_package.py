@@ -105,6 +105,13 @@ def test_a_machine_without_a_network(machine: Machine, package: Path, picture: P
     enabled = "/etc/systemd/system/multi-user.target.wants/loading-gateway.service"
     assert "loading-gateway.service" in machine.sh(f"readlink {enabled}")
 
+    # The manual, on the disk and for the pages; the man page.
+    pages = "import gateway.web.server.manual as it; print(it.FOLDER.name, it.html('technician').count('<img'))"
+    pictures = (ROOT / "docs/technician.md").read_text().count("![")
+    assert machine.sh(f'{OPT}/current/bin/python -c "{pages}"') == f"manual {pictures}\n"
+    machine.sh("cd /usr/share/doc/loading-gateway/manual && test -s technician.md -a -s images/hmi-teach-in.png")
+    assert ".TH GATEWAY 1 " in machine.sh("zcat /usr/share/man/man1/loading-gateway.1.gz")
+
     # At work, as the service's user: nothing it reads is root's alone.
     user = "setpriv --reuid=loading-gateway --regid=loading-gateway --init-groups "
     machine.sh(f"{user} loading-gateway check {CONFIG}")

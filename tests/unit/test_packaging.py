@@ -1,11 +1,21 @@
 """What an installation copies: the unit, its user, the names of devices."""
 
 import re
+import sys
 from pathlib import Path
 
 import pytest
 
+from gateway.cli.main import VERBS
+
 PACKAGING = Path(__file__).parents[2] / "packaging"
+
+sys.path.insert(0, str(PACKAGING))
+try:
+    import deb
+finally:
+    sys.path.remove(str(PACKAGING))
+
 LINES = (PACKAGING / "systemd/loading-gateway.service").read_text().splitlines()
 UNIT = [line.split("=", 1) for line in LINES if line and line[0] not in "#["]
 RULES = (PACKAGING / "udev/70-loading-gateway.rules").read_text().splitlines()
@@ -104,3 +114,12 @@ def test_the_names_of_devices(device: dict[str, str], named: set[str]) -> None:
     assert names == {f"loading-gateway/{name}" for name in named}
     is_board = device["SUBSYSTEM"] == "tty" and device["KERNEL"] != "ttyS0"
     assert properties == ({"ENV{ID_MM_DEVICE_IGNORE}": "1"} if is_board else {})
+
+
+def test_the_man_page_is_the_commands_own_help() -> None:
+    page = deb.man_page("1.2.3", "Thu, 26 Nov 2026 00:00:00 +0000")
+    assert page.splitlines()[0] == '.TH GATEWAY 1 "Thu, 26 Nov 2026 00:00:00 +0000" "loading-gateway 1.2.3"'
+    sections = dict(re.findall(r"^\.SH GATEWAY ?(.*)\n\.nf\n((?:\\&.*\n)+)\.fi$", page, re.MULTILINE))
+    assert list(sections) == ["", *map(str.upper, VERBS)]
+    assert r"\&usage: gateway run [\-h]" in sections["RUN"]
+    assert deb.roff(".so a\\b 'c'\n") == "\\&.so a\\eb \\(aqc\\(aq\n", "no request, no escape"
