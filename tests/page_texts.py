@@ -1,5 +1,5 @@
 """The texts of the pages, read from the scripts that draw them and from the tables of the gateway: what a language's
-file translates.
+file translates. `./dev translations` lists what each file lacks.
 
 A text between tags, an attribute that people read, and every other string of the scripts that reads like words; values
 in it become {0}, {1}, as in lib/page.js.
@@ -26,6 +26,7 @@ from gateway.vision.detect.robust.method import REJECTIONS
 from gateway.vision.offline.calibration import solve
 from gateway.vision.offline.tuning import exposure, thresholds
 from gateway.web.history.records_thread import NOT_RECORDED
+from gateway.web.languages import languages
 from gateway.web.manager import collected
 from gateway.web.profile import parameter_schema, settings_model
 from gateway.web.testsets import scoring
@@ -38,6 +39,10 @@ DESK = sorted(
     for path in STATIC.rglob("*.js")
     if "vendor" not in path.parts and path.name not in {"driver.js", "sound.js", "ambient.js", "symbols.js"}
 )
+OPERATOR = (
+    STATIC / "operator" / "operator.js",
+    STATIC / "login.js",
+)  # complete in every language
 # Strings that read like words and are none, or that are the same in every language.
 NOT_TEXTS = {
     "'Segoe UI', Roboto, 'Noto Sans', 'Liberation Sans', sans-serif", "(prefers-color-scheme: dark)",
@@ -224,20 +229,23 @@ def templates_of(script: Path) -> Iterator[tuple[str, tuple[str, ...]]]:
             yield text, values
 
 
-def of_the_gateway() -> set[str]:
-    """What the pages show of the gateway's own tables: meanings, alarms, names of states as words."""
+def of_the_states() -> set[str]:
+    """What the operator's page shows of the gateway's own tables: meanings, and names of states as words."""
     found: set[str] = set()
     for module in (detection, ne107, plc, readings, state, visit_summary, definition):
         for name, table in vars(module).items():
             if name.endswith("_MEANING"):
                 found |= set(table.values())
+    for names in (state.Reason, readings.Quality, state.VisitPhase, events.EventKind):
+        found |= {member.name.lower().replace("_", " ") for member in names}
+    return found
+
+
+def of_the_alarms() -> set[str]:
+    found = {benchmark.title for benchmark in BENCHMARKS} | {NOT_RECORDED}
     alarms: tuple[definition.AlarmDefinition[Any], ...] = (*BAY_ALARMS, *GATEWAY_ALARMS)
     for alarm in alarms:
         found |= {alarm.title, alarm.meaning, alarm.consequence, alarm.action, *alarm.causes}
-    found |= {benchmark.title for benchmark in BENCHMARKS}
-    found.add(NOT_RECORDED)
-    for names in (state.Reason, readings.Quality, state.VisitPhase, events.EventKind):
-        found |= {member.name.lower().replace("_", " ") for member in names}
     return found
 
 
@@ -309,9 +317,41 @@ def _of_template(text: str) -> Iterator[str]:
 def page_texts() -> set[str]:
     """All keys."""
     of_scripts = (texts_of(script) for script in DESK)
-    return set().union(WORDS, of_the_gateway(), of_the_configuration(), of_the_remarks(), *of_scripts) - NOT_TEXTS
+    of_tables = (of_the_states(), of_the_alarms(), of_the_configuration(), of_the_remarks())
+    return set().union(WORDS, *of_tables, *of_scripts) - NOT_TEXTS
+
+
+def required_texts() -> set[str]:
+    """Keys that each language must have: those of the operator's page and of the login. An alarm that was added last
+    may be in English until somebody who speaks the language has translated it.
+    """
+    scripts: set[Path] = set()
+    waiting = list(OPERATOR)
+    while waiting:
+        script = waiting.pop()
+        scripts.add(script)
+        imported = re.findall(r"from\s+'(\.[^']+)'", script.read_text(encoding="utf-8"))
+        waiting += [path for name in imported if (path := (script.parent / name).resolve()) in {*DESK} - scripts]
+    words = WORDS & set().union(*(literals_of(script) for script in scripts))
+    return set().union(words, of_the_states(), *(texts_of(script) for script in scripts)) - NOT_TEXTS
+
+
+def of_languages() -> dict[str, set[str]]:
+    """The keys that each language's file has, by its code; languages of the driver's display alone left out."""
+    found = languages({}).catalogues
+    return {code: {key for key in one.texts if "|" not in key} for code, one in found.items() if one.pages}
+
+
+def main() -> None:
+    texts, required = page_texts(), required_texts()
+    for code, translated in of_languages().items():
+        missing, unused = texts - translated, translated - texts
+        print(f"{code}.json: {len(missing)} texts missing, shown in English; {len(unused)} that no page shows")
+        for text in sorted(missing):
+            print(f"  missing{', required' if text in required else ''}: {text}")
+        for text in sorted(unused):
+            print(f"  not shown: {text}")
 
 
 if __name__ == "__main__":
-    for each in sorted(page_texts()):
-        print(each)
+    main()

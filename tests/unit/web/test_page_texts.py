@@ -1,31 +1,62 @@
-"""No language of the pages misses a text, and none has one that nobody shows any more."""
+"""No language misses a text of the operator's page; what it misses of the others is listed by one command."""
 
 import re
 from pathlib import Path
 
 import pytest
 
+from gateway.alarms.bay_alarms import BAY_ALARMS
 from gateway.web.languages import SHIPPED, languages
-from tests.page_texts import DESK, STATIC, WORDS, literals_of, page_texts, templates_of, texts_of
+from tests.page_texts import (
+    DESK,
+    STATIC,
+    WORDS,
+    literals_of,
+    main,
+    of_languages,
+    page_texts,
+    required_texts,
+    templates_of,
+    texts_of,
+)
 
 # Expressions whose values are words or names: a page finds a text again by its numbers only.
 WORDY = re.compile(
     r"\.join\(|\b(?:t|translated|words|title|range)\(|'(?!(?:px|mm|ms|MB|Hz|dB)')[^']*[^\W\d_]{2}|"
     r"(?:^|\.)(?:name|title|text|message|why\w*|failed|path|file|bay|url|address|pattern|what|label|reason|key)$"
 )
-PAGES = {code: one for code, one in languages({}).catalogues.items() if one.pages}
+LANGUAGES = of_languages()
 
 
-def test_the_pages_for_desks_speak_german_turkish_and_spanish_besides_english() -> None:
-    assert sorted(PAGES) == ["de", "es", "tr"]
+def test_the_languages_of_the_desks_are_found() -> None:
+    assert sorted(LANGUAGES) == ["de", "es", "tr"]
 
 
-@pytest.mark.parametrize("code", PAGES)
-def test_a_language_has_every_text_and_no_other(code: str) -> None:
-    texts = {key for key in PAGES[code].texts if "|" not in key}
-    wanted = page_texts()
-    assert sorted(wanted - texts) == [], f"{SHIPPED / code}.json misses these"
-    assert sorted(texts - wanted) == [], "nobody shows these"
+@pytest.mark.parametrize("code", LANGUAGES)
+def test_a_language_has_every_text_of_the_operators_page(code: str) -> None:
+    assert sorted(required_texts() - LANGUAGES[code]) == [], f"{SHIPPED / code}.json misses these"
+
+
+def test_what_is_required_is_the_operators_page_and_no_other() -> None:
+    required = required_texts()
+    assert {"MAY MOVE", "Acknowledge", "Password"} <= required
+    assert "Begin function check" not in required
+    assert required < page_texts()
+    assert {alarm.title for alarm in BAY_ALARMS} <= page_texts() - required
+
+
+def test_one_command_lists_what_a_language_lacks(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lacks = {"de": page_texts() - {"MAY MOVE", BAY_ALARMS[0].title} | {"Shown no more"}}
+    monkeypatch.setattr("tests.page_texts.of_languages", lambda: lacks)
+    main()
+    assert capsys.readouterr().out.splitlines() == [
+        "de.json: 2 texts missing, shown in English; 1 that no page shows",
+        f"  missing: {BAY_ALARMS[0].title}",
+        "  missing, required: MAY MOVE",
+        "  not shown: Shown no more",
+    ]
 
 
 def test_the_words_that_are_listed_stand_in_some_script() -> None:
@@ -50,9 +81,9 @@ def test_a_value_that_is_a_word_is_put_into_its_text_by_text(tmp_path: Path) -> 
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize("code", PAGES)
+@pytest.mark.parametrize("code", LANGUAGES)
 def test_every_value_of_a_text_is_in_its_translation(code: str) -> None:
-    for key, text in PAGES[code].texts.items():
+    for key, text in languages({}).catalogues[code].texts.items():
         assert isinstance(text, str)
         assert sorted(re.findall(r"\{\d\}", text)) == sorted(re.findall(r"\{\d\}", key)), key
         assert text.strip() == text != "", key
