@@ -107,7 +107,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The scripts beside their tests, told to Node.js as modules."""
     there = tmp_path_factory.mktemp("pages")
     shutil.copytree(STATIC, there / "static")
-    shutil.copytree(PAGES, there / "tests")
+    shutil.copytree(PAGES, there / "tests", ignore=shutil.ignore_patterns("node_modules"))
     (there / "package.json").write_text('{"type": "module"}', encoding="utf-8")
     (there / "codes.json").write_text(json.dumps([code.name for code in GuidanceCode]), encoding="utf-8")
     return there

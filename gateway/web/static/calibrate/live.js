@@ -37,7 +37,10 @@ function paint(g, look, columns, ratio) {
     g.strokeStyle = colour;
     g.lineWidth = wide;
     g.beginPath();
-    points.forEach(([x, y], n) => (n % columns === 0 ? g.moveTo(x, y) : g.lineTo(x, y)));
+    for (const [n, [x, y]] of points.entries()) {
+      if (n % columns === 0) g.moveTo(x, y);
+      else g.lineTo(x, y);
+    }
     g.stroke();
   }
   points.forEach(([x, y], n) => {
@@ -65,7 +68,7 @@ export function Live({ base, send, view, looked, lost }) {
 
   useEffect(() => {
     const end = new AbortController();
-    const pause = (ms) => new Promise((done) => {
+    const pause = (ms) => new Promise((/** @type {(_?: undefined) => void} */ done) => {
       const timer = setTimeout(done, ms);
       end.signal.addEventListener('abort', () => { clearTimeout(timer); done(); }, { once: true });
     });

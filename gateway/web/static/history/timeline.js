@@ -28,7 +28,7 @@ function chart(at, { label, unit, names, bare, sync, moved }) {
   const limits = { most: 1 };
   const paths = uPlot.paths.stepped({ align: 1 });
   const line = (width, stroke) => ({ paths, width: width * scale, stroke, spanGaps: false, points: { show: false } });
-  const plot = new uPlot(
+  const plot = new (/** @type {any} */ (uPlot))(
     {
       width: 300, height: 100, pxAlign: 0, padding: [10 * scale, 20 * scale, bare ? 8 * scale : 0, 0], legend: { show: false },
       cursor: { sync: { key: sync }, drag: { x: false, y: false }, points: { show: false } },

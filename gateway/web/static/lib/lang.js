@@ -26,11 +26,13 @@ const known = (key) => (Object.hasOwn(catalogue.texts, key) ? catalogue.texts[ke
 /**
  * What the language's file has for a text, of its plural forms that of `n`; null: nothing, undefined: there is no file.
  * @param {string} key @param {number} n
+ * @returns {string|null|undefined}
  */
 export function catalogued(key, n = NaN) {
   if (catalogue === ENGLISH) return undefined;
   const found = known(key);
-  return found === null || typeof found === 'string' ? found : (found[plural.select(n)] ?? found.other);
+  if (typeof found === 'string') return found;
+  return found === null ? null : (found[plural.select(n)] ?? found.other);
 }
 
 const MAX_MISSING = 1000;
@@ -43,7 +45,7 @@ export function missed(key) {
   if (catalogue !== ENGLISH && !made.has(key) && missing.size < MAX_MISSING && /\p{L}{2}/u.test(key)) missing.add(key);
 }
 
-/** A text. @param {string} key the English text @param {Record<string, unknown>} [values] for its {places} */
+/** A text. @param {string} key the English text @param {Record<string, unknown>|unknown[]} [values] for its {places} */
 export function t(key, values = {}) {
   const found = known(key);
   if (found === null) missed(key);

@@ -16,14 +16,23 @@ export function fit(frameWidth, frameHeight, width, height) {
   return { scale, left, top, x: (u) => left + (u + 0.5) * scale, y: (v) => top + (v + 0.5) * scale };
 }
 
-/** The arrow from the marker to the aim point, cut off short of both; null where it would be no longer than its head. */
+/** @typedef {[number, number]} Point in pixels of the canvas */
+
+/**
+ * The arrow from the marker to the aim point, cut off short of both; null where it would be no longer than its head.
+ * @param {Point} from @param {Point} to @param {number} gap @param {number} head
+ * @returns {{start: Point, back: Point, tip: Point, left: Point, right: Point}|null}
+ */
 export function arrow(from, to, gap, head) {
   const [dx, dy] = [to[0] - from[0], to[1] - from[1]];
   const length = Math.hypot(dx, dy);
   if (!(length > 2 * gap + head)) return null;
   const [ex, ey] = [dx / length, dy / length];
+  /** @type {Point} */
   const start = [from[0] + ex * gap, from[1] + ey * gap];
+  /** @type {Point} */
   const tip = [to[0] - ex * gap, to[1] - ey * gap];
+  /** @type {Point} */
   const back = [tip[0] - ex * head, tip[1] - ey * head];
   const side = [-ey * head * 0.5, ex * head * 0.5];
   return { start, back, tip, left: [back[0] + side[0], back[1] + side[1]], right: [back[0] - side[0], back[1] - side[1]] };
@@ -61,6 +70,7 @@ export function draw(g, view, aim, frame, ratio = 1) {
   const seen = view?.circle ?? null;
   const shown = seen ?? view?.predicted ?? null;
   if (!shown) return;
+  /** @type {Point} */
   const centre = [place.x(shown.u), place.y(shown.v)];
   const radius = Math.max(0, shown.radius * place.scale);
   const rim = seen && view.ellipse;
@@ -76,6 +86,7 @@ export function draw(g, view, aim, frame, ratio = 1) {
     g.lineTo(centre[0], centre[1] + arm);
   });
   if (seen && aim && known(aim.u_px)) {
+    /** @type {Point} */
     const target = [place.x(aim.u_px), known(aim.v_px) ? place.y(aim.v_px) : centre[1]];
     const line = arrow(centre, target, 4 * ratio, Math.max(9 * ratio, 4 * wide));
     if (line) {

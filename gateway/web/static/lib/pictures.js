@@ -39,18 +39,18 @@ export function follow(bay, page) {
   };
   document.addEventListener('visibilitychange', shown);
   const pause = (ms) =>
-    new Promise((done) => {
+    new Promise((/** @type {(_?: undefined) => void} */ done) => {
       const timer = setTimeout(done, ms);
-      end.signal.addEventListener('abort', () => (clearTimeout(timer), done()), { once: true });
+      end.signal.addEventListener('abort', () => { clearTimeout(timer); done(); }, { once: true });
     });
   const visible = () =>
     document.hidden
-      ? new Promise((done) => {
+      ? new Promise((/** @type {(_?: unknown) => void} */ done) => {
           wake = done;
           end.signal.addEventListener('abort', done, { once: true });
         })
       : null;
-  const drawn = () => new Promise((done) => requestAnimationFrame(() => done()));
+  const drawn = () => new Promise((/** @type {(_?: undefined) => void} */ done) => requestAnimationFrame(() => done()));
 
   (async () => {
     let failed = 0;

@@ -87,6 +87,6 @@ export class Sound {
     if (what === null || (!changed && (what.everyMs === null || nowMs < this.#nextMs))) return;
     this.#nextMs = nowMs + (what.everyMs ?? 0);
     const lengthS = what.lengthMs / 1000;
-    what.hz.forEach((hz, n) => tone(audio, hz, n * 1.3 * lengthS, lengthS, { loud: 0.4, fades: true }));
+    for (const [n, hz] of what.hz.entries()) tone(audio, hz, n * 1.3 * lengthS, lengthS, { loud: 0.4, fades: true });
   }
 }

@@ -149,7 +149,7 @@ export function Ranges({ days, of, unit, label, fromZero = false }) {
 }
 
 /**
- * Longest first, with the share of all that is reached so far. @param {{rows: {name: string, value: number, text: string}[], label: string, fill?: string}} of
+ * Longest first, with the share of all that is reached so far. @param {{rows: {name: string, title: string, value: number, text: string}[], label: string, fill?: string}} of
  */
 export function Pareto({ rows, label, fill = 'dark' }) {
   const whole = rows.reduce((sum, row) => sum + row.value, 0);

@@ -19,6 +19,7 @@ export function useNow(everyMs) {
 }
 
 /** What may have passed unnoticed before these: the page was hidden, frozen, or kept by the browser. */
+/** @type {[EventTarget, string][]} */
 const WAKING = [[document, 'visibilitychange'], [document, 'freeze'], [document, 'resume'], [window, 'pageshow']];
 
 /**

@@ -91,8 +91,8 @@ export function Overview({ names, live, limitsOf, alarmsOf }) {
     all: () => true,
     trouble: ({ rank }) => rank < 5,
     stop: ({ state }) => state === null || state.stop,
-    in_place: ({ state }) => state !== null && state.in_place,
-    may_move: ({ state }) => state !== null && state.may_move,
+    in_place: ({ state }) => state?.in_place,
+    may_move: ({ state }) => state?.may_move,
   };
   const shown = all.filter((bay) => fits[group](bay) && bay.name.toLowerCase().includes(wanted.toLowerCase()));
   return html`<section class="panel overview" aria-labelledby="overview-title">

@@ -13,7 +13,7 @@ const hex = (words) => words.map((word) => word.toString(16).toUpperCase().padSt
 const decimalsOf = (row) =>
   row.type.startsWith('float') ? (Math.abs(row.value) >= 1e5 ? 1 : 3) : Math.max(0, Math.min(6, Math.ceil(-Math.log10(row.scale))));
 
-function valueOf(row) {
+function shownOf(row) {
   if (row.value === null) return 'no value';
   const shown = number(row.value, decimalsOf(row));
   const bits = row.bits.filter((bit) => bit.on).map((bit) => bit.name);
@@ -60,7 +60,7 @@ export function Registers({ bay }) {
             const fresh = known && now - (changed.current.get(row.address) ?? -1e9) < 1200;
             return html`<tr key=${row.address} class=${fresh ? 'changed' : ''}>
               <td class="right mono">${row.address}</td><td><span translate="no">${row.name}</span>${row.writable ? html` <span class="tag">PLC writes</span>` : ''}</td>
-              <td class="right value">${fresh ? html`<span class="diamond" aria-hidden="true">◆ </span>` : ''}${known ? valueOf(row) : NONE}</td><td translate="no">${row.unit}</td>
+              <td class="right value">${fresh ? html`<span class="diamond" aria-hidden="true">◆ </span>` : ''}${known ? shownOf(row) : NONE}</td><td translate="no">${row.unit}</td>
               <td class="mono nowrap" translate="no">${known ? hex(row.words) : NONE}</td><td class="wide muted" translate="no">${row.meaning}</td></tr>`;
           })}
         </tbody></table>

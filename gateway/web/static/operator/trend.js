@@ -20,7 +20,7 @@ function chart(at, { label, unit, bare }) {
   const scale = textScale();
   const font = `${13 * scale}px ${FONT}`;
   const limits = { threshold: 0, band: /** @type {[number, number]|null} */ (null), most: 1 };
-  const plot = new uPlot(
+  const plot = new (/** @type {any} */ (uPlot))(
     {
       width: 300,
       height: 100,
@@ -126,7 +126,7 @@ export function Trend({ state, limits, bay }) {
       const { t, radius: r, distance: z, stop } = series.row;
       setCursor(u.cursor.left >= 0 && at != null && t[at] ? { t: t[at], r: r[at], z: z[at], stop: stop[at] } : null);
     };
-    for (const { plot } of [radius, distance]) (plot.hooks.setCursor ??= []).push(follow);
+    for (const { plot } of [radius, distance]) plot.hooks.setCursor = [...(plot.hooks.setCursor ?? []), follow];
     const paint = () => {
       if (document.hidden || live.current.paused) return;
       const to = time();

@@ -17,7 +17,7 @@ const NEWS_MS = 15_000; // an answer waits for news for some seconds
 const STATE_MS = 500;
 const PICTURE_PX = 640;
 
-const pause = (ms, signal) => new Promise((done) => {
+const pause = (ms, signal) => new Promise((/** @type {(_?: undefined) => void} */ done) => {
   const timer = setTimeout(done, ms);
   signal.addEventListener('abort', () => { clearTimeout(timer); done(); }, { once: true });
 });

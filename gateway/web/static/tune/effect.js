@@ -131,6 +131,7 @@ export function Remarks({ remarks, light, judged }) {
 
 function jump(event, key) {
   event.preventDefault();
+  /** @type {HTMLElement|null} */
   const control = document.querySelector(`[name='${key}'], [name^='${key}.']`);
   control?.closest('details')?.setAttribute('open', '');
   control?.scrollIntoView({ block: 'center' });

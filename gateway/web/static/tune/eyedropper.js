@@ -3,7 +3,7 @@
 import { html, useEffect, useRef, useState } from '../lib/page.js';
 import { number } from '../lib/format.js';
 import { text } from '../lib/lang.js';
-import { css } from './settings.js';
+import { css, painted } from './settings.js';
 
 const ZOOM = 10; // of the loupe
 const HALF = 9; // pixels of the picture to each side in it
@@ -31,7 +31,7 @@ export function Eyedropper({ bitmap, frame, frameId, elsewhere, pick, picked, fa
     const [x, y] = [(at.u + 0.5) * scale, (at.v + 0.5) * scale];
     const half = Math.max(4, (size * scale) / 2);
     const arm = half + Math.max(8, bitmap.width / 50);
-    for (const [colour, wide] of [['#000', 4], ['#fff', 1.8]]) {
+    for (const [colour, wide] of /** @type {[string, number][]} */ ([['#000', 4], ['#fff', 1.8]])) {
       g.strokeStyle = colour;
       g.lineWidth = (wide * bitmap.width) / 640;
       g.strokeRect(x - half, y - half, 2 * half, 2 * half);
@@ -111,7 +111,7 @@ export function Eyedropper({ bitmap, frame, frameId, elsewhere, pick, picked, fa
       <div id="picked" aria-live="polite" class="small">
         ${failed ? html`<p class="said warning"><span aria-hidden="true">▲</span> ${failed}</p>` : ''}
         ${patch
-          ? html`<p><span class="swatch" ref=${(element) => element && (element.style.backgroundColor = css([patch.hue, patch.s, patch.v]))}></span>
+          ? html`<p><span class="swatch" ref=${painted(css([patch.hue, patch.s, patch.v]))}></span>
               H <b>${patch.hue}</b> (${signedRange(patch, 0)}), S <b>${patch.s}</b> (${text('{0} to {1}', patch.low[1], patch.high[1])}), V <b>${patch.v}</b> (${text('{0} to {1}', patch.low[2], patch.high[2])})</p>
             <p>${text('these ranges admit {0} of the picture; {1} of {2} px are connected here', number(100 * picked.admitted_share, 1, '%'), picked.hanging_px, picked.admitted_px)}</p>
             ${picked.warnings.map((one) => html`<p class="said warning"><span aria-hidden="true">▲</span> ${one}</p>`)}`

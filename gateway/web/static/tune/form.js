@@ -2,7 +2,7 @@
 
 import { html, translated, useEffect, useState } from '../lib/page.js';
 import { listed, t, text } from '../lib/lang.js';
-import { css, groups, partLimits, placeOf, plain, range, same, stepOf, title, typed, valueAt, widely } from './settings.js';
+import { css, groups, painted, partLimits, placeOf, plain, range, same, stepOf, title, typed, valueAt, widely } from './settings.js';
 
 const AXES = ['H', 'S', 'V'];
 const AXIS_WORDS = ['hue', 'saturation', 'value'];
@@ -81,7 +81,7 @@ function Flag({ key_, settings, inForce, set }) {
 /** A patch of a colour; the word for it stands beside it. */
 function Swatch({ colour, name }) {
   return html`<span class="swatch" role="img" aria-label=${listed([t(name), `H ${colour[0]}, S ${colour[1]}, V ${colour[2]}`], ': ')}
-    ref=${(element) => element && (element.style.backgroundColor = css(colour))}></span>`;
+    ref=${painted(css(colour))}></span>`;
 }
 
 /** The hues that a range lets in, on the whole circle. */

@@ -14,6 +14,7 @@ function Figures({ result }) {
   const sides = [result.tried, result.in_force];
   const of = (key, decimals, unit) => sides.map((side) => number(side[key], decimals, unit));
   const counts = (key, total) => sides.map((side) => `${side[key]} of ${side[total]}`);
+  /** @type {[string, string[]][]} */
   const rows = [
     ['marker found', counts('found', 'with_marker')],
     ['within 5 % of the radius', counts('close', 'with_marker')],
@@ -57,7 +58,7 @@ function Compared({ row, url, close }) {
 const pace = (ratio) => (ratio === null ? '' : `A picture takes ${percent(ratio)} of the time that the settings in force take.`);
 
 /** `score`: {view, vision}, of whatever settings; `settings`: on the page. */
-export function SetScore({ set, labelled, score, settings, run, running, cancel, busy, url }) {
+export function SetScore({ labelled, score, settings, run, running, cancel, busy, url }) {
   const [file, setFile] = useState('');
   const view = score?.view ?? null;
   const result = view?.result ?? null;

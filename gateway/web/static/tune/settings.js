@@ -89,6 +89,11 @@ export function css([h, s, v]) {
   return `rgb(${part(5)}, ${part(3)}, ${part(1)})`;
 }
 
+/** For `ref`: an element with this ground. @param {string} colour in CSS */
+export const painted = (colour) => (/** @type {HTMLElement|null} */ element) => {
+  if (element) element.style.backgroundColor = colour;
+};
+
 /** The limits of a colour's part, given the other corner, so that low never lies above high. */
 export function partLimits(name, axis, settings) {
   const most = axis === 0 ? 180 : 255;

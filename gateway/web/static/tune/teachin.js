@@ -3,7 +3,7 @@
 import { html, useEffect, useState } from '../lib/page.js';
 import { get } from '../lib/api.js';
 import { known, number, px } from '../lib/format.js';
-import { listed, t, text } from '../lib/lang.js';
+import { listed, text } from '../lib/lang.js';
 import { distance, inUnit, lengthUnit, places } from '../lib/units.js';
 import { SaveDialog } from './file.js';
 import { HEIGHT, WIDTH, dots, scales } from './plot.js';

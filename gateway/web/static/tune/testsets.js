@@ -221,6 +221,6 @@ export function TestSets({ sets, settings, shown, taken, tell }) {
         </div>
         <ul class="thumbs" ref=${list} aria-label="pictures of the set">${set.pictures.map((one) => html`<${Thumb} key=${`${set.name}/${one.file}`} url=${sets.url(set.name, one.file)} picture=${one} current=${one.file === file} open=${() => setFile(one.file === file ? '' : one.file)} />`)}</ul>
         ${picture && html`<${Labelling} key=${`${set.name}/${picture.file}`} url=${sets.url(set.name, picture.file)} picture=${picture} label=${label} drop=${drop} close=${close} busy=${not('label')} />`}
-        <${SetScore} set=${set} labelled=${labelled} score=${sets.scores[set.name] ?? null} settings=${settings} run=${score} running=${sets.running === set.name} cancel=${() => sets.cancel()} busy=${not('score')} url=${(one) => sets.url(set.name, one)} />`}`}
+        <${SetScore} labelled=${labelled} score=${sets.scores[set.name] ?? null} settings=${settings} run=${score} running=${sets.running === set.name} cancel=${() => sets.cancel()} busy=${not('score')} url=${(one) => sets.url(set.name, one)} />`}`}
   </details>`;
 }
