@@ -2,7 +2,6 @@
 // not recorded is hatched, and no line goes across it. What is not here yet is blank, and says that it is loading.
 
 import { html, useEffect, useRef, useState } from '../lib/page.js';
-import uPlot from '../vendor/uplot.js';
 import { nice, written } from '../lib/bars.js';
 import { FONT, cleared, hatched, textScale } from '../lib/canvas.js';
 import { clock, day, words } from '../lib/format.js';
@@ -10,6 +9,8 @@ import { abnormal, bucketAt, bucketText, columns, stamp, stopOf } from '../lib/h
 import { listed, t, text } from '../lib/lang.js';
 import { colour, ink } from '../lib/theme.js';
 import { inUnit, lengthUnit } from '../lib/units.js';
+
+const { uPlot } = /** @type {any} */ (globalThis); // vendor/uplot.js, which the page loads before
 
 const ROWS = ['stop', 'in place', 'may move', 'events'];
 const AXIS = 52; // two lines
@@ -28,7 +29,7 @@ function chart(at, { label, unit, names, bare, sync, moved }) {
   const limits = { most: 1 };
   const paths = uPlot.paths.stepped({ align: 1 });
   const line = (width, stroke) => ({ paths, width: width * scale, stroke, spanGaps: false, points: { show: false } });
-  const plot = new (/** @type {any} */ (uPlot))(
+  const plot = new uPlot(
     {
       width: 300, height: 100, pxAlign: 0, padding: [10 * scale, 20 * scale, bare ? 8 * scale : 0, 0], legend: { show: false },
       cursor: { sync: { key: sync }, drag: { x: false, y: false }, points: { show: false } },

@@ -1,7 +1,6 @@
 // R and Z over the last minutes with their thresholds; stop, in place and may move as strips below. No line across what is missing.
 
 import { html, useEffect, useRef, useState } from '../lib/page.js';
-import uPlot from '../vendor/uplot.js';
 import { nice, written } from '../lib/bars.js';
 import { FONT, cleared, hatched, textScale } from '../lib/canvas.js';
 import { clock, number, words } from '../lib/format.js';
@@ -10,6 +9,8 @@ import { Series } from '../lib/series.js';
 import { distance as distanceText, inUnit, lengthUnit, places } from '../lib/units.js';
 import { useKept } from './hooks.js';
 import { colour, ink } from '../lib/theme.js';
+
+const { uPlot } = /** @type {any} */ (globalThis); // vendor/uplot.js, which the page loads before
 
 const WINDOWS = [[60, '1 min'], [180, '3 min'], [600, '10 min']];
 const AXIS = 26; // height of the time axis
@@ -20,7 +21,7 @@ function chart(at, { label, unit, bare }) {
   const scale = textScale();
   const font = `${13 * scale}px ${FONT}`;
   const limits = { threshold: 0, band: /** @type {[number, number]|null} */ (null), most: 1 };
-  const plot = new (/** @type {any} */ (uPlot))(
+  const plot = new uPlot(
     {
       width: 300,
       height: 100,
