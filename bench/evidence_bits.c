@@ -30,9 +30,10 @@ static void evidence(FILE *file, const int64_t *head, const EvidenceTables *tabl
     }
 }
 
-static void votes(FILE *file)
+static void votes(FILE *file, const Constants *constants)
 {
     VoteTask *task = part(file);
+    task->constants = constants;
     task->size = part(file), task->largest = part(file), task->gx = part(file), task->gy = part(file), task->radii = part(file);
     int count = gateway_votes(task, calloc(1, (size_t)vote_room(task)));
     printf("votes");
@@ -41,9 +42,10 @@ static void votes(FILE *file)
     printf("\n");
 }
 
-static void blobs(FILE *file)
+static void blobs(FILE *file, const Constants *constants)
 {
     BlobTask *task = part(file);
+    task->constants = constants;
     task->red = part(file);
     gateway_blobs(task, calloc(1, (size_t)blob_room(task)));
     printf("blobs");
@@ -55,9 +57,10 @@ static void blobs(FILE *file)
     printf("\n");
 }
 
-static void regions(FILE *file)
+static void regions(FILE *file, const Constants *constants)
 {
     RegionTask *task = part(file);
+    task->constants = constants;
     task->picture.pixels = part(file), task->log = part(file);
     const Box *boxes = calloc(1, (size_t)region_room(task));
     int64_t count = gateway_red_regions(task, (void *)boxes);
@@ -76,15 +79,16 @@ int main(int count, char **words)
     EvidenceTables *tables = part(file);
     tables->cos = part(file), tables->sin = part(file), tables->log = part(file);
     tables->wide = part(file), tables->close = part(file), tables->rings = part(file), tables->triples = part(file);
+    tables->constants = part(file);
     for (int64_t *head; (head = part(file));) {
         if (head[0] == EVIDENCE)
             evidence(file, head, tables, work);
         else if (head[0] == VOTES)
-            votes(file);
+            votes(file, tables->constants);
         else if (head[0] == BLOB_TASK)
-            blobs(file);
+            blobs(file, tables->constants);
         else
-            regions(file);
+            regions(file, tables->constants);
     }
     return 0;
 }

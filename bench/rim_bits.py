@@ -17,8 +17,9 @@ import numpy as np
 
 from bench.scene import BEYOND, RECIPES, draw
 from gateway.core.detection import Ellipse
-from gateway.vision.compiled.build import EXACT, HERE
-from gateway.vision.detect.robust import rim_coarse, rim_fine
+from gateway.vision.compiled.build import EXACT, HERE, sizes
+from gateway.vision.compiled.sizes import COARSE_RAYS, FALL_RAYS, LEAST_RAYS, MOST_RAYS, RAYS_STEP
+from gateway.vision.detect.robust import constants, rim_coarse
 from gateway.vision.detect.robust.kernel import lab, rim_kernel
 from gateway.vision.detect.robust.refinement import DOUBT, load
 
@@ -35,13 +36,13 @@ def asked(pictures: int) -> bytes:
     if kernel is None:
         sys.exit("the vision kernels are not built: ./dev kernel")
     room = rim_kernel.Room(kernel.work_size)
-    parts = [bytes(kernel.tables), rim_kernel.directions_of(rim_coarse.COARSE_RAYS).tobytes()]
-    counts = (rim_kernel.FALL_RAYS, *range(rim_fine.LEAST_RAYS, rim_fine.MOST_RAYS + 1, rim_fine.RAYS_STEP))
+    parts = [bytes(kernel.tables), rim_kernel.directions_of(COARSE_RAYS).tobytes()]
+    counts = (FALL_RAYS, *range(LEAST_RAYS, MOST_RAYS + 1, RAYS_STEP))
     parts += [rim_kernel.directions_of(count).tobytes() for count in counts]
     parts.append(rim_coarse.edge_filter().tobytes())
     for rays, inverses in rim_coarse.subsets():
         parts += [rays.astype(np.int32).tobytes(), inverses.tobytes()]
-    parts += [lab.linear().tobytes(), lab.root().tobytes()]
+    parts += [lab.linear().tobytes(), lab.root().tobytes(), constants.passed().tobytes()]
     tasks: list[bytes] = []
     for recipe in (*RECIPES, *BEYOND):
         for number in range(pictures):
@@ -61,7 +62,7 @@ def asked(pictures: int) -> bytes:
 def answers(main: Path, compiler: str, run: str, flags: list[str], tasks: Path) -> list[str]:
     """What the program of `main` and the kernels prints, line by line."""
     program = tasks.with_name("program")
-    options = ["-O3", "-std=c11", *EXACT, *flags, f"-I{HERE}", f"-I{ROOM}"]
+    options = ["-O3", "-std=c11", *EXACT, *sizes(), *flags, f"-I{HERE}", f"-I{ROOM}"]
     subprocess.run(
         [*shlex.split(compiler), *options, "-o", program, main, *sorted(ROOM.glob("*.c")), "-lm"], check=True
     )

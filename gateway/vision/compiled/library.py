@@ -4,7 +4,7 @@ import ctypes
 import logging
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from gateway.vision.compiled.build import LIBRARY, source_sum
 
@@ -14,12 +14,15 @@ Kernel = TypeVar("Kernel")
 
 
 def load(
-    make: Callable[[ctypes.CDLL], Kernel], agrees: Callable[[Kernel], bool], library: Path = LIBRARY
+    make: Callable[[ctypes.CDLL], Kernel],
+    agrees: Callable[[Kernel], bool],
+    reference: Callable[..., Any],
+    library: Path = LIBRARY,
 ) -> Kernel | None:
     """The kernel that `make` finds in the library; None where there is none, or none of this source.
 
-    `agrees` compares it with what it stands for, on a small example; a kernel that differs is not used either. The
-    reason is logged.
+    `agrees` compares it with what it stands for, its `reference` in NumPy and OpenCV, on a small example; a kernel that
+    differs is not used either. The reason is logged.
     """
     if not library.exists():
         return None
@@ -34,6 +37,7 @@ def load(
         log.warning("the vision kernels cannot be loaded: not used: %s", error)
         return None
     if not agrees(kernel):
-        log.error("the vision kernel %s does not agree with OpenCV here: not used", type(kernel).__name__)
+        name = f"{reference.__module__}.{reference.__qualname__}"
+        log.error("the vision kernel %s does not agree with %s: not used", type(kernel).__name__, name)
         return None
     return kernel

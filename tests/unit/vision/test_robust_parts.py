@@ -9,7 +9,7 @@ import pytest
 from gateway.core.detection import Ellipse
 from gateway.vision.detect.geometry import same_ellipse
 from gateway.vision.detect.reference import SHARE_MEANING
-from gateway.vision.detect.robust import candidates, colours, ellipses, measurement
+from gateway.vision.detect.robust import candidates, colours, constants, ellipses, measurement
 from gateway.vision.detect.robust.candidates import Seed
 from gateway.vision.detect.robust.colours import EVEN_PX, GOOD, clearest_rim, even, quality, roundness
 from gateway.vision.detect.robust.decision import ODDS, POWERS, Candidate, Limits, confidence, failed_gate, weight
@@ -75,11 +75,12 @@ def test_no_circle_through_too_few_points() -> None:
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.4, 1.7, 3.0])
-def test_an_ellipse_through_points_a_quarter_of_which_are_wrong(turn: float) -> None:
+def test_an_ellipse_through_points_a_quarter_of_which_are_wrong(turn: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(constants, "ELLIPSE_ROUNDS", 12)
     points = around(50, 40, 24, 18, turn)
     points[5:17] = 1.6 * points[5:17] - 0.6 * np.array([50, 40])  # farther out by 11 px and more
     start = np.array([[51.0, 39.0, 21.0, 21.0, 0.0]])
-    (found,) = ellipses.ellipses_by_weights(points[None], np.ones((1, 48)), start, np.array([5.0]), rounds=12)
+    (found,) = ellipses.ellipses_by_weights(points[None], np.ones((1, 48)), start, np.array([5.0]))
 
     assert found[:4] == pytest.approx([50, 40, 24, 18], abs=0.05)
     assert abs((found[4] - turn + math.pi / 2) % math.pi - math.pi / 2) < 0.02

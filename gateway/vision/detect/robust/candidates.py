@@ -16,21 +16,16 @@ from numpy.typing import NDArray
 
 from gateway.vision.compiled import library as compiled
 from gateway.vision.compiled.build import LIBRARY
+from gateway.vision.compiled.sizes import BLOBS, CELL, MARGIN, PEAKS
 from gateway.vision.detect.geometry import same_candidate
+from gateway.vision.detect.robust import constants
 from gateway.vision.detect.robust.kernel.candidate_kernel import CandidateKernel
 from gateway.vision.detect.robust.redness import Plane, PyramidLevel, redness
 from gateway.vision.pixels import adjacent
 
 RADII = np.arange(4.5, 13.0, 0.75, dtype=np.float32)  # px of a level that are voted for
-CELL = 2  # px of a level in a cell of the votes
-MARGIN = 3  # cells round the picture: a centre may lie a little outside
-PEAKS = 7  # of a level
-MIN_VOTE = 0.12  # share of a full circle
-SAME_VOTE = 1e-6  # peaks side by side that differ by no more are equal, and both count
 BLUR = 0.8  # of the votes, cells
-FLOOR = 0.01  # of the redness gradient, per px: less is rounding
 SHARES = (0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85)  # thresholds between the median and the largest redness
-BLOBS = 5  # of a threshold
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,9 +77,9 @@ def red_plane(level: PyramidLevel) -> Plane:
 
 def _peaks(size: Plane, largest: Plane, gx: Plane, gy: Plane) -> list[Peak]:
     """The best first; the planes as for `CandidateKernel.votes`."""
-    ridge = (size > FLOOR) & (size >= 0.9 * largest)
+    ridge = (size > constants.LEAST_GRADIENT) & (size >= constants.RIDGE_SHARE * largest)
     y, x = np.nonzero(ridge)
-    if y.size < 8:
+    if y.size < constants.FEWEST_VOTERS:
         return []
     strength = np.asarray(size[y, x], np.float32)
     dx, dy = np.asarray(gx[y, x] / strength, np.float32), np.asarray(gy[y, x] / strength, np.float32)
@@ -93,7 +88,8 @@ def _peaks(size: Plane, largest: Plane, gx: Plane, gy: Plane) -> list[Peak]:
     smooth = np.stack([cv2.GaussianBlur(sheet, (3, 3), BLUR) for sheet in sheets]) * 4  # of the blur's gain at a peak
     smooth[1:-1] = 0.5 * smooth[1:-1] + 0.25 * (smooth[:-2] + smooth[2:])
     best = smooth.max(axis=0)
-    top = (best >= MIN_VOTE) & (best + SAME_VOTE >= np.asarray(cv2.dilate(best, np.ones((3, 3), np.uint8))))
+    around = np.asarray(cv2.dilate(best, np.ones((3, 3), np.uint8)))
+    top = (best >= constants.LEAST_VOTE) & (best + constants.SAME_VOTE >= around)
     rows, columns = np.nonzero(top)
     given = np.rint(best[rows, columns].astype(np.float64) * 1e5)  # the last digits depend on the order of the sums
     order = np.argsort(-given, kind="stable")[:PEAKS]
@@ -132,7 +128,7 @@ def blobs(level: PyramidLevel, radii_px: tuple[float, float]) -> list[Seed]:
 
 def _blobs(red: Plane, factor: int, limits_px: tuple[float, float]) -> list[Blob]:
     middle, top = float(np.median(red)), float(red.max())
-    if top - middle < 4 * FLOOR:
+    if top - middle < constants.LEAST_SPREAD:
         return []
     found: list[Blob] = []
     for share in SHARES:
@@ -148,8 +144,10 @@ def _round_ones(stats: Plane, factor: int, limits_px: tuple[float, float]) -> li
     left, top, width, height, area = stats.T
     radius = 0.5 * np.sqrt(width * height) * factor
     fits = (radius >= limits_px[0]) & (radius <= limits_px[1])
-    fill = area / (width * height)  # a disc: pi / 4
-    fits &= (fill > 0.45) & (np.maximum(width, height) < 2.2 * np.minimum(width, height))
+    fill = area / (width * height)
+    fits &= (fill > constants.LEAST_FILL) & (
+        np.maximum(width, height) < constants.MOST_LONGER * np.minimum(width, height)
+    )
     index = np.nonzero(fits)[0]
     index = index[np.argsort(-radius[index], kind="stable")[:BLOBS]]
     rows = np.stack([left, top, width, height, radius, fill], axis=1)[index].tolist()
@@ -174,7 +172,7 @@ def _kernel() -> CandidateKernel | None:
 
 def load(library: Path = LIBRARY) -> CandidateKernel | None:
     """The compiled loops; None where there are none, or ones that differ (logged)."""
-    return compiled.load(CandidateKernel, agrees, library)
+    return compiled.load(CandidateKernel, agrees, _peaks, library)
 
 
 def agrees(kernel: CandidateKernel) -> bool:

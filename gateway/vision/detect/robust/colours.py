@@ -3,8 +3,9 @@
 import math
 
 from gateway.core.detection import Ellipse
+from gateway.vision.compiled.sizes import SECTORS
 from gateway.vision.detect.robust.refinement import fall, refine
-from gateway.vision.detect.robust.rim import SECTORS, Rim
+from gateway.vision.detect.robust.rim import Rim
 from gateway.vision.pixels import Colours
 
 GOOD, EVEN_PX = 0.95, 0.05  # quality from which on, and `wave_px` up to which nothing better is searched for

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from gateway.config.sections.vision import Proposals
 from gateway.core.detection import Circle, Ellipse
 from gateway.vision.detect.robust.colours import roundness
+from gateway.vision.detect.robust.constants import FULL_REDNESS
 from gateway.vision.detect.robust.evidence import Evidence
 from gateway.vision.detect.robust.rim import Rim
 from gateway.vision.detect.robust.veil import contrast_left
@@ -22,7 +23,6 @@ MIN_VISIBLE, MIN_SUPPORT = 0.4, 0.45
 MAX_BLUR, MIN_STEP = 0.24, 0.5  # sigma of the edge, of the semi-minor axis; fall at the rim, of that from the core
 
 FULL_ASPECT, FULL_CONTRAST = 0.85, 0.45  # from which on they have their full weight for a disc
-FULL_REDNESS = 2.0  # log units, less the veil: red paint; more is only darker
 VEILED_REDNESS = 1.0  # the same behind a full veil: how much more was there is no longer known
 ODDS = 80.0  # for a disc with nothing against it
 VEILED_ODDS = 0.8  # so much less behind a full veil, of which only an estimate was subtracted

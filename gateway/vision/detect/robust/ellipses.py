@@ -9,10 +9,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.vision.detect.robust import constants
+
 Floats = NDArray[np.float64]
 TRIPLES = 96
-SAME_WORTH = 1e-7  # of two equally good circles the first counts, whatever the last bits of their sums
-CIRCULAR = 1e-9  # an ellipse so nearly round has no direction: its angle would be that of the last bits
 
 
 def circles_by_consensus(points: Floats, weight: Floats, tolerance_px: Floats) -> Floats:
@@ -34,7 +34,7 @@ def circles_by_consensus(points: Floats, weight: Floats, tolerance_px: Floats) -
     gap = np.hypot(points[:, None, :, 0] - u[..., None], points[:, None, :, 1] - v[..., None]) - radius[..., None]
     near = np.clip(1 - (gap / tolerance_px[:, None, None]) ** 2, 0, None)
     worth = np.where(usable, np.einsum("ktn,kn->kt", near, weight), -1.0)
-    best = (worth >= worth.max(axis=1, keepdims=True) - SAME_WORTH).argmax(axis=1)
+    best = (worth >= worth.max(axis=1, keepdims=True) - constants.SAME_WORTH).argmax(axis=1)
     row = np.arange(len(points))
     circle = np.stack([u[row, best], v[row, best], radius[row, best]], axis=1)
     circle[worth[row, best] <= 0] = np.nan
@@ -51,13 +51,13 @@ def triples(count: int) -> NDArray[np.intp]:
     return np.asarray(drawn[(gaps >= count // 12).all(axis=1)][:TRIPLES], np.intp)
 
 
-def ellipses_by_weights(points: Floats, weight: Floats, start: Floats, tolerance_px: Floats, rounds: int = 5) -> Floats:
+def ellipses_by_weights(points: Floats, weight: Floats, start: Floats, tolerance_px: Floats) -> Floats:
     """(K, 5): the ellipses near most of the points: conic fits with Tukey's weights on the distance to the last one.
 
     `start` (K, 5): u, v, semi-axes, angle of the first. `tolerance_px` (K,): points farther off have no weight.
     """
     shapes = start
-    for _ in range(rounds):
+    for _ in range(constants.ELLIPSE_ROUNDS):
         gap = distances(shapes, points) / tolerance_px[:, None]
         shapes = _conics(points, weight * np.clip(1 - gap**2, 0, None) ** 2)
     return shapes
@@ -74,7 +74,9 @@ def distances(shapes: Floats, points: Floats) -> Floats:
 
 def _conics(points: Floats, trust: Floats) -> Floats:
     """Weighted least squares on A x^2 + B xy + C y^2 + D x + E y + F = 0 with A + C = 1: turns change nothing."""
-    good = np.isfinite(trust).all(axis=1) & (np.count_nonzero(trust > 1e-6, axis=1) >= 8)
+    good = np.isfinite(trust).all(axis=1) & (
+        np.count_nonzero(trust > constants.LEAST_TRUST, axis=1) >= constants.FEWEST_POINTS
+    )
     trust = np.where(good[:, None], trust, 1.0)
     total = trust.sum(axis=1)
     middle = np.einsum("kn,kni->ki", trust, points) / total[:, None]
@@ -101,7 +103,7 @@ def _axes(solution: Floats) -> Floats:
     p, b, d, e, f = solution.T
     a, c = 0.5 + p, 0.5 - p
     bottom = 4 * a * c - b * b  # 1 for a circle, 0 for a parabola
-    real = bottom > 0.05
+    real = bottom > constants.LEAST_BOTTOM
     bottom = np.where(real, bottom, 1.0)
     u, v = (b * e - 2 * c * d) / bottom, (b * d - 2 * a * e) / bottom
     rest = -(f + 0.5 * (d * u + e * v))
@@ -109,7 +111,7 @@ def _axes(solution: Floats) -> Floats:
     rest = np.where(real, rest, 1.0)
     spread = np.hypot(a - c, b)
     flat = np.maximum(1 - spread, 1e-9)
-    angle = np.where(spread > CIRCULAR, (0.5 * np.arctan2(-b, c - a)) % np.pi, 0.0)
+    angle = np.where(spread > constants.CIRCULAR, (0.5 * np.arctan2(-b, c - a)) % np.pi, 0.0)
     shapes = np.stack([u, v, np.sqrt(2 * rest / flat), np.sqrt(2 * rest / (1 + spread)), angle], axis=1)
     shapes[~real] = np.nan
     return shapes

@@ -11,30 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.core.detection import Ellipse
-from gateway.vision.detect.robust import ellipses
+from gateway.vision.compiled.sizes import BEFORE_EDGE, CORE_END, CORE_FIRST, CORE_LAST, NEXT_TO_RIM
+from gateway.vision.detect.robust import constants, ellipses
 from gateway.vision.detect.robust.candidates import Seed
 from gateway.vision.detect.robust.radial_sampling import COS, RAYS, SIN, RaySamples, Shapes, sample_rays
 from gateway.vision.detect.robust.redness import Plane, PyramidLevel
 from gateway.vision.pixels import Colours
 
-EVIDENCE_RADIUS_PX = 14.0  # radius, px of its level, from which on a candidate is measured
 WIDE = np.arange(0.35, 1.8, 0.05, dtype=np.float32)  # shares of the radius: a seed may be off by a third
 CLOSE = np.arange(0.6, 1.46, 0.04, dtype=np.float32)
-HALF = 2  # samples on either side of an edge
-CORE, CORE_END = slice(1, 4), 5  # of DISC: 0.2 to 0.4 of the way to the rim; up to 0.5
 DISC = np.arange(0.1, 0.95, 0.1, dtype=np.float32)
 INSIDE = np.arange(0.72, 0.94, 0.04, dtype=np.float32)  # compared, ray by ray, with
 OUTSIDE = np.arange(1.08, 1.31, 0.04, dtype=np.float32)
-NEAR = 3  # samples of these next to the rim
 RINGS = np.concatenate([DISC, INSIDE, OUTSIDE])
-STEP = 0.3  # of the usual change of colour across the rim: so much is an edge, between two reds, too
-WHITE = 248  # grey level of the darkest channel
-SHOWN = 0.4  # of the usual contrast: a ray with so much shows the rim
-
-
-# Something in clear air is nearly black in one of the channels: a shadow, a gap, red paint in blue.
-DARKEST = 5.0  # percent of a place that are its darkest parts
-VEIL, MOST_HAZE = 220.0, 0.75  # grey level of a full veil
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +41,7 @@ class Evidence:
     hollow: float  # share of the rays that are not red near the centre: 1 for a ring or the letter O
     redness: float  # median inside, log units
     veil: float  # share of airlight at the centre, which has been subtracted; 0 but in thick dust
-    haze: float  # 0 to MOST_HAZE: share of veil that is left over the place, by the darkest of its parts
+    haze: float  # 0 to constants.MOST_HAZE: share of veil that is left over the place, by the darkest of its parts
     colour: tuple[float, float, float]  # median BGR inside
 
 
@@ -86,7 +75,7 @@ def of_ellipses_plain(levels: Sequence[PyramidLevel], rims: Sequence[Ellipse]) -
 
 
 def _levels_of(levels: Sequence[PyramidLevel], radius_px: NDArray[np.float64]) -> NDArray[np.intp]:
-    _, octave = np.frexp(np.maximum(radius_px / EVIDENCE_RADIUS_PX / levels[0].factor, 1e-9))
+    _, octave = np.frexp(np.maximum(radius_px / constants.EVIDENCE_RADIUS_PX / levels[0].factor, 1e-9))
     return np.asarray(np.clip(octave - 1, 0, len(levels) - 1), np.intp)
 
 
@@ -127,14 +116,14 @@ def _edges(rays: RaySamples, shares: Plane, shapes: Shapes) -> tuple[ellipses.Fl
 
 
 def _fall(rays: RaySamples) -> Plane:
-    """Mean of HALF samples before minus mean of HALF samples after each sample; 0 near the ends and outside."""
+    """Mean of BEFORE_EDGE samples before minus mean of as many after each sample; 0 near the ends and outside."""
     total = np.cumsum(rays.red, axis=2)
     size = rays.red.shape[2]
-    at = np.arange(HALF + 1, size - HALF)
-    before = total[..., at - 1] - total[..., at - 1 - HALF]
-    after = total[..., at + HALF] - total[..., at]
+    at = np.arange(BEFORE_EDGE + 1, size - BEFORE_EDGE)
+    before = total[..., at - 1] - total[..., at - 1 - BEFORE_EDGE]
+    after = total[..., at + BEFORE_EDGE] - total[..., at]
     fall = np.zeros_like(rays.red)
-    fall[..., at] = np.where(rays.seen[..., at + HALF], (before - after) / HALF, 0)
+    fall[..., at] = np.where(rays.seen[..., at + BEFORE_EDGE], (before - after) / BEFORE_EDGE, 0)
     return fall
 
 
@@ -151,23 +140,23 @@ def measure(levels: Sequence[PyramidLevel], which: NDArray[np.intp], shapes: Sha
     gap = within - beyond
     contrast = masked_median(gap, used)
     around = masked_median(beyond, used)
-    red_from = (around + SHOWN * contrast)[:, None]
+    red_from = (around + constants.SHOWN * contrast)[:, None]
     red_within = np.asarray(within > red_from, np.bool_)
     # Just outside: a square's corner, a fold or a tube continues there, though farther out it may have ended.
-    red_beyond = np.asarray(np.median(rays.red[..., m : m + NEAR], axis=2) > red_from, np.bool_)
-    steps = _steps(rays.bgr[..., m - NEAR : m, :], rays.bgr[..., m : m + NEAR, :])
-    falls = np.asarray((gap > SHOWN * contrast[:, None]) & (contrast[:, None] > 0), np.bool_)
+    red_beyond = np.asarray(np.median(rays.red[..., m : m + NEXT_TO_RIM], axis=2) > red_from, np.bool_)
+    steps = _steps(rays.bgr[..., m - NEXT_TO_RIM : m, :], rays.bgr[..., m : m + NEXT_TO_RIM, :])
+    falls = np.asarray((gap > constants.SHOWN * contrast[:, None]) & (contrast[:, None] > 0), np.bool_)
     shown = used & red_within & ~red_beyond & falls
-    edged = np.asarray(steps > STEP * masked_median(steps, shown)[:, None], np.bool_)
+    edged = np.asarray(steps > constants.EDGE_STEP * masked_median(steps, shown)[:, None], np.bool_)
     leak = used & red_within & red_beyond & ~edged
     seen = shown | (used & red_within & red_beyond & edged)
     noise = 1.48 * masked_median(np.abs(gap - contrast[:, None]), shown)
     red_enough = rays.red[..., :n] > red_from[..., None]
     inner_redness = masked_median(within, used & red_within)
-    hollow = (red_enough[..., CORE].mean(axis=2) < 0.5).mean(axis=1)
+    hollow = (red_enough[..., CORE_FIRST : CORE_LAST + 1].mean(axis=2) < 0.5).mean(axis=1)
     core = np.median(rays.red[..., :CORE_END], axis=(1, 2))
     # A highlight, or an over-exposed part, has no information on the colour.
-    white = rays.bgr[..., :n, :].min(axis=3) >= WHITE
+    white = rays.bgr[..., :n, :].min(axis=3) >= constants.WHITE
     counts = rays.seen[..., :n] & ~white
     # Every sample stands for an area that grows with its share of the radius.
     red_area, area = ((part.sum(axis=1) * np.arange(1, n + 1)).sum(axis=1) for part in (red_enough & counts, counts))
@@ -192,10 +181,16 @@ def measure(levels: Sequence[PyramidLevel], which: NDArray[np.intp], shapes: Sha
             hollow=float(hollow[row]),
             redness=float(inner_redness[row]),
             veil=levels[which[k]].veil_at(u, v),
-            haze=min(MOST_HAZE, float(np.percentile(rays.bgr[row].min(axis=2)[rays.seen[row]], DARKEST)) / VEIL),
+            haze=_haze(rays.bgr[row].min(axis=2)[rays.seen[row]]),
             colour=(float(colour[0]), float(colour[1]), float(colour[2])),
         )
     return result
+
+
+def _haze(least: Colours) -> float:
+    """Of the darkest channel of all samples: something in clear air is nearly black in one of the channels: a shadow, a
+    gap, red paint in blue."""
+    return min(constants.MOST_HAZE, float(np.quantile(least, constants.DARKEST)) / constants.FULL_VEIL)
 
 
 def _steps(inside: Colours, outside: Colours) -> Plane:

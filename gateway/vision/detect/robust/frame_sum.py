@@ -13,10 +13,11 @@ import numpy as np
 
 from gateway.config import VisionConfig
 from gateway.core.detection import Detection, Ellipse, Rejection
+from gateway.vision.compiled.sizes import MOST_VEIL_SIDE
 from gateway.vision.detect.method import NowNs, Search, TimedPicture
 from gateway.vision.detect.robust.roi_search import RoiSearch
 from gateway.vision.detect.robust.standing import evenly_lit, stood_still
-from gateway.vision.detect.robust.veil import SIDE_PX, estimate
+from gateway.vision.detect.robust.veil import estimate
 from gateway.vision.detect.stage_timer import total_ns
 from gateway.vision.pixels import Colours, GreyLevels, Pixels, grey_levels
 from gateway.vision.track.kalman_filter import Prediction
@@ -110,7 +111,7 @@ def mean_of(pictures: Sequence[Colours]) -> GreyLevels:
 
 
 def _thick(image: Pixels) -> bool:
-    step = max(1, -(-max(image.shape[:2]) // SIDE_PX))
+    step = max(1, -(-max(image.shape[:2]) // MOST_VEIL_SIDE))
     size = (max(1, image.shape[1] // step), max(1, image.shape[0] // step))
     small: Pixels = cv2.resize(image, size, interpolation=cv2.INTER_AREA)  # type: ignore[assignment]
     veil = estimate(grey_levels(small))

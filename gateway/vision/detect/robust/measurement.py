@@ -46,7 +46,7 @@ def _kernel() -> EvidenceKernel | None:
 
 def load(library: Path = LIBRARY) -> EvidenceKernel | None:
     """The compiled evidence; None where there is none, or one that differs (logged)."""
-    return compiled.load(EvidenceKernel, agrees, library)
+    return compiled.load(EvidenceKernel, agrees, gather_plain, library)
 
 
 def agrees(kernel: EvidenceKernel) -> bool:

@@ -8,10 +8,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.vision.compiled.sizes import RADIAL
 from gateway.vision.detect.robust.redness import Plane, PyramidLevel, redness
 from gateway.vision.pixels import Colours
 
-RAYS = 48
+RAYS = RADIAL
 ANGLES = np.arange(RAYS, dtype=np.float32) * np.float32(2 * np.pi / RAYS)
 COS, SIN = np.cos(ANGLES), np.sin(ANGLES)
 

@@ -11,18 +11,15 @@ from numpy.typing import NDArray
 from gateway.core.detection import Circle
 from gateway.vision.compiled import library as compiled
 from gateway.vision.compiled.build import LIBRARY
+from gateway.vision.detect.robust import constants
 from gateway.vision.detect.robust.candidates import red_plane
-from gateway.vision.detect.robust.decision import FULL_REDNESS
 from gateway.vision.detect.robust.kernel.region_kernel import RegionKernel
 from gateway.vision.detect.robust.redness import PyramidLevel
 from gateway.vision.detect.robust.veil import less_veil
 from gateway.vision.pixels import Pixels, adjacent, grey_levels
 
 SPARSE_PX = 400  # diagonal of the sparse picture
-LEAST_RED = 0.15  # log(R/G): a marker behind much dust still has this
-AS_RED = 0.5  # what appears is new if it is at least so red, compared with what is followed
 OWN = 1.25  # what lies within so many radii of what is followed is part of it
-SMALLEST_PX = 12  # smallest area of a red spot in the sparse picture that counts: a disc of radius 2
 GROWN_PX = 6  # a known spot may have moved so far in the sparse picture since the last check
 
 
@@ -63,10 +60,11 @@ def red_regions_plain(image: Pixels, followed: Circle) -> RedRegions:
     redness_of_it = float(cv2.mean(red, (distance2 <= inner_px * (inner_px + 1)).astype(np.uint8))[0])
     red[distance2 <= outer_px * (outer_px + 1)] = 0.0
     # Paint redder than FULL_REDNESS is no better evidence for a marker, so it sets no higher bar for others either.
-    mask = (red > max(LEAST_RED, AS_RED * min(FULL_REDNESS, redness_of_it))).astype(np.uint8)
-    faint = int(np.count_nonzero(red > LEAST_RED)) >= SMALLEST_PX
+    bar = max(constants.LEAST_RED, constants.AS_RED * min(constants.FULL_REDNESS, redness_of_it))
+    mask = (red > bar).astype(np.uint8)
+    faint = int(np.count_nonzero(red > constants.LEAST_RED)) >= constants.SMALLEST_REGION_PX
     _, _, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
-    kept = stats[1:][stats[1:, cv2.CC_STAT_AREA] >= SMALLEST_PX]
+    kept = stats[1:][stats[1:, cv2.CC_STAT_AREA] >= constants.SMALLEST_REGION_PX]
     boxes = np.column_stack([kept[:, 0], kept[:, 1], kept[:, 0] + kept[:, 2], kept[:, 1] + kept[:, 3]])
     return RedRegions(boxes.astype(np.int32), faint)
 
@@ -97,7 +95,7 @@ def _kernel() -> RegionKernel | None:
 
 def load(library: Path = LIBRARY) -> RegionKernel | None:
     """The compiled check; None where there is none, or one that differs (logged)."""
-    return compiled.load(RegionKernel, agrees, library)
+    return compiled.load(RegionKernel, agrees, red_regions_plain, library)
 
 
 def agrees(kernel: RegionKernel) -> bool:

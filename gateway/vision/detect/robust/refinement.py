@@ -26,15 +26,16 @@ import numpy as np
 from gateway.core.detection import Ellipse
 from gateway.vision.compiled import library as compiled
 from gateway.vision.compiled.build import LIBRARY
+from gateway.vision.compiled.sizes import FALL_RAYS, MOST_RAYS
 from gateway.vision.detect.robust import rim_coarse, rim_fine
 from gateway.vision.detect.robust.conic import from_ellipse
-from gateway.vision.detect.robust.kernel.rim_kernel import FALL_RAYS, RimKernel
+from gateway.vision.detect.robust.kernel.rim_kernel import RimKernel
 from gateway.vision.detect.robust.normal_profiles import sample
 from gateway.vision.detect.robust.rim import Rim, sane
 from gateway.vision.pixels import Colours, Image, adjacent
 
 DOUBT = 4.0
-ALIKE = 1e-6  # px, and grey levels, and shares: so far the kernel may differ
+ALIKE = 1e-6  # px, px^2, grey levels and shares: so far the kernel may differ
 
 
 def refine(
@@ -64,7 +65,7 @@ def _kernel() -> RimKernel | None:
 
 def load(library: Path = LIBRARY) -> RimKernel | None:
     """The compiled refinement; None where there is none, or one that differs (logged)."""
-    return compiled.load(RimKernel, agrees, library)
+    return compiled.load(RimKernel, agrees, refine_plain, library)
 
 
 def refine_plain(
@@ -85,7 +86,7 @@ def refine_plain(
     rough = rim_coarse.coarse(image, outline, min(reach, 0.8 * outline.minor_px), opponent)
     if rough is None or not sane(rough.outline, image):
         return None
-    return rim_fine.fine(image, rough.outline, rough.sigma_px, rim_fine.MOST_RAYS, doubt, opponent)
+    return rim_fine.fine(image, rough.outline, rough.sigma_px, MOST_RAYS, doubt, opponent)
 
 
 def fall(image: Colours, rim: Ellipse, share: float) -> float:
@@ -137,5 +138,6 @@ def _alike(kernel: RimKernel, image: Image, seed: Ellipse, search_px: float | No
         return mine is plain
     if kernel.fall(image, plain.ellipse, 0.25) != fall_plain(image, plain.ellipse, 0.25):
         return False
-    ours, theirs = ((*astuple(rim.ellipse), *astuple(rim)[1:]) for rim in (mine, plain))
+    # Not the angle: that of a circle is of the last bits.
+    ours, theirs = ((*from_ellipse(rim.ellipse), *astuple(rim)[1:]) for rim in (mine, plain))
     return bool(np.abs(np.subtract(ours, theirs)).max() <= ALIKE)

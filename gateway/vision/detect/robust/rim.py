@@ -3,12 +3,9 @@
 from dataclasses import dataclass
 
 from gateway.core.detection import Ellipse
+from gateway.vision.detect.robust import constants
 from gateway.vision.detect.robust.conic import SupportEllipse
 from gateway.vision.pixels import Colours
-
-SMALLEST_PX = 3.0  # a semi-axis
-LARGEST_PX = 20_000.0
-SECTORS = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +24,11 @@ class Rim:
 
 def sane(outline: SupportEllipse, image: Colours) -> bool:
     """Large enough, not absurdly so, and in touch with the frame."""
-    if not outline.real or outline.minor_px < SMALLEST_PX or outline.major_px > LARGEST_PX:
+    if (
+        not outline.real
+        or outline.minor_px < constants.SMALLEST_AXIS_PX
+        or outline.major_px > constants.LARGEST_AXIS_PX
+    ):
         return False
     height, width = image.shape[:2]
     reach = outline.major_px

@@ -10,19 +10,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.vision.detect.robust import support
+from gateway.vision.compiled.sizes import COARSE_RAYS, HALF_STEPS
+from gateway.vision.detect.robust import constants, support
 from gateway.vision.detect.robust.conic import SupportEllipse
 from gateway.vision.detect.robust.normal_profiles import Floats, Rays, directions, sample
 from gateway.vision.detect.robust.order import quantile
 from gateway.vision.pixels import Colours
 
-COARSE_RAYS = 72
-COARSE_HALF_STEPS = 16
-FILTER_SIGMA = 1.2  # of the edge filter, in steps along the ray
-FILTER_REACH = 4  # steps
-BLIND = 3  # steps at either end of a ray
 SUBSETS = ((5, 64, 4.0), (3, 48, 3.0))  # rays each, how many, how much an error of one ray may be blown up
-TIE = 1e-7  # grey levels: of slopes that differ by no more the first is taken, whatever the order of a sum
 
 
 class Rough(NamedTuple):
@@ -33,12 +28,12 @@ class Rough(NamedTuple):
 @lru_cache(maxsize=1)
 def edge_filter() -> Floats:
     """(steps, steps): minus the derivative of a Gaussian along the ray, blind at both ends."""
-    steps = 2 * COARSE_HALF_STEPS + 1
+    steps = 2 * HALF_STEPS + 1
     x = np.arange(steps)
     apart = x[np.newaxis, :] - x[:, np.newaxis]
-    kernel = np.asarray(-apart * np.exp(-0.5 * (apart / FILTER_SIGMA) ** 2), np.float64)
-    kernel[np.abs(apart) > FILTER_REACH] = 0
-    kernel[:BLIND] = kernel[-BLIND:] = 0
+    kernel = np.asarray(-apart * np.exp(-0.5 * (apart / constants.FILTER_SIGMA) ** 2), np.float64)
+    kernel[np.abs(apart) > constants.FILTER_REACH] = 0
+    kernel[: constants.BLIND] = kernel[-constants.BLIND :] = 0
     return kernel
 
 
@@ -80,13 +75,13 @@ def _hypotheses() -> Floats:
 
 def coarse(image: Colours, outline: SupportEllipse, reach: float, opponent: bool) -> Rough | None:
     """The ellipse most of the steepest edges agree on, good to a fraction of a pixel; None without enough edges."""
-    step = reach / COARSE_HALF_STEPS
-    offsets = (np.arange(-COARSE_HALF_STEPS, COARSE_HALF_STEPS + 1) * step).astype(np.float32)
+    step = reach / HALF_STEPS
+    offsets = (np.arange(-HALF_STEPS, HALF_STEPS + 1) * step).astype(np.float32)
     rays = sample(image, outline, COARSE_RAYS, offsets, 0.0, opponent)
     if rays is None:
         return None
     shift, weight, sigma = _steepest(rays, step)
-    if np.count_nonzero(weight) < support.FEWEST:
+    if np.count_nonzero(weight) < constants.FEWEST_EDGES:
         return None
     changes = (_hypotheses() @ shift).reshape(-1, 5)
     tolerance = max(0.8, 0.01 * outline.mean_px, 0.5 * step)
@@ -101,7 +96,7 @@ def coarse(image: Colours, outline: SupportEllipse, reach: float, opponent: bool
         rays.support,
         shift,
         weight,
-        changes[int((cost <= cost.min() + TIE).argmax())],
+        changes[int((cost <= cost.min() + constants.TIE).argmax())],
         smallest_scale_px=0.1,
         largest_scale_px=tolerance,
         rounds=2,
@@ -122,18 +117,18 @@ def _steepest(rays: Rays, step: float) -> tuple[Floats, Floats, float]:
     away = around[:-2] + 2 * away + around[2:]
     length = np.sqrt((away * away).sum(axis=1)) + 1e-3
     slope = edge_filter() @ (colours * (away / length[:, np.newaxis])).sum(axis=2)
-    peak = (slope >= slope.max(axis=0) - TIE).argmax(axis=0)
+    peak = (slope >= slope.max(axis=0) - constants.TIE).argmax(axis=0)
     each = np.arange(count)
     top = slope[peak, each]
     # The filter is blind at the ends, so that a peak has neighbours on both sides; a flat ray may peak anywhere.
     before, after = slope[peak - 1, each], slope[(peak + 1) % len(slope), each]
     bend = np.maximum(2 * top - before - after, 1e-3)
-    shift = (peak - COARSE_HALF_STEPS + np.clip(0.5 * (after - before) / bend, -0.5, 0.5)) * step
+    shift = (peak - HALF_STEPS + np.clip(0.5 * (after - before) / bend, -0.5, 0.5)) * step
     seen = np.sort(top[rays.inside])
     usual = max(float(seen[len(seen) // 2]) if len(seen) else 0.0, 1.0)
     weight = np.where(rays.inside & (top > 0.3 * usual), np.minimum(top / usual, 1.5), 0.0)
     # Round its peak the answer to a blurred step is a Gaussian: of the blur's variance and the filter's together.
-    variance = (quantile(top[weight > 0] / bend[weight > 0], 0.5) - FILTER_SIGMA**2) * step * step
+    variance = (quantile(top[weight > 0] / bend[weight > 0], 0.5) - constants.FILTER_SIGMA**2) * step * step
     wide = 1.0 if step <= 1.0 else 0.4  # wide steps can't distinguish sharp from soft
     sigma = min(max(round(wide * sqrt(max(variance, 0.0)), 1), 0.8), 3.0)
     return shift, weight, sigma

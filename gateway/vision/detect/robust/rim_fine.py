@@ -11,20 +11,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.vision.detect.robust import support
+from gateway.vision.compiled.sizes import LEAST_RAYS, MOST_RAYS, RAYS_STEP, SECTORS, SMOOTH_ROWS
+from gateway.vision.detect.robust import constants, support
 from gateway.vision.detect.robust.conic import SupportEllipse, to_ellipse
 from gateway.vision.detect.robust.normal_profiles import Floats, Profile, Rays, directions, profile, sample
 from gateway.vision.detect.robust.order import quantile
-from gateway.vision.detect.robust.rim import SECTORS, Rim, sane
+from gateway.vision.detect.robust.rim import Rim, sane
 from gateway.vision.pixels import Colours
 
 FEW_RAYS = 128  # where a first fine round only brings the rim near
-MOST_RAYS = 320
-LEAST_RAYS = 64
-RAYS_STEP = 32  # numbers of rays are multiples of it
-LEAST_VISIBLE = 0.15  # of the entire rim's rays: fewer are no rim
-_ROUNDS = 4  # at most
-_STILL_SIGMAS = 0.15  # of the blur: the step's shift is linear so far, smaller moves need no further round
 _AT_REST = np.zeros(5)
 _QUARTER_TURN = np.array((1.0, -1.0, -1.0))  # from the variance across the rim to that along it
 _RIDGE = np.diag((1e-6, 1e-3, 1e-3))  # a blur that is the same in all directions, where too little is seen
@@ -43,7 +38,7 @@ class _Edges:
 def fine(image: Colours, outline: SupportEllipse, sigma: float, first: int, doubt: float, opponent: bool) -> Rim | None:
     """The rim near an outline that is good to a pixel or so; at first with `first` rays, `sigma` px of blur guessed."""
     count = first
-    for turn in range(_ROUNDS):
+    for turn in range(constants.ROUNDS):
         full_rays = min(max(LEAST_RAYS, RAYS_STEP * round(2 * pi * outline.mean_px / RAYS_STEP)), MOST_RAYS)
         count = full_rays if turn else min(first, full_rays)
         room = 0.75 * outline.minor_px
@@ -72,8 +67,8 @@ def fine(image: Colours, outline: SupportEllipse, sigma: float, first: int, doub
             return None
         outline = found.outline
         was, sigma = sigma, min(max(round(sqrt(max(blur[0], 0.0)), 1), 0.5), max(0.3 * outline.minor_px, 1.0))
-        still = found.step_px < _STILL_SIGMAS * sigma and -0.3 * sigma <= sigma - was <= 0.4 * sigma
-        if count == full_rays and (still or turn == _ROUNDS - 1):
+        still = found.step_px < constants.STILL_SIGMAS * sigma and -0.3 * sigma <= sigma - was <= 0.4 * sigma
+        if count == full_rays and (still or turn == constants.ROUNDS - 1):
             return _rim(rays, edges, found, sigma)
     return None
 
@@ -118,10 +113,10 @@ def _middle(planes: Floats, inside: NDArray[np.bool_]) -> Floats:
 
 @lru_cache(maxsize=64)
 def neighbours(count: int) -> Floats:
-    """(count, 21): a smoothing over some 15 degrees to both sides, as its square root: values @ s @ s.T."""
+    """(count, SMOOTH_ROWS): a smoothing over some 15 degrees to both sides, as its square root: values @ s @ s.T."""
     phi = np.arange(count) * (2 * pi / count)
     waves = [np.full(count, sqrt(1 / count))]
-    for m in range(1, 11):
+    for m in range(1, SMOOTH_ROWS // 2 + 1):
         size = sqrt(2 / count) * exp(-0.5 * (m / 5) ** 2)
         waves += [size * np.cos(m * phi), size * np.sin(m * phi)]
     return np.stack(waves, axis=1)
@@ -140,7 +135,7 @@ def _rim(rays: Rays, edges: _Edges, found: support.Fit, sigma: float) -> Rim | N
     inlying = found.weights > 0
     inliers = int(np.count_nonzero(inlying))
     visible = inliers / rays.count
-    if visible < LEAST_VISIBLE:
+    if visible < constants.LEAST_VISIBLE:
         return None
     ellipse = to_ellipse(found.outline)
     if not all(map(isfinite, (ellipse.u_px, ellipse.v_px, ellipse.semi_major_px))):

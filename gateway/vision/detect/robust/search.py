@@ -7,7 +7,7 @@ from itertools import zip_longest
 
 from gateway.core.detection import Circle, Ellipse
 from gateway.vision.detect.geometry import same_candidate, same_ellipse
-from gateway.vision.detect.robust import candidates, measurement, proposer, veil
+from gateway.vision.detect.robust import candidates, constants, measurement, proposer, veil
 from gateway.vision.detect.robust.candidates import Seed
 from gateway.vision.detect.robust.colours import CLEARLY, quality
 from gateway.vision.detect.robust.decision import (
@@ -19,7 +19,7 @@ from gateway.vision.detect.robust.decision import (
     priority,
     weight,
 )
-from gateway.vision.detect.robust.evidence import EVIDENCE_RADIUS_PX, Evidence
+from gateway.vision.detect.robust.evidence import Evidence
 from gateway.vision.detect.robust.faint_rim import rim_behind_veil
 from gateway.vision.detect.robust.redness import PyramidLevel, pyramid
 from gateway.vision.detect.robust.rim import Rim
@@ -89,7 +89,7 @@ def search_expected(image: Colours, expected: Circle, limits: Limits) -> Candida
     if not (radius > 0 and all(map(math.isfinite, (radius, expected.u_px, expected.v_px)))):
         return None
     seed = Ellipse(expected.u_px, expected.v_px, radius, radius, 0.0)
-    factor = 2 ** max(0, math.floor(math.log2(max(radius, 1.0) / EVIDENCE_RADIUS_PX)))
+    factor = 2 ** max(0, math.floor(math.log2(max(radius, 1.0) / constants.EVIDENCE_RADIUS_PX)))
     if min(image.shape[:2]) < 2 * factor:
         return None
     searched = _with_less_veil(pyramid(image, factor, max(image.shape[:2])))

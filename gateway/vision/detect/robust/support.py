@@ -5,21 +5,16 @@ y cos 2 phi + z sin 2 phi), all in px, and its residuals are distances to the ri
 bias towards small or flat ellipses, which the usual conic fits have.
 """
 
-from math import hypot
+from math import hypot, inf
 from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.vision.detect.robust import constants
 from gateway.vision.detect.robust.conic import SupportEllipse
 from gateway.vision.detect.robust.normal_profiles import Floats, directions
-
-_TUKEY = 4.0  # some 90 % efficient for Gaussian residuals
-_QUANTILE_40 = 0.5244  # of the absolute values of a standard Gaussian
-_NO_CUT = 1e30
-FEWEST = 8
-_RIDGE = 1e-6  # share of the weight: only keeps the equations solvable
 
 
 class Fit(NamedTuple):
@@ -59,17 +54,17 @@ def fit(
     the semi-major axis of a noisy circle's free fit is always too long.
     """
     usable = weights > 0
-    if np.count_nonzero(usable) < FEWEST:
+    if np.count_nonzero(usable) < constants.FEWEST_EDGES:
         return None
     matrix = design(outline, support)
     change: NDArray[Any] = start
     residuals = offsets_px - change @ matrix
-    ridge = _RIDGE * float(weights.sum())
-    cut = _NO_CUT
+    ridge = constants.FIT_RIDGE * float(weights.sum())
+    cut = inf
     for turn in range(rounds):
         if turn < 2:  # then it no longer moves, and the last rounds only settle the weights
             scale = min(max(_scale(np.abs(residuals[usable]), cut), smallest_scale_px), largest_scale_px)
-            cut = _TUKEY * scale
+            cut = constants.TUKEY * scale
         heft = residuals * (1.0 / cut)
         heft *= heft
         np.subtract(1.0, heft, out=heft)
@@ -101,12 +96,11 @@ def _scale(sizes: Floats, cut: float) -> float:
 
     The 40 % quantile rather than the median: half as sensitive to the third of the rim that may be hidden.
     """
-    if cut < _NO_CUT:
-        sizes = sizes[sizes < cut]
+    sizes = sizes[sizes < cut]
     if not len(sizes):
         return 0.0
     at = int(0.4 * len(sizes))
-    return float(np.partition(sizes, at)[at]) / _QUANTILE_40
+    return float(np.partition(sizes, at)[at]) / constants.QUANTILE_40
 
 
 def _toward_circle(

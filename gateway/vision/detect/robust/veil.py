@@ -15,17 +15,13 @@ import numpy as np
 
 from gateway.vision.compiled import library as compiled
 from gateway.vision.compiled.build import LIBRARY
+from gateway.vision.compiled.sizes import MOST_VEIL_SIDE, VEIL_CELLS
+from gateway.vision.detect.robust import constants
 from gateway.vision.detect.robust.kernel.air_kernel import AirKernel
 from gateway.vision.detect.robust.redness import DARK, Plane, PyramidLevel
 from gateway.vision.pixels import Colours, adjacent
 
-SIDE_PX = 160  # longer side of the picture that the veil is estimated on, at most
-CELLS = 8  # along it
-BRIGHT = 0.7  # quantile of each channel that is the airlight, where there is any
-DARKEST_AIRLIGHT = 20.0  # grey levels
-MOST_GREEN = 1.1  # of the larger of blue and red: dust is grey in the light of sky or lamps; what is green is leaves
-NONE, FULL = 0.6, 0.75  # darkest share near a place: below, its air is clear; above, all of the veil is subtracted
-LEAST_PART = 0.5  # of the picture that lies behind dust where there is any; less is a bright wall, or the sky
+FULL = 0.75  # darkest share near a place: above, all of the veil is subtracted
 KEPT = 0.98  # of the estimate: it is an upper bound
 PAINT = np.array((190.0, 45.0))  # R and G of red paint in clear air, grey levels
 
@@ -39,23 +35,25 @@ class Veil:
 
 
 def estimate(picture: Colours) -> Veil | None:
-    """The veil over a (H, W, 3) BGR picture, of SIDE_PX at most; None in clear air and in the dark."""
+    """The veil over a (H, W, 3) BGR picture, of MOST_VEIL_SIDE at most; None in clear air and in the dark."""
     height, width = picture.shape[:2]
     if min(height, width) < 8:
         return None
     airlight = np.array([_quantile(picture, channel) for channel in range(3)], np.float32)
-    if airlight.min() < DARKEST_AIRLIGHT or airlight[1] > MOST_GREEN * max(airlight[0], airlight[2]):
+    if airlight.min() < constants.DARKEST_AIRLIGHT or airlight[1] > constants.MOST_GREEN * max(
+        airlight[0], airlight[2]
+    ):
         return None
     soft = cv2.blur(picture, (3, 3)).astype(np.float32)
     soft /= airlight
     least = np.asarray(cv2.min(cv2.min(soft[..., 0], soft[..., 1]), soft[..., 2]))
-    cell = max(1.0, max(height, width) / CELLS)
+    cell = max(1.0, max(height, width) / VEIL_CELLS)
     rows, columns = max(1, round(height / cell)), max(1, round(width / cell))
     y, x = (np.linspace(0, side, n, endpoint=False).astype(int) for side, n in ((height, rows), (width, columns)))
     local = np.minimum.reduceat(np.minimum.reduceat(least, y, axis=0), x, axis=1)
     near = np.asarray(cv2.erode(local, np.ones((3, 3), np.uint8)))
-    trust = np.clip((near - NONE) / (FULL - NONE), 0, 1)
-    if np.count_nonzero(trust) < LEAST_PART * trust.size:
+    trust = np.clip((near - constants.NO_VEIL) / (FULL - constants.NO_VEIL), 0, 1)
+    if np.count_nonzero(trust) < constants.LEAST_PART * trust.size:
         return None
     smooth = np.asarray(cv2.GaussianBlur(np.minimum(local, 1), (3, 3), 0.7, borderType=cv2.BORDER_REPLICATE))
     share = KEPT * smooth * trust
@@ -65,9 +63,9 @@ def estimate(picture: Colours) -> Veil | None:
 
 def _quantile(picture: Colours, channel: int) -> float:
     if picture.dtype == np.float32:
-        return float(np.quantile(picture[..., channel], BRIGHT))
+        return float(np.quantile(picture[..., channel], constants.BRIGHT))
     counts = cv2.calcHist([picture], [channel], None, [256], [0, 256]).ravel()
-    return float(np.searchsorted(np.cumsum(counts), BRIGHT * counts.sum()))
+    return float(np.searchsorted(np.cumsum(counts), constants.BRIGHT * counts.sum()))
 
 
 def unveiled(level: PyramidLevel, veil: Veil) -> PyramidLevel:
@@ -86,8 +84,8 @@ def contrast_left(share: float) -> float:
 
 def less_veil(levels: list[PyramidLevel]) -> list[PyramidLevel]:
     """Each level less the veil over it; in clear air the levels themselves."""
-    coarse = next((level.bgr for level in levels if max(level.bgr.shape[:2]) <= SIDE_PX), levels[-1].bgr)
-    sparse = -(-max(coarse.shape[:2]) // SIDE_PX)  # of a picture without a pyramid
+    coarse = next((level.bgr for level in levels if max(level.bgr.shape[:2]) <= MOST_VEIL_SIDE), levels[-1].bgr)
+    sparse = -(-max(coarse.shape[:2]) // MOST_VEIL_SIDE)  # of a picture without a pyramid
     kernel = _kernel()
     if kernel is not None and adjacent(coarse) and kernel.is_clear(coarse, sparse):
         return levels
@@ -102,7 +100,7 @@ def _kernel() -> AirKernel | None:
 
 def load(library: Path = LIBRARY) -> AirKernel | None:
     """The compiled decision on clear air; None where there is none, or one that differs (logged)."""
-    return compiled.load(AirKernel, agrees, library)
+    return compiled.load(AirKernel, agrees, estimate, library)
 
 
 def agrees(kernel: AirKernel) -> bool:

@@ -20,7 +20,6 @@
 #define TILE 128 /* pixels of a row at once: memory is then asked for the next ones evenly */
 #define ROWS_AHEAD 8 /* of a window are fetched from memory before they are needed */
 #define RED_WINDOW 192 /* pixels: a narrower window lies round something red, and holds little else */
-#define HALO 2 /* pixels that a kernel of side 5 needs beyond each end of a row */
 
 /* The bytes from `first` to `end` - 1 will be read soon. */
 static inline void fetch_ahead(const uint8_t *bytes, ptrdiff_t first, ptrdiff_t end)
@@ -42,48 +41,48 @@ static ptrdiff_t mirrored(ptrdiff_t i, ptrdiff_t n)
     return i;
 }
 
-/* Row y, columns x0 to x1 - 1, blurred, into `row` (3 bytes a pixel). `sums` has room for x1 - x0 + 2 HALO pixels. */
+/* Row y, columns x0 to x1 - 1, blurred, into `row` (3 bytes a pixel). `sums` has room for x1 - x0 + 2 HALO_PX pixels. */
 static void blur_row(const uint8_t *image, ptrdiff_t stride, ptrdiff_t height, ptrdiff_t width, ptrdiff_t y, ptrdiff_t x0,
                      ptrdiff_t x1, const uint16_t *w, uint16_t *sums, uint8_t *row)
 {
-    ptrdiff_t from = x0 - HALO < 0 ? 0 : x0 - HALO, to = x1 + HALO > width ? width : x1 + HALO;
-    uint16_t *s = sums - 3 * (x0 - HALO); /* s[3 x + channel] */
+    ptrdiff_t from = x0 - HALO_PX < 0 ? 0 : x0 - HALO_PX, to = x1 + HALO_PX > width ? width : x1 + HALO_PX;
+    uint16_t *s = sums - 3 * (x0 - HALO_PX); /* s[3 x + channel] */
     const uint8_t *rows[5];
 
     for (int i = 0; i < 5; i++)
-        rows[i] = image + mirrored(y + i - HALO, height) * stride + 3 * from;
+        rows[i] = image + mirrored(y + i - HALO_PX, height) * stride + 3 * from;
     add_rows(rows, 3 * (to - from), w, s + 3 * from);
-    for (ptrdiff_t x = x0 - HALO; x < from; x++)
+    for (ptrdiff_t x = x0 - HALO_PX; x < from; x++)
         memcpy(s + 3 * x, s + 3 * mirrored(x, width), 3 * sizeof *s);
-    for (ptrdiff_t x = to; x < x1 + HALO; x++)
+    for (ptrdiff_t x = to; x < x1 + HALO_PX; x++)
         memcpy(s + 3 * x, s + 3 * mirrored(x, width), 3 * sizeof *s);
-    add_columns(sums + 3 * HALO, 3 * (x1 - x0), w, row);
+    add_columns(sums + 3 * HALO_PX, 3 * (x1 - x0), w, row);
 }
 
 /* Columns x0 to x1 - 1 of row y: where the blurred pixel is red 255, else 0. Returns 0 if no pixel is, and that was seen at
- * once, which is tried if `sparse`. `row`: room for 3 (x1 - x0) + 1 bytes; `may`: for chunks_of(x1 - x0 + 2 HALO). */
+ * once, which is tried if `sparse`. `row`: room for 3 (x1 - x0) + 1 bytes; `may`: for chunks_of(x1 - x0 + 2 HALO_PX). */
 static int mask_row(const uint8_t *image, ptrdiff_t stride, ptrdiff_t height, ptrdiff_t width, ptrdiff_t y, ptrdiff_t x0,
                     ptrdiff_t x1, const uint16_t *w, const Rule *rule, const uint8_t *tables, uint16_t *sums, uint8_t *row,
                     uint8_t *may, int sparse, uint8_t *mask)
 {
-    ptrdiff_t from = x0 - HALO < 0 ? 0 : x0 - HALO, to = x1 + HALO > width ? width : x1 + HALO, n = chunks_of(to - from);
+    ptrdiff_t from = x0 - HALO_PX < 0 ? 0 : x0 - HALO_PX, to = x1 + HALO_PX > width ? width : x1 + HALO_PX, n = chunks_of(to - from);
     const uint8_t *rows[5];
     int any = 0;
     for (int i = 0; i < 5; i++)
-        rows[i] = image + mirrored(y + i - HALO, height) * stride + 3 * from;
+        rows[i] = image + mirrored(y + i - HALO_PX, height) * stride + 3 * from;
     if (!sparse || !may_be_red(rows, to - from, rule, may)) {
         blur_row(image, stride, height, width, y, x0, x1, w, sums, row);
         red_row(row, x1 - x0, rule, tables, mask);
         return 1;
     }
     memset(mask, 0, (size_t)(x1 - x0));
-    for (ptrdiff_t j = 0; j < n; j++) { /* the chunks that may be red, and those beside them: HALO is less than a chunk */
+    for (ptrdiff_t j = 0; j < n; j++) { /* the chunks that may be red, and those beside them: HALO_PX is less than a chunk */
         if (!may[j])
             continue;
         ptrdiff_t first = j ? j - 1 : 0;
         while (j + 1 < n && (may[j] || may[j + 1]))
             j++; /* a gap of one chunk is beside both */
-        ptrdiff_t a = from + CHUNK * first, b = from + CHUNK * (j + 1);
+        ptrdiff_t a = from + CHUNK_PX * first, b = from + CHUNK_PX * (j + 1);
         a = a < x0 ? x0 : a;
         b = b > x1 ? x1 : b;
         if (a >= b)
@@ -109,7 +108,7 @@ void gateway_scan(const uint8_t *image, ptrdiff_t stride, ptrdiff_t height, ptrd
         memset(out, 0, (size_t)columns);
         for (ptrdiff_t x = 0; x < width; x += TILE) {
             ptrdiff_t end = x + TILE < width ? x + TILE : width;
-            for (ptrdiff_t y = ys[i] + HALO + 1; i + 1 < rows && y < height && y <= ys[i + 1] + HALO; y++)
+            for (ptrdiff_t y = ys[i] + HALO_PX + 1; i + 1 < rows && y < height && y <= ys[i + 1] + HALO_PX; y++)
                 fetch_ahead(image + y * stride, 3 * x, 3 * end);
             any |= mask_row(image, stride, height, width, ys[i], x, end, w, rule, tables, sums, row, may, 1, reds + x);
         }

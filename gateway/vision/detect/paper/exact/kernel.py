@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 from gateway.config import VisionConfig
 from gateway.vision.compiled import library as compiled
 from gateway.vision.compiled.build import LIBRARY
+from gateway.vision.compiled.sizes import CHUNK_PX, HALO_PX
 from gateway.vision.detect.paper import stages
 from gateway.vision.detect.paper.exact import red
 from gateway.vision.detect.paper.exact.geometry import Box
 from gateway.vision.detect.paper.stages import Mask
 from gateway.vision.pixels import Image
 
-HALO_PX = 2
-CHUNK_PX, MAYBE_KERNEL_PX = 32, 5  # of `maybe.h`
+MAYBE_KERNEL_PX = 5  # of `maybe.h`
 # Half of the kernel of OpenCV's 8-bit Gaussian with sigma 0, from the middle, in 16ths. Larger ones are left to it.
 WEIGHTS: dict[int, tuple[int, int, int]] = {1: (16, 0, 0), 3: (8, 4, 0), 5: (6, 4, 1)}
 _POINTER, _SIZE = ctypes.c_void_p, ctypes.c_ssize_t
@@ -112,7 +112,9 @@ def load(params: VisionConfig, library: Path = LIBRARY) -> Kernel | None:
     """None where there is none, where it is not of this source, or where it doesn't support the blur."""
     if params.gaussian_sigma_px or params.gaussian_kernel_px not in WEIGHTS:
         return None
-    return compiled.load(lambda loaded: Kernel(loaded, params), lambda kernel: _agrees(kernel, params), library)
+    return compiled.load(
+        lambda loaded: Kernel(loaded, params), lambda kernel: _agrees(kernel, params), stages.red, library
+    )
 
 
 def _agrees(kernel: Kernel, params: VisionConfig) -> bool:

@@ -19,9 +19,9 @@
 #include "red.h"
 #include "wide.h"
 
-enum { CHUNK = 32, GREEN_BITS = 5, SLACK = 2 }; /* pixels of a verdict; binary places of k; see above */
+enum { GREEN_BITS = 5, SLACK = 2 }; /* binary places of k; see above */
 
-static inline ptrdiff_t chunks_of(ptrdiff_t pixels) { return (pixels + CHUNK - 1) / CHUNK; }
+static inline ptrdiff_t chunks_of(ptrdiff_t pixels) { return (pixels + CHUNK_PX - 1) / CHUNK_PX; }
 
 #if HAS_WIDE
 WIDE static inline __m256i down_at(const uint8_t *const *rows, ptrdiff_t i)
@@ -46,7 +46,7 @@ WIDE static void may_wide(const uint8_t *const *rows, ptrdiff_t n, int32_t green
         place[i] = _mm256_set1_epi8(green >> i & 1 ? -1 : 0);
 
     for (ptrdiff_t j = 0; j < chunks_of(n); j++) {
-        ptrdiff_t i = 3 * (CHUNK * (j + 1) > n ? n - CHUNK : CHUNK * j);
+        ptrdiff_t i = 3 * (CHUNK_PX * (j + 1) > n ? n - CHUNK_PX : CHUNK_PX * j);
         __m256i first = down_at(rows, i), second = down_at(rows, i + 32), last = down_at(rows, i + 64);
         /* the same thirds of two groups of 16 pixels, as `red_row_wide` has them */
         __m256i a = _mm256_permute2x128_si256(first, second, 0x30), b = _mm256_permute2x128_si256(first, last, 0x21),
@@ -64,7 +64,7 @@ WIDE static void may_wide(const uint8_t *const *rows, ptrdiff_t n, int32_t green
 static inline int may_be_red(const uint8_t *const *rows, ptrdiff_t n, const Rule *rule, uint8_t *may)
 {
 #if HAS_WIDE
-    if (n >= CHUNK && rule->green && has_wide()) {
+    if (n >= CHUNK_PX && rule->green && has_wide()) {
         may_wide(rows, n, rule->green, may);
         return 1;
     }

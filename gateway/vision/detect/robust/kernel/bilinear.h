@@ -10,7 +10,7 @@
 
 #include "numbers.h"
 
-enum { MOST_RAYS = 320, CHANNELS = 3 };
+enum { CHANNELS = 3 };
 
 typedef struct { /* `rim_kernel._Picture` */
     const uint8_t *pixels;

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.vision.compiled.sizes import BLOBS, PEAKS, THRESHOLDS
+from gateway.vision.detect.robust import constants
 from gateway.vision.detect.robust.redness import LOG, Plane
 from gateway.vision.pixels import Image
 
 _Pointer, _Int, _Real = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
-_PEAKS, _THRESHOLDS, _BLOBS = 7, 8, 5
 
 
 class VoteTask(ctypes.Structure):
@@ -20,7 +21,8 @@ class VoteTask(ctypes.Structure):
         ("radii", _Pointer),
         ("radius_count", _Int),
         *((name, _Real) for name in ("outer", "middle")),
-        ("peaks", _Real * (4 * _PEAKS)),
+        ("constants", _Pointer),
+        ("peaks", _Real * (4 * PEAKS)),
     )
 
 
@@ -36,10 +38,11 @@ class BlobTask(ctypes.Structure):
     _fields_ = (
         ("red", _Pointer),
         *((name, _Int) for name in ("height", "width", "factor")),
-        ("shares", _Real * _THRESHOLDS),
+        ("shares", _Real * THRESHOLDS),
         *((name, _Real) for name in ("smallest", "largest")),
-        ("counts", _Int * _THRESHOLDS),
-        ("blobs", _Blob * _BLOBS * _THRESHOLDS),
+        ("constants", _Pointer),
+        ("counts", _Int * THRESHOLDS),
+        ("blobs", _Blob * BLOBS * THRESHOLDS),
     )
 
 
@@ -59,6 +62,7 @@ class CandidateKernel:
             room.restype = _Int
         self._votes.restype, self._blobs.restype = ctypes.c_int, None
         self._log = np.ascontiguousarray(LOG)
+        self._constants = constants.passed()
         self._rooms: list[NDArray[np.uint8]] = []
 
     def redness(self, picture: Image) -> Plane:
@@ -80,7 +84,7 @@ class CandidateKernel:
         size, largest, gx, gy = planes
         task = VoteTask(
             size.ctypes.data, largest.ctypes.data, gx.ctypes.data, gy.ctypes.data, *size.shape, radii.ctypes.data,
-            radii.size, *blur,
+            radii.size, *blur, self._constants.ctypes.data,
         )  # fmt: skip
         at = ctypes.addressof(task)
         room = self._room(self._vote_room(at))
@@ -95,7 +99,9 @@ class CandidateKernel:
         self, red: Plane, shares: Sequence[float], factor: int, radii_px: tuple[float, float]
     ) -> list[tuple[float, float, int, int, float, float]]:
         """Left, top, width, height, radius (px of the full frame) and fill of the largest round ones, by threshold."""
-        task = BlobTask(red.ctypes.data, *red.shape, factor, (_Real * _THRESHOLDS)(*shares), *radii_px)
+        task = BlobTask(
+            red.ctypes.data, *red.shape, factor, (_Real * THRESHOLDS)(*shares), *radii_px, self._constants.ctypes.data
+        )
         at = ctypes.addressof(task)
         room = self._room(self._blob_room(at))
         self._blobs(at, room.ctypes.data)

@@ -3,13 +3,7 @@
 #define GATEWAY_CLEAR_AIR_H
 
 #include "bilinear.h"
-
-#define AIRLIGHT_QUANTILE 0.7f
-#define DARKEST_AIRLIGHT 20.0f
-#define MOST_GREEN 1.1f
-#define NO_VEIL 0.6f
-
-enum { VEIL_CELLS = 8, MOST_VEIL_SIDE = 160 };
+#include "constants.h"
 
 typedef struct { /* `air_kernel._PICTURE`: pixels that lie so many bytes apart */
     const uint8_t *pixels;
@@ -37,11 +31,13 @@ INLINE void least_sums(const uint8_t *plane, int64_t h, int64_t w, int64_t top, 
 }
 
 /* 1: `veil.estimate` finds none; 0: it has to be asked. For MOST_VEIL_SIDE px a side at most. */
-static int air_is_clear(const Sparse *p)
+static int air_is_clear(const Sparse *p, const Constants *constants)
 {
     uint8_t planes[CHANNELS][MOST_VEIL_SIDE * MOST_VEIL_SIDE];
     int counts[CHANNELS][256] = {{0}};
     int16_t sums[CHANNELS][MOST_VEIL_SIDE];
+    float bright = (float)constants->bright, darkest_air = (float)constants->darkest_airlight;
+    float most_green = (float)constants->most_green, no_veil = (float)constants->no_veil;
     float air[CHANNELS], local[VEIL_CELLS][VEIL_CELLS];
     int64_t h = p->height, w = p->width, longer = h > w ? h : w;
     if (h < 8 || w < 8)
@@ -56,14 +52,14 @@ static int air_is_clear(const Sparse *p)
                 counts[c][value]++;
             }
     for (int c = 0; c < CHANNELS; c++) {
-        float wanted = AIRLIGHT_QUANTILE * (float)(h * w);
+        float wanted = bright * (float)(h * w);
         int level = 0;
         for (int sum = counts[c][0]; (float)sum < wanted; sum += counts[c][level])
             level++;
         air[c] = (float)level;
     }
     float other = air[0] > air[2] ? air[0] : air[2];
-    if (air[0] < DARKEST_AIRLIGHT || air[1] < DARKEST_AIRLIGHT || air[2] < DARKEST_AIRLIGHT || air[1] > MOST_GREEN * other)
+    if (air[0] < darkest_air || air[1] < darkest_air || air[2] < darkest_air || air[1] > most_green * other)
         return 1;
     double cell = most(1, (double)longer / VEIL_CELLS);
     int rows = (int)most(1, nearbyint((double)h / cell)), columns = (int)most(1, nearbyint((double)w / cell));
@@ -91,9 +87,9 @@ static int air_is_clear(const Sparse *p)
             for (int y = r ? r - 1 : 0; y <= r + 1 && y < rows; y++)
                 for (int x = c ? c - 1 : 0; x <= c + 1 && x < columns; x++)
                     near = local[y][x] < near ? local[y][x] : near;
-            veiled += near > NO_VEIL;
+            veiled += near > no_veil;
         }
-    return 2 * veiled < rows * columns;
+    return veiled < constants->least_part * (rows * columns);
 }
 
 #endif

@@ -7,15 +7,6 @@
 
 #include "ellipse_fit.h"
 
-#define EVIDENCE_RADIUS_PX 14.0
-#define EDGE_STEP 0.3f
-#define SHOWN 0.4f
-#define DARKEST 0.05
-#define FULL_VEIL 220.0
-#define MOST_HAZE 0.75
-
-enum { BEFORE_EDGE = 2, NEXT_TO_RIM = 3, CORE_FIRST = 1, CORE_LAST = 3, CORE_END = 5, WHITE_LEVEL = 248 };
-
 typedef struct { /* `evidence_kernel._ROW`: what is asked, px of the full frame; in its place what was found */
     Shape shape;
     double found, coverage, leak, visible, contrast, rise, noise, fill, hollow, redness, haze, colour[3];
@@ -122,7 +113,7 @@ static int rim_round(const Level *level, Shape *shape, const EvidenceTables *t, 
     for (int turn = 0; turn < 2; turn++) {
         Shape before = *shape;
         edges_on_rays(level, shape, t->close, (int)t->close_count, t, fused, w);
-        if (!ellipse_near(&w->points, 0.14 * before.across + 0.7, shape))
+        if (!ellipse_near(&w->points, 0.14 * before.across + 0.7, t->constants, shape))
             return 0;
         if (!(shape->across > 0.3 * before.across && shape->along < 3 * before.along))
             return 0;
@@ -158,7 +149,7 @@ INLINE int at_place(const int *counts, int place)
 }
 
 /* Medians of the colour inside, and how bright the darkest part of all is. 0 where nothing inside is in the picture. */
-static int colours_of(const RingSamples *r, int disc, int count, EvidenceRow *row)
+static int colours_of(const RingSamples *r, int disc, int count, const Constants *constants, EvidenceRow *row)
 {
     int counts[CHANNELS][256] = {{0}}, darkest[256] = {0}, inside = 0, all = 0;
     for (int s = 0; s < count; s++)
@@ -173,10 +164,10 @@ static int colours_of(const RingSamples *r, int disc, int count, EvidenceRow *ro
         return 0;
     for (int c = 0; c < CHANNELS; c++)
         row->colour[c] = (at_place(counts[c], (inside - 1) / 2) + at_place(counts[c], inside / 2)) / 2.0;
-    double place = (all - 1) * DARKEST, share = place - floor(place);
+    double place = (all - 1) * constants->darkest, share = place - floor(place);
     double low = at_place(darkest, (int)place), apart = at_place(darkest, least(place + 1, all - 1)) - low;
     double dark = share < 0.5 ? low + apart * share : low + apart - apart * (1 - share);
-    row->haze = least(dark / FULL_VEIL, MOST_HAZE);
+    row->haze = least(dark / constants->full_veil, constants->most_haze);
     return 1;
 }
 
@@ -184,6 +175,8 @@ static int colours_of(const RingSamples *r, int disc, int count, EvidenceRow *ro
 static int measured_on(const Level *level, const Shape *shape, const EvidenceTables *t, int fused, EvidenceWork *w, EvidenceRow *row)
 {
     RingSamples *r = &w->rings;
+    float edge_step = (float)t->constants->edge_step, shown_from = (float)t->constants->shown;
+    int white_from = (int)t->constants->white;
     int n = (int)t->disc, m = n + (int)t->inside, count = m + (int)t->inside, seen = 0, leaks = 0, visible = 0, empty = 0;
     int64_t red_area = 0, area = 0;
     float within[RADIAL], beyond[RADIAL], next[RADIAL], gap[RADIAL], steps[RADIAL];
@@ -195,7 +188,7 @@ static int measured_on(const Level *level, const Shape *shape, const EvidenceTab
             used[i] &= r->seen[s][i];
         seen += used[i];
     }
-    if (seen < RADIAL / 6 || !colours_of(r, n, count, row))
+    if (seen < RADIAL / 6 || !colours_of(r, n, count, t->constants, row))
         return 0;
     ray_medians(r->red + n, m - n, within);
     ray_medians(r->red + m, count - m, beyond);
@@ -203,15 +196,15 @@ static int measured_on(const Level *level, const Shape *shape, const EvidenceTab
     for (int i = 0; i < RADIAL; i++)
         gap[i] = within[i] - beyond[i];
     float contrast = marked_median(gap, used, w), around = marked_median(beyond, used, w);
-    float red_from = around + SHOWN * contrast;
+    float red_from = around + shown_from * contrast;
     colour_steps(r, m, steps);
     for (int i = 0; i < RADIAL; i++) {
         red_within[i] = within[i] > red_from, red_next[i] = next[i] > red_from;
-        shown[i] = used[i] & red_within[i] & !red_next[i] & (gap[i] > SHOWN * contrast) & (contrast > 0);
+        shown[i] = used[i] & red_within[i] & !red_next[i] & (gap[i] > shown_from * contrast) & (contrast > 0);
     }
     float usual = marked_median(steps, shown, w);
     for (int i = 0; i < RADIAL; i++) {
-        int edged = steps[i] > EDGE_STEP * usual, through = used[i] & red_within[i] & red_next[i];
+        int edged = steps[i] > edge_step * usual, through = used[i] & red_within[i] & red_next[i];
         leaks += through & !edged;
         visible += shown[i] | (through & edged);
         both[i] = used[i] & red_within[i];
@@ -227,7 +220,7 @@ static int measured_on(const Level *level, const Shape *shape, const EvidenceTab
     }
     for (int s = 0; s < n; s++)
         for (int i = 0; i < RADIAL; i++) {
-            int white = r->bgr[s][0][i] >= WHITE_LEVEL && r->bgr[s][1][i] >= WHITE_LEVEL && r->bgr[s][2][i] >= WHITE_LEVEL;
+            int white = r->bgr[s][0][i] >= white_from && r->bgr[s][1][i] >= white_from && r->bgr[s][2][i] >= white_from;
             int counts = r->seen[s][i] & !white;
             area += (s + 1) * counts;
             red_area += (s + 1) * (counts & (r->red[s][i] > red_from));
@@ -241,10 +234,10 @@ static int measured_on(const Level *level, const Shape *shape, const EvidenceTab
 }
 
 /* On which level something of this radius is measured, px of the full frame. */
-INLINE const Level *level_for(const Level *levels, int64_t count, double radius)
+INLINE const Level *level_for(const Level *levels, int64_t count, double radius, double evidence_radius)
 {
     int octave;
-    frexp(most(radius / EVIDENCE_RADIUS_PX / (double)levels->factor, 1e-9), &octave);
+    frexp(most(radius / evidence_radius / (double)levels->factor, 1e-9), &octave);
     return levels + (octave < 1 ? 0 : octave > count ? count - 1 : octave - 1);
 }
 
@@ -254,7 +247,7 @@ static void gathered_evidence(const Level *levels, int64_t level_count, Evidence
 {
     for (int64_t k = 0; k < count; k++) {
         Shape *s = &rows[k].shape;
-        const Level *level = level_for(levels, level_count, s->across);
+        const Level *level = level_for(levels, level_count, s->across, t->constants->evidence_radius_px);
         double factor = (double)level->factor, middle = (factor - 1) / 2;
         s->u = (s->u - middle) / factor, s->v = (s->v - middle) / factor;
         s->along /= factor, s->across /= factor;

@@ -4,11 +4,6 @@
 
 #include "coarse.h"
 
-#define STILL_SIGMAS 0.15
-#define LEAST_VISIBLE 0.15
-
-enum { LEAST_RAYS = 64, RAYS_STEP = 32, ROUNDS = 4, SECTORS = 16, PROFILE_STEPS = 13, SMOOTH_ROWS = 21 };
-
 typedef struct { /* `normal_profiles.Profile` */
     double offsets[PROFILE_STEPS], filters[4 * PROFILE_STEPS], gram[16];
 } Profile;

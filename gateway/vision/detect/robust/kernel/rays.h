@@ -5,7 +5,7 @@
 
 #include "bilinear.h"
 
-enum { MOST_STEPS = 33 };
+enum { COARSE_STEPS = 2 * HALF_STEPS + 1, MOST_STEPS = COARSE_STEPS > PROFILE_STEPS ? COARSE_STEPS : PROFILE_STEPS };
 enum { COS, SIN, COS2, SIN2, SMOOTH }; /* rows of the table of `count` directions, 21 of the last */
 
 typedef struct { /* `conic.SupportEllipse` */

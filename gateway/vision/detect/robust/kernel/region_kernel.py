@@ -5,6 +5,7 @@ import ctypes
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.vision.detect.robust import constants
 from gateway.vision.detect.robust.redness import LOG
 from gateway.vision.pixels import Image
 
@@ -15,7 +16,7 @@ class RegionTask(ctypes.Structure):
     _fields_ = (
         *((name, _Int) for name in ("pixels", "stride", "height", "width")),
         *((name, _Int) for name in ("step", "u", "v", "inner", "outer")),
-        ("log", _Pointer),
+        *((name, _Pointer) for name in ("log", "constants")),
         ("faint", _Int),
     )
 
@@ -29,6 +30,7 @@ class RegionKernel:
         self._room_of.argtypes = [_Pointer]
         self._call.restype = self._room_of.restype = _Int
         self._log = np.ascontiguousarray(LOG)
+        self._constants = constants.passed()
         self._rooms: list[NDArray[np.int32]] = []
 
     def regions(
@@ -40,7 +42,15 @@ class RegionKernel:
         """
         place = image.__array_interface__["data"][0]
         task = RegionTask(
-            place, image.strides[0], *image.shape[:2], step, *at, inner_px, outer_px, self._log.ctypes.data
+            place,
+            image.strides[0],
+            *image.shape[:2],
+            step,
+            *at,
+            inner_px,
+            outer_px,
+            self._log.ctypes.data,
+            self._constants.ctypes.data,
         )
         where = ctypes.addressof(task)
         room = self._room(self._room_of(where))

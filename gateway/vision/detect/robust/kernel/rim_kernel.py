@@ -8,16 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.core.detection import Ellipse
-from gateway.vision.detect.robust import normal_profiles, rim_coarse, rim_fine
+from gateway.vision.compiled.sizes import COARSE_RAYS, FALL_RAYS, LEAST_RAYS, MOST_RAYS, PROFILE_STEPS, RAYS_STEP
+from gateway.vision.detect.robust import constants, normal_profiles, rim_coarse, rim_fine
 from gateway.vision.detect.robust.conic import SupportEllipse, from_ellipse, to_ellipse
 from gateway.vision.detect.robust.kernel import lab
 from gateway.vision.detect.robust.rim import Rim
 from gateway.vision.pixels import Image
 
 NONE, FOUND, NO_PROFILE = 0, 1, 2
-FALL_RAYS = 32  # a step of the rays of the fine stage, whose tables it shares
-_STEPS = 13  # of a profile, at most
-_DIRECTIONS = rim_fine.MOST_RAYS // rim_fine.RAYS_STEP + 1
+_DIRECTIONS = MOST_RAYS // RAYS_STEP + 1
 _PROFILES = 64  # kept
 _DEFAULT_SEARCH = -1.0
 
@@ -50,6 +49,7 @@ class _Tables(ctypes.Structure):
         ("lab", _Lab),
         ("opponent_unit", _Real),
         ("fused", _Int),
+        ("constants", _Pointer),
     )
 
 
@@ -76,7 +76,7 @@ class Room:
     def __init__(self, work_size: int) -> None:
         self._work = np.empty(work_size, np.uint8)
         self.keys = np.zeros((_PROFILES, 3), np.int64)
-        self.profiles = np.zeros((_PROFILES, 5 * _STEPS + 16))
+        self.profiles = np.zeros((_PROFILES, 5 * PROFILE_STEPS + 16))
         self.task = _Task(profile_keys=self.keys.ctypes.data, profiles=self.profiles.ctypes.data)
         self.task_at = ctypes.addressof(self.task)
         self.work_at = self._work.ctypes.data
@@ -88,8 +88,8 @@ class Room:
         steps = len(made.offsets_px)
         self.keys[at] = sigma_tenths, half_steps, step_hundredths
         self.profiles[at, :steps] = made.offsets_px
-        self.profiles[at, _STEPS : _STEPS + 4 * steps] = made.filters.ravel()
-        self.profiles[at, 5 * _STEPS :] = made.gram.ravel()
+        self.profiles[at, PROFILE_STEPS : PROFILE_STEPS + 4 * steps] = made.filters.ravel()
+        self.profiles[at, 5 * PROFILE_STEPS :] = made.gram.ravel()
         self.task.profile_count = at + 1
 
 
@@ -143,10 +143,9 @@ class RimKernel:
 
     def _made(self) -> _Tables:
         tables = _Tables()
-        coarse_rays = rim_coarse.COARSE_RAYS
-        tables.coarse = self._at(directions_of(coarse_rays))
-        for count in (FALL_RAYS, *range(rim_fine.LEAST_RAYS, rim_fine.MOST_RAYS + 1, rim_fine.RAYS_STEP)):
-            tables.directions[count // rim_fine.RAYS_STEP] = self._at(directions_of(count))
+        tables.coarse = self._at(directions_of(COARSE_RAYS))
+        for count in (FALL_RAYS, *range(LEAST_RAYS, MOST_RAYS + 1, RAYS_STEP)):
+            tables.directions[count // RAYS_STEP] = self._at(directions_of(count))
         tables.filter = self._at(rim_coarse.edge_filter())
         for n, (rays, inverses) in enumerate(rim_coarse.subsets()):
             place = self._at(rays.astype(np.int32)), self._at(inverses)
@@ -155,6 +154,7 @@ class RimKernel:
         tables.lab = _Lab(self._at(lab.linear()), self._at(lab.root()), x, y)
         tables.opponent_unit = normal_profiles.OPPONENT
         tables.fused = opencv_fuses()
+        tables.constants = self._at(constants.passed())
         return tables
 
     def _at(self, values: NDArray[np.generic]) -> int:
@@ -177,7 +177,7 @@ def set_task(task: _Task, image: Image, seed: Ellipse, search_px: float | None, 
         1.0,
         doubt,
         opponent,
-        rim_fine.FEW_RAYS if fine_only else rim_fine.MOST_RAYS,
+        rim_fine.FEW_RAYS if fine_only else MOST_RAYS,
         0,
     )
 
@@ -194,7 +194,7 @@ def opencv_fuses() -> bool:
 
 
 def directions_of(count: int) -> NDArray[np.float64]:
-    """(4 + 21, count): cosine, sine, of the angle and of its double, and the smoothing."""
+    """(4 + SMOOTH_ROWS, count): cosine, sine, of the angle and of its double, and the smoothing."""
     at = normal_profiles.directions(count)
     return np.concatenate([at.normal, at.waves[1:], rim_fine.neighbours(count).T])
 

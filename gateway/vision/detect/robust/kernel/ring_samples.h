@@ -3,8 +3,9 @@
 #define GATEWAY_RING_SAMPLES_H
 
 #include "bilinear.h"
+#include "constants.h"
 
-enum { RADIAL = 48, MOST_SHARES = 32 }; /* rays; samples on each */
+enum { MOST_SHARES = 32 }; /* samples on a ray */
 
 typedef struct { /* `evidence_kernel`: what Python computes once */
     const float *cos, *sin; /* of the rays, (RADIAL,) */
@@ -14,6 +15,7 @@ typedef struct { /* `evidence_kernel`: what Python computes once */
     int64_t wide_count, close_count, triple_count;
     int64_t disc, inside; /* of `rings`: so many within the disc, then so many inside the rim; the rest outside */
     int64_t fused; /* whether OpenCV multiplies and adds at once */
+    const Constants *constants;
 } EvidenceTables;
 
 typedef struct {

@@ -4,15 +4,10 @@
 
 #include <stdint.h>
 
+#include "constants.h"
 #include "median.h"
 
-#define LEAST_GRADIENT 0.01f
-#define RIDGE_SHARE 0.9f
-#define LEAST_VOTE 0.12f
-#define SAME_VOTE 1e-6f
 #define TWO_PI 6.283185307179586f
-
-enum { CELL = 2, MARGIN = 3, PEAKS = 7, FEWEST_EDGES = 8, MOST_RADII = 16 };
 
 typedef struct { /* `candidate_kernel.VoteTask` */
     const float *size, *largest, *gx, *gy; /* (height, width): of the gradient, the largest of it around, its parts */
@@ -20,6 +15,7 @@ typedef struct { /* `candidate_kernel.VoteTask` */
     const float *radii;
     int64_t radius_count;
     double outer, middle; /* of the blur of the votes */
+    const Constants *constants;
     double peaks[PEAKS][4]; /* row, column, number of the radius, votes */
 } VoteTask;
 
@@ -36,11 +32,12 @@ typedef struct {
 
 static void ridges(const VoteTask *t, VotingEdges *e, float *strength)
 {
+    float least_gradient = (float)t->constants->least_gradient, ridge_share = (float)t->constants->ridge_share;
     int count = 0;
     for (int64_t y = 0; y < t->height; y++) {
         const float *size = t->size + y * t->width, *largest = t->largest + y * t->width;
         for (int64_t x = 0; x < t->width; x++) {
-            if (!(size[x] > LEAST_GRADIENT && size[x] >= RIDGE_SHARE * largest[x]))
+            if (!(size[x] > least_gradient && size[x] >= ridge_share * largest[x]))
                 continue;
             strength[count] = size[x];
             e->x[count] = (float)x, e->y[count] = (float)y;
@@ -93,9 +90,9 @@ static void blurred(const double *sheet, int32_t rows, int32_t columns, float ou
 }
 
 /* The largest of a cell and its neighbours, less the one itself, is next to nothing. */
-INLINE int is_peak(const float *best, int32_t rows, int32_t columns, int32_t row, int32_t column)
+INLINE int is_peak(const float *best, int32_t rows, int32_t columns, int32_t row, int32_t column, float same_vote)
 {
-    float own = best[(int64_t)row * columns + column] + SAME_VOTE;
+    float own = best[(int64_t)row * columns + column] + same_vote;
     for (int32_t r = row ? row - 1 : 0; r <= row + 1 && r < rows; r++)
         for (int32_t c = column ? column - 1 : 0; c <= column + 1 && c < columns; c++)
             if (best[(int64_t)r * columns + c] > own)
@@ -106,12 +103,13 @@ INLINE int is_peak(const float *best, int32_t rows, int32_t columns, int32_t row
 /* The best peaks, in order of their votes to five digits, then row by row; how many. */
 static int peaks_of(VoteTask *t, const float *best, const uint8_t *which, int32_t rows, int32_t columns)
 {
+    float least_vote = (float)t->constants->least_vote, same_vote = (float)t->constants->same_vote;
     int count = 0;
     double order[PEAKS + 1];
     for (int32_t row = 0; row < rows; row++)
         for (int32_t column = 0; column < columns; column++) {
             int64_t cell = (int64_t)row * columns + column;
-            if (!(best[cell] >= LEAST_VOTE) || !is_peak(best, rows, columns, row, column))
+            if (!(best[cell] >= least_vote) || !is_peak(best, rows, columns, row, column, same_vote))
                 continue;
             double votes = nearbyint((double)best[cell] * 1e5);
             int at = count;
@@ -141,7 +139,7 @@ static int voted(VoteTask *t, void *work)
     VotingEdges e = {0, edges, edges + pixels, edges + 2 * pixels, edges + 3 * pixels, edges + 4 * pixels, (int32_t *)(edges + 5 * pixels)};
     float outer = (float)t->outer, middle = (float)t->middle;
     ridges(t, &e, e.weight);
-    if (e.count < FEWEST_EDGES)
+    if (e.count < t->constants->fewest_voters)
         return 0;
     float usual = median_of(e.weight, e.count, (float *)e.cell);
     for (int i = 0; i < e.count; i++)
