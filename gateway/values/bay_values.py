@@ -5,7 +5,7 @@ Every row reads a state as it may be shown now (gateway/core/shown.py).
 
 from collections.abc import Callable
 from enum import Enum
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from gateway.core import ne107
 from gateway.core.detection import Tracking
@@ -22,7 +22,7 @@ from gateway.core.state import (
     StateVector,
     VisitPhase,
 )
-from gateway.values.value import Value, always, by_name
+from gateway.values.value import Value, by_name
 
 NS_PER_MS = 1_000_000
 Part = TypeVar("Part")
@@ -43,12 +43,12 @@ _exposure = _part(lambda s: s.exposure)
 _scale = _part(lambda s: s.memory.scale)
 
 
-def _fresh(state: StateVector) -> Quality:
+def _frame(state: StateVector) -> Quality:
     """A fresh frame, with or without a marker."""
     return Quality.GOOD if state.vision.quality in FRESH_FRAME else state.vision.quality
 
 
-def _coasting(state: StateVector) -> Quality:
+def _coasted(state: StateVector) -> Quality:
     return Quality.GOOD if state.vision.quality is Quality.COASTED else Quality.NO_TARGET
 
 
@@ -71,144 +71,135 @@ def _signals(state: StateVector) -> tuple[str, ...]:
     return tuple(signal.name for signal in Ne107 if signal in found)
 
 
-class _Maker(Protocol):
-    def __call__(self, name: str, kind: type, meaning: str, read: Read, null: str = "") -> Value[StateVector]: ...
+def _marker(state: StateVector) -> Quality:
+    return state.vision.quality
 
 
-def _rows(quality: Callable[[StateVector], Quality]) -> _Maker:
-    """Makes rows that rest on this quality."""
-
-    def row(name: str, kind: type, meaning: str, read: Read, null: str = "") -> Value[StateVector]:
-        return Value(name, kind, meaning, read, null, quality)
-
-    return row
+def _ranger(state: StateVector) -> Quality:
+    return state.range.quality
 
 
-_bay = _rows(always)
-_marker = _rows(lambda s: s.vision.quality)
-_ranger = _rows(lambda s: s.range.quality)
-_frame = _rows(_fresh)
-_coasted = _rows(_coasting)
 _UNLESS_GOOD = "vision is not GOOD"
 _NOT_KNOWN = "not known"
 
 ROWS: tuple[Value[StateVector], ...] = (
-    _bay("seq", int, "number of the state in this bay; begins again when the gateway starts", lambda s: s.seq),
-    _bay("stop", bool, "the truck must stop; also on whenever D is unknown", lambda s: s.stop),
-    _bay("may_move", bool, "the truck may move: stop is off, nothing withholds it; no condition for loading",
-         lambda s: s.may_move),
-    _bay("in_place", bool, "the truck is in place: the only condition for loading", lambda s: s.in_place),
-    _bay("held", bool, "in_place is held by the ranger alone: the marker is covered", lambda s: s.visit.held),
-    _bay("moved", Moved, "since it was in place, the truck left it without release: NO, DISTANCE, MARKER",
-         lambda s: s.visit.moved),
-    _bay("rolling", bool, "a truck that was in place moves now, without release: stop loading",
-         lambda s: s.visit.rolling),
-    _bay("released", bool, "the PLC has released the truck, which has not left yet", lambda s: s.visit.released),
-    _bay("phase", VisitPhase, "phase of the visit: a name of VisitPhase (docs/registers.md); for people",
-         lambda s: s.visit.phase),
-    _bay("reason", Reason, "why `stop` is on", lambda s: s.reason),
-    _bay("d", bool, "D(t), equation 14", lambda s: s.d, "unknowable"),
-    _marker("u_px", float, "centre of the marker, px from the left", _circle(lambda c: c.u_px), _UNLESS_GOOD),
-    _marker("v_px", float, "centre of the marker, px from the top", _circle(lambda c: c.v_px), _UNLESS_GOOD),
-    _marker("radius_px", float, "R, the marker's radius", _circle(lambda c: c.radius_px), _UNLESS_GOOD),
-    _ranger("distance_mm", float, "Z, the ranger's distance", lambda s: s.range.distance_mm, "range is not GOOD"),
-    _marker("z_vision_mm", float, "distance seen by the camera", lambda s: s.z_vision_mm,
-            "vision is not GOOD, or not configured"),
-    _bay("vision.quality", Quality, "may the marker's values be used; else why not", lambda s: s.vision.quality),
-    _bay("vision.age_ms", float, "of the newest frame or fault", lambda s: _age_ms(s, s.vision), "nothing received"),
-    _bay("range.quality", Quality, "may the distance be used; else why not", lambda s: s.range.quality),
-    _bay("range.age_ms", float, "of the newest distance or fault", lambda s: _age_ms(s, s.range), "nothing received"),
-    _bay("heartbeat", int, "+1 with every tick of fusion", lambda s: s.heartbeat),
-    _bay("frame_id", int, "of the newest observation of the camera", lambda s: s.vision.frame_id),
-    _marker("x_n", float, "normalised coordinate, equation 11", lambda s: s.vision.x_n, "without intrinsics"),
-    _marker("y_n", float, "normalised coordinate, equation 11", lambda s: s.vision.y_n, "without intrinsics"),
-    _frame("tracking", Tracking, "how the position was obtained", lambda s: s.vision.tracking, "no fresh frame"),
-    _marker("confidence", float, "of the detection, 0 to 1", lambda s: s.vision.confidence,
-            "vision is not GOOD, or the method gives none"),
-    _marker("visible", float, "share of the rim seen, 0 to 1", lambda s: s.vision.visible,
-            _UNLESS_GOOD + ", or not known"),
-    _marker("frames_summed", int, "frames whose sum shows the marker; 1: a single one shows it",
-            lambda s: s.vision.frames, _UNLESS_GOOD),
-    _marker("semi_minor_px", float, "of the rim's ellipse", _ellipse(lambda e: e.semi_minor_px),
-            _UNLESS_GOOD + ", or not fitted"),
-    _marker("tilt_deg", float, "of the disc against the line of sight", _ellipse(lambda e: e.tilt_deg),
-            "as semi_minor_px"),
-    _coasted("predicted.u_px", float, "px from the left", _predicted(lambda c: c.u_px), "vision is not COASTED"),
-    _coasted("predicted.v_px", float, "px from the top", _predicted(lambda c: c.v_px), "vision is not COASTED"),
-    _coasted("predicted.radius_px", float, "radius", _predicted(lambda c: c.radius_px), "vision is not COASTED"),
-    _bay("in_place_ms", float, "since it is in place, without a break",
-         lambda s: _ms(s, s.visit.in_place_since_ns if s.in_place else None), "it is not"),
-    _bay("held_ms", float, "since the marker was covered, in place",
-         lambda s: _ms(s, s.visit.covered_since_ns if s.visit.held else None), "it is not held"),
-    _bay("scale.px_mm", float, "median of R x Z over the visits, px mm", _scale(lambda m: m.px_mm), "not learned yet"),
-    _bay("scale.spread", float, "largest minus smallest, as a share of px_mm", _scale(lambda m: m.spread),
-         "not learned yet"),
-    _bay("scale.visits", int, "trucks in place that it was learned from, the newest 60 at most",
-         _scale(lambda m: m.visits), "not learned yet"),
-    _bay("scale.jump", float, "how much the newest differs from those before, as a share", _scale(lambda m: m.jump),
-         "by no more than a tenth"),
-    _frame("picture.brightness", float, "mean grey level, share of white", _picture(lambda p: p.brightness),
-           "no fresh picture"),
-    _frame("picture.clipped", float, "share of the pixels that are burnt out", _picture(lambda p: p.clipped),
-           "no fresh picture"),
-    _frame("picture.contrast", float, "from the 5th to the 95th percentile of the grey levels",
-           _picture(lambda p: p.contrast), "no fresh picture"),
-    _frame("picture.sharpness", float, "of the strongest edges, 0.6 in focus", _picture(lambda p: p.sharpness),
-           "too few edges"),
-    _frame("picture.veil", float, "share of dust or haze over the picture", _picture(lambda p: p.veil),
-           "too dark to measure"),
-    _frame("picture.veil_proven", float, "up to this veil the bay was shown to be reliable",
-           _picture(lambda p: p.veil_proven), "not shown"),
-    _frame("picture.shift_px", float, "how far the fixed background has moved", _picture(lambda p: p.shift_px),
-           "hidden, or not learned"),
-    _frame("picture.status", int, "what is wrong with it, one bit each (register picture_status)",
-           _picture(lambda p: p.status), "no fresh picture"),
-    _frame("picture.faults", tuple, "what is wrong for some time now; empty: nothing",
-           _picture(lambda p: tuple(fault.name for fault in p.faults)), "no fresh picture"),
-    _bay("exposure.state", ExposureState, "of a camera whose exposure the gateway controls",
-         _exposure(lambda e: e.state), "left to the camera"),
-    _bay("exposure.time_ms", float, "exposure time", _exposure(lambda e: e.time_ms), "the camera can't be set"),
-    _bay("exposure.gain_db", float, "its gain", _exposure(lambda e: e.gain_db), "not controlled"),
-    _bay("ne107", Ne107, "NAMUR NE 107: the signal that counts most", ne107.status),
-    _bay("ne107.active", tuple, "every signal that holds, by name", _signals),
-    _bay("guidance", GuidanceCode, "instruction for the driver", lambda s: s.guidance.code),
-    _bay("guidance.amount_mm", float, "distance of the instruction", lambda s: s.guidance.amount_mm, _NOT_KNOWN),
-    _bay("guidance.offset_u_px", float, "marker minus aim point, to the right", lambda s: s.guidance.offset_u_px,
-         "no marker or no aim"),
-    _bay("guidance.offset_v_px", float, "marker minus aim point, downwards", lambda s: s.guidance.offset_v_px,
-         "no marker or no aim"),
-    _bay("guidance.offset_mm", float, "offset_u_px at the marker's distance", lambda s: s.guidance.offset_mm,
-         "size not known"),
-    _bay("guidance.closing_mm_s", float, "positive: the truck approaches", lambda s: s.guidance.closing_mm_s,
-         _NOT_KNOWN),
-    _bay("guidance.to_go_mm", float, "until D = 1; negative: past it", lambda s: s.guidance.to_go_mm, _NOT_KNOWN),
-    _bay("plc.link", PlcLink, "of the PLC's heartbeat: UNUSED, WAITING, ALIVE, LOST", lambda s: s.plc.link),
-    _bay("plc.age_ms", float, "since its heartbeat last changed", _plc_age_ms, "never received"),
-    _bay("plc.heartbeat", int, "as the PLC has written it last", lambda s: s.plc.heartbeat),
-    _bay("plc.control", int, "as the PLC has written it last", lambda s: s.plc.control),
-    _bay("plc.stop_latched", bool, "stop by D stays until a reset", lambda s: s.memory.latched),
-    _bay("plc.recipe", int, "id of the recipe in force; 0: the configuration as it is", lambda s: s.plc.recipe),
-    _bay("plc.acquisition_id", int, "number of the newest accepted trigger; 0: none", lambda s: s.plc.acquisition),
-    _bay("plc.results_valid", bool, "the result of acquisition_id is held for the PLC",
-         lambda s: s.plc.phase is TriggerPhase.VALID),
-    _bay("plc.writes", int, "writes accepted since the start of the gateway", lambda s: s.plc.writes),
-    _bay("plc.write_conflicts", int, "writes refused since then because another PLC owns the block",
-         lambda s: s.plc.conflicts),
-    _bay("sensors_disagree", bool, "camera and ranger contradict each other", lambda s: s.memory.disagree),
-    _bay("function_check", FunctionCheck, "is a technician at work?", lambda s: s.function_check),
-    _bay("rates.vision_hz", float, "vision results a second", lambda s: s.vision.stats.rate_hz),
-    _bay("rates.range_hz", float, "distances a second", lambda s: s.range.stats.rate_hz),
-    _bay("rates.vision_latency_ms", float, "capture to result, newest frame", lambda s: s.vision.stats.latency_ms),
-    _bay("counters.frames", int, "vision results", lambda s: s.vision.stats.frames),
-    _bay("counters.frames_skipped", int, "frames not processed: replaced by a newer one before, or damaged",
-         lambda s: s.vision.stats.skipped),
-    _bay("counters.frames_lost", int, "frames that ended with their process", lambda s: s.vision.stats.lost),
-    _bay("counters.vision_restarts", int, "vision processes replaced", lambda s: s.vision.stats.restarts),
-    _bay("counters.camera_reopens", int, "camera opened again", lambda s: s.vision.stats.reopens),
-    _bay("counters.range_lines", int, "good measurement lines", lambda s: s.range.stats.lines),
-    _bay("counters.range_damaged", int, "lines dropped: checksum, length, syntax", lambda s: s.range.stats.damaged),
-    _bay("counters.range_gaps", int, "measurements missing by sequence number", lambda s: s.range.stats.gaps),
-    _bay("counters.range_rejected", int, "readings the glitch gate held back", lambda s: s.range.stats.rejected),
-    _bay("counters.ranger_reopens", int, "ranger's port opened again", lambda s: s.range.stats.reopens),
+    Value("seq", int, "number of the state in this bay; begins again when the gateway starts", lambda s: s.seq),
+    Value("stop", bool, "the truck must stop; also on whenever D is unknown", lambda s: s.stop),
+    Value("may_move", bool, "the truck may move: stop is off, nothing withholds it; no condition for loading",
+          lambda s: s.may_move),
+    Value("in_place", bool, "the truck is in place: the only condition for loading", lambda s: s.in_place),
+    Value("held", bool, "in_place is held by the ranger alone: the marker is covered", lambda s: s.visit.held),
+    Value("moved", Moved, "since it was in place, the truck left it without release: NO, DISTANCE, MARKER",
+          lambda s: s.visit.moved),
+    Value("rolling", bool, "a truck that was in place moves now, without release: stop loading",
+          lambda s: s.visit.rolling),
+    Value("released", bool, "the PLC has released the truck, which has not left yet", lambda s: s.visit.released),
+    Value("phase", VisitPhase, "phase of the visit: a name of VisitPhase (docs/registers.md); for people",
+          lambda s: s.visit.phase),
+    Value("reason", Reason, "why `stop` is on", lambda s: s.reason),
+    Value("d", bool, "D(t), equation 14", lambda s: s.d, "unknowable"),
+    Value("u_px", float, "centre of the marker, px from the left", _circle(lambda c: c.u_px), _UNLESS_GOOD, _marker),
+    Value("v_px", float, "centre of the marker, px from the top", _circle(lambda c: c.v_px), _UNLESS_GOOD, _marker),
+    Value("radius_px", float, "R, the marker's radius", _circle(lambda c: c.radius_px), _UNLESS_GOOD, _marker),
+    Value("distance_mm", float, "Z, the ranger's distance", lambda s: s.range.distance_mm, "range is not GOOD",
+          _ranger),
+    Value("z_vision_mm", float, "distance seen by the camera", lambda s: s.z_vision_mm,
+          "vision is not GOOD, or not configured", _marker),
+    Value("vision.quality", Quality, "may the marker's values be used; else why not", lambda s: s.vision.quality),
+    Value("vision.age_ms", float, "of the newest frame or fault", lambda s: _age_ms(s, s.vision), "nothing received"),
+    Value("range.quality", Quality, "may the distance be used; else why not", lambda s: s.range.quality),
+    Value("range.age_ms", float, "of the newest distance or fault", lambda s: _age_ms(s, s.range), "nothing received"),
+    Value("heartbeat", int, "+1 with every tick of fusion", lambda s: s.heartbeat),
+    Value("frame_id", int, "of the newest observation of the camera", lambda s: s.vision.frame_id),
+    Value("x_n", float, "normalised coordinate, equation 11", lambda s: s.vision.x_n, "without intrinsics", _marker),
+    Value("y_n", float, "normalised coordinate, equation 11", lambda s: s.vision.y_n, "without intrinsics", _marker),
+    Value("tracking", Tracking, "how the position was obtained", lambda s: s.vision.tracking, "no fresh frame", _frame),
+    Value("confidence", float, "of the detection, 0 to 1", lambda s: s.vision.confidence,
+          "vision is not GOOD, or the method gives none", _marker),
+    Value("visible", float, "share of the rim seen, 0 to 1", lambda s: s.vision.visible,
+          _UNLESS_GOOD + ", or not known", _marker),
+    Value("frames_summed", int, "frames whose sum shows the marker; 1: a single one shows it",
+          lambda s: s.vision.frames, _UNLESS_GOOD, _marker),
+    Value("semi_minor_px", float, "of the rim's ellipse", _ellipse(lambda e: e.semi_minor_px),
+          _UNLESS_GOOD + ", or not fitted", _marker),
+    Value("tilt_deg", float, "of the disc against the line of sight", _ellipse(lambda e: e.tilt_deg),
+          "as semi_minor_px", _marker),
+    Value("predicted.u_px", float, "px from the left", _predicted(lambda c: c.u_px), "vision is not COASTED", _coasted),
+    Value("predicted.v_px", float, "px from the top", _predicted(lambda c: c.v_px), "vision is not COASTED", _coasted),
+    Value("predicted.radius_px", float, "radius", _predicted(lambda c: c.radius_px), "vision is not COASTED", _coasted),
+    Value("in_place_ms", float, "since it is in place, without a break",
+          lambda s: _ms(s, s.visit.in_place_since_ns if s.in_place else None), "it is not"),
+    Value("held_ms", float, "since the marker was covered, in place",
+          lambda s: _ms(s, s.visit.covered_since_ns if s.visit.held else None), "it is not held"),
+    Value("scale.px_mm", float, "median of R x Z over the visits, px mm", _scale(lambda m: m.px_mm), "not learned yet"),
+    Value("scale.spread", float, "largest minus smallest, as a share of px_mm", _scale(lambda m: m.spread),
+          "not learned yet"),
+    Value("scale.visits", int, "trucks in place that it was learned from, the newest 60 at most",
+          _scale(lambda m: m.visits), "not learned yet"),
+    Value("scale.jump", float, "how much the newest differs from those before, as a share", _scale(lambda m: m.jump),
+          "by no more than a tenth"),
+    Value("picture.brightness", float, "mean grey level, share of white", _picture(lambda p: p.brightness),
+          "no fresh picture", _frame),
+    Value("picture.clipped", float, "share of the pixels that are burnt out", _picture(lambda p: p.clipped),
+          "no fresh picture", _frame),
+    Value("picture.contrast", float, "from the 5th to the 95th percentile of the grey levels",
+          _picture(lambda p: p.contrast), "no fresh picture", _frame),
+    Value("picture.sharpness", float, "of the strongest edges, 0.6 in focus", _picture(lambda p: p.sharpness),
+          "too few edges", _frame),
+    Value("picture.veil", float, "share of dust or haze over the picture", _picture(lambda p: p.veil),
+          "too dark to measure", _frame),
+    Value("picture.veil_proven", float, "up to this veil the bay was shown to be reliable",
+          _picture(lambda p: p.veil_proven), "not shown", _frame),
+    Value("picture.shift_px", float, "how far the fixed background has moved", _picture(lambda p: p.shift_px),
+          "hidden, or not learned", _frame),
+    Value("picture.status", int, "what is wrong with it, one bit each (register picture_status)",
+          _picture(lambda p: p.status), "no fresh picture", _frame),
+    Value("picture.faults", tuple, "what is wrong for some time now; empty: nothing",
+          _picture(lambda p: tuple(fault.name for fault in p.faults)), "no fresh picture", _frame),
+    Value("exposure.state", ExposureState, "of a camera whose exposure the gateway controls",
+          _exposure(lambda e: e.state), "left to the camera"),
+    Value("exposure.time_ms", float, "exposure time", _exposure(lambda e: e.time_ms), "the camera can't be set"),
+    Value("exposure.gain_db", float, "its gain", _exposure(lambda e: e.gain_db), "not controlled"),
+    Value("ne107", Ne107, "NAMUR NE 107: the signal that counts most", ne107.status),
+    Value("ne107.active", tuple, "every signal that holds, by name", _signals),
+    Value("guidance", GuidanceCode, "instruction for the driver", lambda s: s.guidance.code),
+    Value("guidance.amount_mm", float, "distance of the instruction", lambda s: s.guidance.amount_mm, _NOT_KNOWN),
+    Value("guidance.offset_u_px", float, "marker minus aim point, to the right", lambda s: s.guidance.offset_u_px,
+          "no marker or no aim"),
+    Value("guidance.offset_v_px", float, "marker minus aim point, downwards", lambda s: s.guidance.offset_v_px,
+          "no marker or no aim"),
+    Value("guidance.offset_mm", float, "offset_u_px at the marker's distance", lambda s: s.guidance.offset_mm,
+          "size not known"),
+    Value("guidance.closing_mm_s", float, "positive: the truck approaches", lambda s: s.guidance.closing_mm_s,
+          _NOT_KNOWN),
+    Value("guidance.to_go_mm", float, "until D = 1; negative: past it", lambda s: s.guidance.to_go_mm, _NOT_KNOWN),
+    Value("plc.link", PlcLink, "of the PLC's heartbeat: UNUSED, WAITING, ALIVE, LOST", lambda s: s.plc.link),
+    Value("plc.age_ms", float, "since its heartbeat last changed", _plc_age_ms, "never received"),
+    Value("plc.heartbeat", int, "as the PLC has written it last", lambda s: s.plc.heartbeat),
+    Value("plc.control", int, "as the PLC has written it last", lambda s: s.plc.control),
+    Value("plc.stop_latched", bool, "stop by D stays until a reset", lambda s: s.memory.latched),
+    Value("plc.recipe", int, "id of the recipe in force; 0: the configuration as it is", lambda s: s.plc.recipe),
+    Value("plc.acquisition_id", int, "number of the newest accepted trigger; 0: none", lambda s: s.plc.acquisition),
+    Value("plc.results_valid", bool, "the result of acquisition_id is held for the PLC",
+          lambda s: s.plc.phase is TriggerPhase.VALID),
+    Value("plc.writes", int, "writes accepted since the start of the gateway", lambda s: s.plc.writes),
+    Value("plc.write_conflicts", int, "writes refused since then because another PLC owns the block",
+          lambda s: s.plc.conflicts),
+    Value("sensors_disagree", bool, "camera and ranger contradict each other", lambda s: s.memory.disagree),
+    Value("function_check", FunctionCheck, "is a technician at work?", lambda s: s.function_check),
+    Value("rates.vision_hz", float, "vision results a second", lambda s: s.vision.stats.rate_hz),
+    Value("rates.range_hz", float, "distances a second", lambda s: s.range.stats.rate_hz),
+    Value("rates.vision_latency_ms", float, "capture to result, newest frame", lambda s: s.vision.stats.latency_ms),
+    Value("counters.frames", int, "vision results", lambda s: s.vision.stats.frames),
+    Value("counters.frames_skipped", int, "frames not processed: replaced by a newer one before, or damaged",
+          lambda s: s.vision.stats.skipped),
+    Value("counters.frames_lost", int, "frames that ended with their process", lambda s: s.vision.stats.lost),
+    Value("counters.vision_restarts", int, "vision processes replaced", lambda s: s.vision.stats.restarts),
+    Value("counters.camera_reopens", int, "camera opened again", lambda s: s.vision.stats.reopens),
+    Value("counters.range_lines", int, "good measurement lines", lambda s: s.range.stats.lines),
+    Value("counters.range_damaged", int, "lines dropped: checksum, length, syntax", lambda s: s.range.stats.damaged),
+    Value("counters.range_gaps", int, "measurements missing by sequence number", lambda s: s.range.stats.gaps),
+    Value("counters.range_rejected", int, "readings the glitch gate held back", lambda s: s.range.stats.rejected),
+    Value("counters.ranger_reopens", int, "ranger's port opened again", lambda s: s.range.stats.reopens),
 )  # fmt: skip
 BAY_VALUES = by_name(ROWS, TEXTS)

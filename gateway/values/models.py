@@ -2,8 +2,9 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
+from functools import cache
 from typing import Any, ClassVar, Generic, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict
@@ -12,7 +13,6 @@ from gateway.values.bay_values import BAY_VALUES
 from gateway.values.value import Source, Value
 
 Model = TypeVar("Model", bound=BaseModel)
-Read = Callable[[Source, int], Any]
 OPEN = frozenset({"phase"})  # whose names the schema does not list
 RENAMED = {"u": "u_px", "v": "v_px"}
 
@@ -36,63 +36,48 @@ class ShownModel(BaseModel):
     level: ClassVar[str] = ""
 
 
+@cache
+def _fields(model: type[BaseModel], level: str) -> tuple[tuple[str, str, type[BaseModel] | None, bool], ...]:
+    """Of each field its name, its path, the model of an object, and whether it may be null."""
+    found = []
+    for name, shape in model.model_fields.items():
+        kinds = (shape.annotation, *get_args(shape.annotation))
+        inner = next((kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)), None)
+        found.append((name, level + RENAMED.get(name, name), inner, type(None) in kinds))
+    return tuple(found)
+
+
 @dataclass(frozen=True, slots=True)
 class Filler(Generic[Source]):
-    """Fills models. `digits`: of a float, by its name or else by its unit. `own`: what is no value of the table, by its
+    """Fills models. `digits`: of a float, by its path or else by its unit. `own`: what is no value of the table, by its
     path, from the source and the offset between its clock and Unix time.
     """
 
     rows: Mapping[str, Value[Source]]
     digits: Mapping[str, int]
-    own: Mapping[str, Read[Source]]
-    _plans: dict[tuple[type[BaseModel], str], list[tuple[str, bool, Read[Source]]]] = field(default_factory=dict)
+    own: Mapping[str, Callable[[Source, int], Any]]
 
     def fill(self, model: type[Model], source: Source, offset_ns: int, **given: Any) -> Model:
-        """`given`: fields that are known otherwise."""
-        for name, null, read in self._plan(model, ""):
+        """`given`: fields that are known otherwise. Never raises on any numbers."""
+        for name, path, inner, null in _fields(model, ""):
             if name not in given:
-                found = read(source, offset_ns)
-                given[name] = found if found is not None or null else math.nan  # JSON shows null; nothing is raised
+                found = self._found(path, inner, source, offset_ns)
+                given[name] = math.nan if found is None and not null else found  # JSON shows null
         return model(**given)
 
-    def _plan(self, model: type[BaseModel], level: str) -> list[tuple[str, bool, Read[Source]]]:
-        """Of each field its name, whether it may be null, and how it is read; of fields that nothing here can read
-        none."""
-        if (model, level) not in self._plans:
-            found = ((name, level + RENAMED.get(name, name), shape) for name, shape in model.model_fields.items())
-            self._plans[model, level] = [
-                (name, type(None) in get_args(shape.annotation), read)
-                for name, path, shape in found
-                if (read := self._reader(path, shape.annotation)) is not None
-            ]
-        return self._plans[model, level]
-
-    def _reader(self, path: str, annotation: Any) -> Read[Source] | None:
+    def _found(self, path: str, inner: type[BaseModel] | None, source: Source, offset_ns: int) -> Any:
+        """An object is None where a field of it has no value that can't be null."""
         if path in self.own:
-            return self.own[path]
-        kinds = [kind for kind in (annotation, *get_args(annotation)) if isinstance(kind, type)]
-        inner = next((kind for kind in kinds if issubclass(kind, BaseModel)), None)
+            return self.own[path](source, offset_ns)
         if inner is not None:
-            return self._object(inner, self._plan(inner, f"{path}."))
-        row = self.rows.get(path)
-        return None if row is None else self._leaf(row, path)
-
-    def _object(self, model: type[BaseModel], plan: list[tuple[str, bool, Read[Source]]]) -> Read[Source]:
-        """Null where a field that can't be null has no value."""
-
-        def read(source: Source, offset_ns: int) -> BaseModel | None:
-            found = {name: read(source, offset_ns) for name, _, read in plan}
-            return model(**found) if all(null or found[name] is not None for name, null, _ in plan) else None
-
-        return read
-
-    def _leaf(self, row: Value[Source], path: str) -> Read[Source]:
-        digits = self.digits.get(path, self.digits.get(row.unit))
-
-        def read(source: Source, _: int) -> Any:
-            found = row.of(source)
-            if isinstance(found, Enum):
-                return found.name
-            return round(found, digits) if isinstance(found, float) else found
-
-        return read
+            shown = {}
+            for name, place, part, null in _fields(inner, f"{path}."):
+                shown[name] = self._found(place, part, source, offset_ns)
+                if shown[name] is None and not null:
+                    return None
+            return inner(**shown)
+        row = self.rows[path]
+        found = row.of(source)
+        if isinstance(found, float):
+            return round(found, self.digits[path] if path in self.digits else self.digits[row.unit])
+        return found.name if isinstance(found, Enum) else found

@@ -5,6 +5,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from functools import cache
 from typing import Any, Generic, TypeVar
 
 from gateway.core.readings import Quality
@@ -12,6 +13,12 @@ from gateway.core.readings import Quality
 Source = TypeVar("Source")
 _UNIT = re.compile(r"[_.](px_mm|mm_s|px|mm|ms|s|hz|deg|db)$")
 _UNITS = {"px_mm": "px mm", "mm_s": "mm/s", "hz": "Hz", "db": "dB"}  # written in another way than in a name
+
+
+@cache
+def _unit(name: str) -> str:
+    found = _UNIT.search(name)
+    return "" if found is None else _UNITS.get(found[1], found[1])
 
 
 def always(_: object) -> Quality:
@@ -36,8 +43,7 @@ class Value(Generic[Source]):
 
     @property
     def unit(self) -> str:
-        found = _UNIT.search(self.name)
-        return "" if found is None else _UNITS.get(found[1], found[1])
+        return _unit(self.name)
 
     @property
     def words(self) -> str:
@@ -45,7 +51,9 @@ class Value(Generic[Source]):
 
     def of(self, source: Source) -> Any:
         """As it may be shown: None where it is not known, or is no number."""
-        found = self.read(source) if self.quality(source) is Quality.GOOD else None
+        if self.quality is not always and self.quality(source) is not Quality.GOOD:
+            return None
+        found = self.read(source)
         return None if isinstance(found, float) and not math.isfinite(found) else found
 
 

@@ -1,14 +1,8 @@
-"""Numbers and times as messages hold them. Pure."""
+"""Times as messages hold them. Pure."""
 
-import math
 from datetime import UTC, datetime, timedelta
 
 LAST_MS = 253_402_300_799_999  # 9999-12-31T23:59:59.999Z, the last time ISO 8601 has four digits for
-
-
-def number(value: float | None, digits: int) -> float | None:
-    """JSON has no NaN and no infinity."""
-    return None if value is None or not math.isfinite(value) else round(value, digits)
 
 
 def iso(unix_ms: int) -> str:
