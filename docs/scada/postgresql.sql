@@ -52,8 +52,8 @@ COMMENT ON COLUMN "loading".events.moved IS 'since it was in place, the truck le
 COMMENT ON COLUMN "loading".events.phase IS 'phase of the visit: a name of VisitPhase (docs/registers.md); for people';
 COMMENT ON COLUMN "loading".events.reason IS 'why `stop` is on, by name';
 COMMENT ON COLUMN "loading".events.d IS 'D(t), equation 14; null: unknowable';
-COMMENT ON COLUMN "loading".events.radius_px IS 'R, the marker''s radius; null: vision is not GOOD';
-COMMENT ON COLUMN "loading".events.distance_mm IS 'Z, the ranger''s distance; null: range is not GOOD';
+COMMENT ON COLUMN "loading".events.radius_px IS 'marker radius R; null: vision is not GOOD';
+COMMENT ON COLUMN "loading".events.distance_mm IS 'distance Z from the ranger; null: range is not GOOD';
 COMMENT ON COLUMN "loading".events.vision_quality IS 'may the marker''s values be used; else why not, by name';
 COMMENT ON COLUMN "loading".events.range_quality IS 'may the distance be used; else why not, by name';
 COMMENT ON COLUMN "loading".events.sensor IS 'for the sensor events: vision, range or cross_check';
@@ -165,12 +165,12 @@ COMMENT ON COLUMN "loading".states.moved IS 'since it was in place, the truck le
 COMMENT ON COLUMN "loading".states.phase IS 'phase of the visit: a name of VisitPhase (docs/registers.md); for people';
 COMMENT ON COLUMN "loading".states.reason IS 'why `stop` is on, by name';
 COMMENT ON COLUMN "loading".states.d IS 'D(t), equation 14; null: unknowable';
-COMMENT ON COLUMN "loading".states.radius_px IS 'R, the marker''s radius; null: vision is not GOOD';
-COMMENT ON COLUMN "loading".states.distance_mm IS 'Z, the ranger''s distance; null: range is not GOOD';
+COMMENT ON COLUMN "loading".states.radius_px IS 'marker radius R; null: vision is not GOOD';
+COMMENT ON COLUMN "loading".states.distance_mm IS 'distance Z from the ranger; null: range is not GOOD';
 COMMENT ON COLUMN "loading".states.vision_quality IS 'may the marker''s values be used; else why not, by name';
 COMMENT ON COLUMN "loading".states.range_quality IS 'may the distance be used; else why not, by name';
-COMMENT ON COLUMN "loading".states.u IS 'centre of the marker, px from the left; null: vision is not GOOD';
-COMMENT ON COLUMN "loading".states.v IS 'centre of the marker, px from the top; null: vision is not GOOD';
+COMMENT ON COLUMN "loading".states.u IS 'marker centre, to the right; null: vision is not GOOD';
+COMMENT ON COLUMN "loading".states.v IS 'marker centre, downwards; null: vision is not GOOD';
 COMMENT ON COLUMN "loading".states.z_vision_mm IS 'distance seen by the camera; null: vision is not GOOD, or not configured';
 COMMENT ON COLUMN "loading".states.ne107 IS 'NAMUR NE 107: the signal that counts most, by name';
 COMMENT ON COLUMN "loading".states.guidance IS 'instruction for the driver, by name';

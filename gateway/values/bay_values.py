@@ -72,7 +72,9 @@ def _signals(state: StateVector) -> tuple[str, ...]:
 
 
 def _marker(state: StateVector) -> Quality:
-    return state.vision.quality
+    """Good only together with a circle."""
+    quality = state.vision.quality
+    return Quality.NO_TARGET if quality is Quality.GOOD and state.vision.circle is None else quality
 
 
 def _ranger(state: StateVector) -> Quality:
@@ -98,10 +100,10 @@ ROWS: tuple[Value[StateVector], ...] = (
           lambda s: s.visit.phase),
     Value("reason", Reason, "why `stop` is on", lambda s: s.reason),
     Value("d", bool, "D(t), equation 14", lambda s: s.d, "unknowable"),
-    Value("u_px", float, "centre of the marker, px from the left", _circle(lambda c: c.u_px), _UNLESS_GOOD, _marker),
-    Value("v_px", float, "centre of the marker, px from the top", _circle(lambda c: c.v_px), _UNLESS_GOOD, _marker),
-    Value("radius_px", float, "R, the marker's radius", _circle(lambda c: c.radius_px), _UNLESS_GOOD, _marker),
-    Value("distance_mm", float, "Z, the ranger's distance", lambda s: s.range.distance_mm, "range is not GOOD",
+    Value("u_px", float, "marker centre, to the right", _circle(lambda c: c.u_px), _UNLESS_GOOD, _marker),
+    Value("v_px", float, "marker centre, downwards", _circle(lambda c: c.v_px), _UNLESS_GOOD, _marker),
+    Value("radius_px", float, "marker radius R", _circle(lambda c: c.radius_px), _UNLESS_GOOD, _marker),
+    Value("distance_mm", float, "distance Z from the ranger", lambda s: s.range.distance_mm, "range is not GOOD",
           _ranger),
     Value("z_vision_mm", float, "distance seen by the camera", lambda s: s.z_vision_mm,
           "vision is not GOOD, or not configured", _marker),
@@ -142,7 +144,7 @@ ROWS: tuple[Value[StateVector], ...] = (
           "no fresh picture", _frame),
     Value("picture.clipped", float, "share of the pixels that are burnt out", _picture(lambda p: p.clipped),
           "no fresh picture", _frame),
-    Value("picture.contrast", float, "from the 5th to the 95th percentile of the grey levels",
+    Value("picture.contrast", float, "from the 5th to the 95th percentile of grey levels",
           _picture(lambda p: p.contrast), "no fresh picture", _frame),
     Value("picture.sharpness", float, "of the strongest edges, 0.6 in focus", _picture(lambda p: p.sharpness),
           "too few edges", _frame),
@@ -164,10 +166,10 @@ ROWS: tuple[Value[StateVector], ...] = (
     Value("ne107.active", tuple, "every signal that holds, by name", _signals),
     Value("guidance", GuidanceCode, "instruction for the driver", lambda s: s.guidance.code),
     Value("guidance.amount_mm", float, "distance of the instruction", lambda s: s.guidance.amount_mm, _NOT_KNOWN),
-    Value("guidance.offset_u_px", float, "marker minus aim point, to the right", lambda s: s.guidance.offset_u_px,
-          "no marker or no aim"),
-    Value("guidance.offset_v_px", float, "marker minus aim point, downwards", lambda s: s.guidance.offset_v_px,
-          "no marker or no aim"),
+    Value("guidance.offset_u_px", float, "marker minus aim point, to the right; where configured",
+          lambda s: s.guidance.offset_u_px, "no marker or no aim"),
+    Value("guidance.offset_v_px", float, "marker minus aim point, downwards; where configured",
+          lambda s: s.guidance.offset_v_px, "no marker or no aim"),
     Value("guidance.offset_mm", float, "offset_u_px at the marker's distance", lambda s: s.guidance.offset_mm,
           "size not known"),
     Value("guidance.closing_mm_s", float, "positive: the truck approaches", lambda s: s.guidance.closing_mm_s,
@@ -191,15 +193,16 @@ ROWS: tuple[Value[StateVector], ...] = (
     Value("rates.range_hz", float, "distances a second", lambda s: s.range.stats.rate_hz),
     Value("rates.vision_latency_ms", float, "capture to result, newest frame", lambda s: s.vision.stats.latency_ms),
     Value("counters.frames", int, "vision results", lambda s: s.vision.stats.frames),
-    Value("counters.frames_skipped", int, "frames not processed: replaced by a newer one before, or damaged",
+    Value("counters.frames_skipped", int, "frames skipped: replaced by a newer one, or damaged",
           lambda s: s.vision.stats.skipped),
     Value("counters.frames_lost", int, "frames that ended with their process", lambda s: s.vision.stats.lost),
     Value("counters.vision_restarts", int, "vision processes replaced", lambda s: s.vision.stats.restarts),
     Value("counters.camera_reopens", int, "camera opened again", lambda s: s.vision.stats.reopens),
     Value("counters.range_lines", int, "good measurement lines", lambda s: s.range.stats.lines),
-    Value("counters.range_damaged", int, "lines dropped: checksum, length, syntax", lambda s: s.range.stats.damaged),
-    Value("counters.range_gaps", int, "measurements missing by sequence number", lambda s: s.range.stats.gaps),
-    Value("counters.range_rejected", int, "readings the glitch gate held back", lambda s: s.range.stats.rejected),
+    Value("counters.range_damaged", int, "damaged lines from the ranger, dropped", lambda s: s.range.stats.damaged),
+    Value("counters.range_gaps", int, "ranger measurements missing by their number", lambda s: s.range.stats.gaps),
+    Value("counters.range_rejected", int, "ranger readings held back by the glitch gate",
+          lambda s: s.range.stats.rejected),
     Value("counters.ranger_reopens", int, "ranger's port opened again", lambda s: s.range.stats.reopens),
 )  # fmt: skip
 BAY_VALUES = by_name(ROWS, TEXTS)

@@ -37,6 +37,7 @@ def test_without_its_quality_a_value_is_not_there_whatever_the_record_holds(qual
     assert BAY_VALUES["distance_mm"].of(state) == (296.5 if quality is Quality.GOOD else None)
     assert BAY_VALUES["predicted.u_px"].of(state) == (4.0 if quality is Quality.COASTED else None)
     assert BAY_VALUES["vision.quality.code"].of(state) == quality
+    assert read(replace(STATE, vision=replace(SEEN, circle=None)), MARKER) == dict.fromkeys(MARKER)
 
 
 @pytest.mark.parametrize("wrong", [float("nan"), float("inf")])

@@ -19,6 +19,7 @@ from gateway.modbus.registers.register import (
     Value,
     named,
     part,
+    shown,
 )
 
 NS_PER_MS = 1_000_000
@@ -63,14 +64,13 @@ HANDSHAKE: tuple[Register, ...] = (
              lambda s, _: s.plc.recipe_asked, writable=True),
     Register(83, "handshake_status", UINT16, 1, "", "the gateway's side of the handshake, one bit each",
              HANDSHAKE_STATUS.read, bits=HANDSHAKE_STATUS.names),
-    Register(84, "recipe_active", UINT16, 1, "", "id of the recipe in force; 0: the configuration as it is",
-             lambda s, _: s.plc.recipe),
+    shown(84, "recipe_active", UINT16, 1, "plc.recipe"),
     Register(85, "recipe_verdict", UINT16, 1, "", "what became of the newest recipe_select",
              lambda s, _: int(s.plc.recipe_verdict), named(RECIPE_MEANING)),
     Register(86, "reset_verdict", UINT16, 1, "", "what became of the newest reset",
              lambda s, _: int(s.plc.reset_verdict), named(RESET_MEANING)),
-    Register(87, "acquisition_id", UINT16, 1, "", "number of the newest accepted trigger: 1 to 65535, 1 again; 0: none",
-             lambda s, _: s.plc.acquisition),
+    shown(87, "acquisition_id", UINT16, 1, "plc.acquisition_id",
+          "number of the newest accepted trigger: 1 to 65535, 1 again; 0: none"),
     Register(88, "result_id", UINT16, 1, "", "acquisition_id that the held result belongs to; 0: no result is held",
              lambda s, _: 0 if (held := _held(s)) is None else held.number),
     Register(89, "result_outcome", UINT16, 1, "", "outcome of the held result",
@@ -84,8 +84,7 @@ HANDSHAKE: tuple[Register, ...] = (
     Register(93, "result_distance", MEASURED_UINT16, 1, "mm", "distance of the held result",
              part(_held, "distance_mm")),
     Register(94, "plc_age", MEASURED_UINT16, 1, "ms", "since plc_heartbeat last changed", _age_ms),
-    Register(95, "plc_writes", UINT16, 1, "", "writes accepted since the start of the gateway, modulo 65536",
-             lambda s, _: s.plc.writes & 0xFFFF),
-    Register(96, "write_conflicts", UINT16, 1, "", "writes refused because another program owns the block: count since "
-             "the start of the gateway, modulo 65536", lambda s, _: s.plc.conflicts & 0xFFFF),
+    shown(95, "plc_writes", UINT16, 1, "plc.writes", "writes accepted since the start of the gateway, modulo 65536"),
+    shown(96, "write_conflicts", UINT16, 1, "plc.write_conflicts",
+          "writes refused because another program owns the block: count since the start of the gateway, modulo 65536"),
 )  # fmt: skip

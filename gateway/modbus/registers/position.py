@@ -1,7 +1,7 @@
 """Rows 35 to 39: may the truck move, is it in place, has it moved since. Pure (docs/visit.md)."""
 
 from gateway.core.state import MOVED_MEANING, VISIT_PHASE_MEANING, Moved, StateVector
-from gateway.modbus.registers.register import MEASURED_UINT16, UINT16, Register, StatusWord, Value, named
+from gateway.modbus.registers.register import MEASURED_UINT16, UINT16, Register, StatusWord, Value, named, shown
 
 NS_PER_S = 1_000_000_000
 
@@ -28,12 +28,11 @@ def _held_s(state: StateVector, _: int) -> Value:
 POSITION: tuple[Register, ...] = (
     Register(35, "position_status", UINT16, 1, "", "position of the truck, one bit each",
              POSITION_STATUS.read, bits=POSITION_STATUS.names),
-    Register(36, "in_place", UINT16, 1, "", "1: the truck is in place; the only condition for loading; else 0",
-             lambda s, _: int(s.in_place)),
-    Register(37, "moved", UINT16, 1, "", "since it was in place, has the truck moved without release?",
-             lambda s, _: int(s.visit.moved), named(MOVED_MEANING)),
+    shown(36, "in_place", UINT16, 1, "in_place", "1: the truck is in place; the only condition for loading; else 0"),
+    shown(37, "moved", UINT16, 1, "moved", "since it was in place, has the truck moved without release?",
+          codes=named(MOVED_MEANING)),
     Register(38, "held_time", MEASURED_UINT16, 1, "s", "in_place has been held by the ranger alone for so long",
              _held_s),
-    Register(39, "visit_phase", UINT16, 1, "", "phase of the visit; for people, decide on in_place and may_move",
-             lambda s, _: int(s.visit.phase), named(VISIT_PHASE_MEANING)),
+    shown(39, "visit_phase", UINT16, 1, "phase", "phase of the visit; for people, decide on in_place and may_move",
+          codes=named(VISIT_PHASE_MEANING)),
 )  # fmt: skip

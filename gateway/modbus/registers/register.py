@@ -14,6 +14,7 @@ from operator import attrgetter
 from typing import Literal, TypeVar
 
 from gateway.core.state import StateVector
+from gateway.values.bay_values import BAY_VALUES
 
 WordOrder = Literal["big", "little"]
 """`big`: the high word has the lowest address. `little`: the low word has it."""
@@ -93,10 +94,25 @@ def part(find: Callable[[StateVector], Part | None], name: str) -> Callable[[Sta
     return lambda state, _: None if (found := find(state)) is None else read(found)
 
 
-def percent(find: Callable[[StateVector], Part | None], name: str) -> Callable[[StateVector, int], Value]:
-    """As `part`, of a share from 0 to 1."""
-    read = part(find, name)
-    return lambda state, unix_ns: None if (share := read(state, unix_ns)) is None else 100.0 * share
+def shown(
+    address: int, name: str, kind: WireType, scale: float, value: str, meaning: str = "", *, codes: Names | None = None,
+    bits: Names | None = None,
+) -> Register:  # fmt: skip
+    """A register that holds a value of the table: a share in %, a counter of a plain type modulo its size.
+
+    `meaning`: where a PLC needs other words than the table's.
+    """
+    row = BAY_VALUES[value]
+    share = row.kind is float and not row.unit and not kind.is_float
+    counter = row.kind is int and kind.no_value is None
+
+    def read(state: StateVector, _: int) -> Value:
+        found: Value = row.of(state)
+        if counter:
+            return int(found or 0) & kind.high
+        return 100.0 * found if share and found is not None else found
+
+    return Register(address, name, kind, scale, "%" if share else row.unit, meaning or row.meaning, read, codes, bits)
 
 
 def named(meanings: Mapping[Code, str]) -> dict[int, tuple[str, str]]:

@@ -11,8 +11,8 @@ Equal numbers therefore mean one image, however many reads fetched it.
 
 from collections.abc import Callable, Sequence
 
-from gateway.core.detection import TRACKING_MEANING, Circle, Ellipse
-from gateway.core.readings import FRESH_FRAME, QUALITY_MEANING, RANGE_FINE, VISION_FINE, Quality, VisionReading
+from gateway.core.detection import TRACKING_MEANING
+from gateway.core.readings import QUALITY_MEANING, RANGE_FINE, VISION_FINE, Quality
 from gateway.core.state import REASON_MEANING, Reason, StateVector
 from gateway.errors import ProtocolError
 from gateway.modbus.registers.bay_identity import NO_BAY, BayIdentity
@@ -33,12 +33,12 @@ from gateway.modbus.registers.register import (
     WordOrder,
     named,
     packer,
-    part,
-    percent,
+    shown,
     unpack,
 )
 from gateway.modbus.registers.register import Register as Register  # noqa: PLC0414 - for those who read the table
 from gateway.modbus.registers.register import Value as Value  # noqa: PLC0414
+from gateway.values.bay_values import BAY_VALUES
 
 MAP_VERSION = 6
 BLOCK_WORDS = 110  # a request takes 125 at most, some clients 120
@@ -76,37 +76,6 @@ STATUS = StatusWord((
 ))  # fmt: skip
 
 
-def _circle(state: StateVector) -> Circle | None:
-    return state.vision.circle if state.vision.quality is Quality.GOOD else None
-
-
-def _distance(state: StateVector, _: int) -> Value:
-    return state.range.distance_mm if state.range.quality is Quality.GOOD else None
-
-
-def _vision(state: StateVector) -> VisionReading | None:
-    """None where it holds no measured circle."""
-    return None if _circle(state) is None else state.vision
-
-
-def _z_vision(state: StateVector, _: int) -> Value:
-    return None if _circle(state) is None else state.z_vision_mm
-
-
-def _tracking(state: StateVector, _: int) -> Value:
-    """No value without a fresh frame: what was true of an old one is not reported."""
-    fresh = state.vision.quality in FRESH_FRAME
-    return int(state.vision.tracking) if fresh else None
-
-
-def _predicted(state: StateVector) -> Circle | None:
-    return state.vision.predicted if state.vision.quality is Quality.COASTED else None
-
-
-def _ellipse(state: StateVector) -> Ellipse | None:
-    return None if _circle(state) is None else state.vision.ellipse
-
-
 def _sequence(state: StateVector, _: int) -> Value:
     return (2 * state.seq - (state.reason is Reason.GATEWAY_FAULT)) & 0xFFFF
 
@@ -121,60 +90,52 @@ _TRACKING = named(TRACKING_MEANING)
 _NEVER_DECIDE = "while coasted; never decide on it"
 _WRAPS = "count since the start of the gateway, modulo 65536"
 
+_COUNTERS = {  # from register 26 on
+    "frames_skipped": "counters.frames_skipped",
+    "frames_lost": "counters.frames_lost",
+    "worker_restarts": "counters.vision_restarts",
+    "camera_reopens": "counters.camera_reopens",
+    "ranger_damaged": "counters.range_damaged",
+    "ranger_gaps": "counters.range_gaps",
+    "ranger_rejected": "counters.range_rejected",
+    "ranger_reopens": "counters.ranger_reopens",
+}
+
+
+def _counter(address: int, name: str, value: str) -> Register:
+    return shown(address, name, UINT16, 1, value, f"{BAY_VALUES[value].meaning}: {_WRAPS}")
+
+
 REGISTERS: tuple[Register, ...] = (
     Register(0, "seq_begin", UINT16, 1, "", "sequence number of the image; equal to seq_end in one image", _sequence),
     Register(1, "map_version", UINT16, 1, "", "version of this table; grows when registers are added; none ever moves",
              lambda s, _: MAP_VERSION),
-    Register(2, "heartbeat", UINT16, 1, "", "+1 with every fusion tick, modulo 65536; stops when fusion does",
-             lambda s, _: s.heartbeat & 0xFFFF),
+    shown(2, "heartbeat", UINT16, 1, "heartbeat", "+1 with every fusion tick, modulo 65536; stops when fusion does"),
     Register(3, "status", UINT16, 1, "", "status word, one bit each; bit 0 is the least significant", STATUS.read,
              bits=STATUS.names),
-    Register(4, "stop", UINT16, 1, "", "1: stop the truck; also on whenever D is unknowable; 0 alone allows nothing",
-             lambda s, _: int(s.stop)),
-    Register(5, "may_move", UINT16, 1, "", "1: the truck may move: stop is off and nothing withholds it; else 0",
-             lambda s, _: int(s.may_move)),
-    Register(6, "reason", UINT16, 1, "", "why stop is on; 0 when it is off", lambda s, _: int(s.reason), _REASON),
-    Register(7, "vision_quality", UINT16, 1, "", "0: u, v, radius may be used; else why not",
-             lambda s, _: int(s.vision.quality), _QUALITY),
-    Register(8, "range_quality", UINT16, 1, "", "0: distance may be used; else why not",
-             lambda s, _: int(s.range.quality), _QUALITY),
-    Register(9, "d", MEASURED_UINT16, 1, "", "equation 14: 1 when R >= R_th and Z <= Z_th; ends by fusion.decision",
-             lambda s, _: None if s.d is None else int(s.d)),
-    Register(10, "u", MEASURED_INT16, 0.1, "px", "marker centre, to the right", part(_circle, "u_px")),
-    Register(11, "v", MEASURED_INT16, 0.1, "px", "marker centre, downwards", part(_circle, "v_px")),
-    Register(12, "radius", MEASURED_UINT16, 0.1, "px", "marker radius R", part(_circle, "radius_px")),
-    Register(13, "distance", MEASURED_UINT16, 1, "mm", "distance Z from the ranger", _distance),
-    Register(14, "z_vision", MEASURED_UINT16, 1, "mm", "distance f r / R from the camera, where configured", _z_vision),
+    shown(4, "stop", UINT16, 1, "stop", "1: stop the truck; also on whenever D is unknowable; 0 alone allows nothing"),
+    shown(5, "may_move", UINT16, 1, "may_move", "1: the truck may move: stop is off and nothing withholds it; else 0"),
+    shown(6, "reason", UINT16, 1, "reason", "why stop is on; 0 when it is off", codes=_REASON),
+    shown(7, "vision_quality", UINT16, 1, "vision.quality", "0: u, v, radius may be used; else why not",
+          codes=_QUALITY),
+    shown(8, "range_quality", UINT16, 1, "range.quality", "0: distance may be used; else why not", codes=_QUALITY),
+    shown(9, "d", MEASURED_UINT16, 1, "d", "equation 14: 1 when R >= R_th and Z <= Z_th; ends by fusion.decision"),
+    shown(10, "u", MEASURED_INT16, 0.1, "u_px"),
+    shown(11, "v", MEASURED_INT16, 0.1, "v_px"),
+    shown(12, "radius", MEASURED_UINT16, 0.1, "radius_px"),
+    shown(13, "distance", MEASURED_UINT16, 1, "distance_mm"),
+    shown(14, "z_vision", MEASURED_UINT16, 1, "z_vision_mm", "distance f r / R from the camera, where configured"),
     Register(15, "vision_age", MEASURED_UINT16, 1, "ms", "age of the newest camera result or fault, at `timestamp`",
              lambda s, _: _age_ms(s, s.vision.t_ns, s.vision.quality)),
     Register(16, "range_age", MEASURED_UINT16, 1, "ms", "age of the newest ranger result or fault, at `timestamp`",
              lambda s, _: _age_ms(s, s.range.t_ns, s.range.quality)),
-    Register(17, "vision_rate", MEASURED_UINT16, 0.1, "Hz", "camera results a second",
-             lambda s, _: s.vision.stats.rate_hz),
-    Register(18, "range_rate", MEASURED_UINT16, 0.1, "Hz", "ranger results a second",
-             lambda s, _: s.range.stats.rate_hz),
-    Register(19, "vision_latency", MEASURED_UINT16, 0.1, "ms", "capture to result, newest frame",
-             lambda s, _: s.vision.stats.latency_ms),
-    Register(20, "frame_id", UINT32, 1, "", "number of the newest frame processed, modulo 2^32",
-             lambda s, _: s.vision.frame_id & 0xFFFF_FFFF),
+    shown(17, "vision_rate", MEASURED_UINT16, 0.1, "rates.vision_hz"),
+    shown(18, "range_rate", MEASURED_UINT16, 0.1, "rates.range_hz"),
+    shown(19, "vision_latency", MEASURED_UINT16, 0.1, "rates.vision_latency_ms"),
+    shown(20, "frame_id", UINT32, 1, "frame_id", "number of the newest frame processed, modulo 2^32"),
     Register(22, "timestamp", UINT64, 1, "ms", "Unix time of this image, UTC; never use it to judge freshness",
              lambda _, unix_ns: unix_ns // NS_PER_MS),
-    Register(26, "frames_skipped", UINT16, 1, "", f"frames skipped: replaced by a newer one, or damaged: {_WRAPS}",
-             lambda s, _: s.vision.stats.skipped & 0xFFFF),
-    Register(27, "frames_lost", UINT16, 1, "", f"frames that died with their vision process: {_WRAPS}",
-             lambda s, _: s.vision.stats.lost & 0xFFFF),
-    Register(28, "worker_restarts", UINT16, 1, "", f"vision processes replaced: {_WRAPS}",
-             lambda s, _: s.vision.stats.restarts & 0xFFFF),
-    Register(29, "camera_reopens", UINT16, 1, "", f"camera opened again: {_WRAPS}",
-             lambda s, _: s.vision.stats.reopens & 0xFFFF),
-    Register(30, "ranger_damaged", UINT16, 1, "", f"damaged lines from the ranger, dropped: {_WRAPS}",
-             lambda s, _: s.range.stats.damaged & 0xFFFF),
-    Register(31, "ranger_gaps", UINT16, 1, "", f"ranger measurements missing by their number: {_WRAPS}",
-             lambda s, _: s.range.stats.gaps & 0xFFFF),
-    Register(32, "ranger_rejected", UINT16, 1, "", f"ranger readings held back by the glitch gate: {_WRAPS}",
-             lambda s, _: s.range.stats.rejected & 0xFFFF),
-    Register(33, "ranger_reopens", UINT16, 1, "", f"ranger's port opened again: {_WRAPS}",
-             lambda s, _: s.range.stats.reopens & 0xFFFF),
+    *(_counter(26 + n, name, value) for n, (name, value) in enumerate(_COUNTERS.items())),
     Register(34, "range_seq", UINT16, 1, "", "the ranger's own number of its newest measurement, modulo 65536",
              lambda s, _: s.range.seq & 0xFFFF),
     *POSITION,
@@ -182,34 +143,27 @@ REGISTERS: tuple[Register, ...] = (
              lambda s, _: KNOWN_UINT32),
     Register(42, "known_f32", FLOAT32, 1, "", f"always {KNOWN_FLOAT32}: proves the word order",
              lambda s, _: KNOWN_FLOAT32),
-    Register(44, "u_f32", MEASURED_FLOAT32, 1, "px", "u, not rounded", part(_circle, "u_px")),
-    Register(46, "v_f32", MEASURED_FLOAT32, 1, "px", "v, not rounded", part(_circle, "v_px")),
-    Register(48, "radius_f32", MEASURED_FLOAT32, 1, "px", "radius, not rounded", part(_circle, "radius_px")),
-    Register(50, "distance_f32", MEASURED_FLOAT32, 1, "mm", "distance, not rounded", _distance),
-    Register(52, "z_vision_f32", MEASURED_FLOAT32, 1, "mm", "z_vision, not rounded", _z_vision),
-    Register(54, "x_n_f32", MEASURED_FLOAT32, 1, "", "x_n of equation 11, normalised; where configured",
-             part(_vision, "x_n")),
-    Register(56, "y_n_f32", MEASURED_FLOAT32, 1, "", "y_n of equation 11, normalised; where configured",
-             part(_vision, "y_n")),
+    shown(44, "u_f32", MEASURED_FLOAT32, 1, "u_px", "u, not rounded"),
+    shown(46, "v_f32", MEASURED_FLOAT32, 1, "v_px", "v, not rounded"),
+    shown(48, "radius_f32", MEASURED_FLOAT32, 1, "radius_px", "radius, not rounded"),
+    shown(50, "distance_f32", MEASURED_FLOAT32, 1, "distance_mm", "distance, not rounded"),
+    shown(52, "z_vision_f32", MEASURED_FLOAT32, 1, "z_vision_mm", "z_vision, not rounded"),
+    shown(54, "x_n_f32", MEASURED_FLOAT32, 1, "x_n", "x_n of equation 11, normalised; where configured"),
+    shown(56, "y_n_f32", MEASURED_FLOAT32, 1, "y_n", "y_n of equation 11, normalised; where configured"),
     *PICTURE[:2],
     *HEALTH,
     PICTURE[2],
-    Register(70, "tracking", MEASURED_UINT16, 1, "", "how the position was found; no value: no fresh frame",
-             _tracking, _TRACKING),
-    Register(71, "confidence", MEASURED_UINT16, 0.1, "%", "of the detection, where the method gives one",
-             percent(_vision, "confidence")),
-    Register(72, "visible", MEASURED_UINT16, 0.1, "%", "share of the marker's rim that was seen, where known",
-             percent(_vision, "visible")),
-    Register(73, "predicted_u", MEASURED_INT16, 0.1, "px", f"centre, rightwards: {_NEVER_DECIDE}",
-             part(_predicted, "u_px")),
-    Register(74, "predicted_v", MEASURED_INT16, 0.1, "px", f"centre, downwards: {_NEVER_DECIDE}",
-             part(_predicted, "v_px")),
-    Register(75, "predicted_radius", MEASURED_UINT16, 0.1, "px", f"radius: {_NEVER_DECIDE}",
-             part(_predicted, "radius_px")),
-    Register(76, "semi_minor", MEASURED_UINT16, 0.1, "px", "of the rim's ellipse; its semi-major axis is the radius",
-             part(_ellipse, "semi_minor_px")),
-    Register(77, "tilt", MEASURED_UINT16, 0.1, "deg", "of the disc against the line of sight, from the ellipse's axes",
-             part(_ellipse, "tilt_deg")),
+    shown(70, "tracking", MEASURED_UINT16, 1, "tracking", "how the position was found; no value: no fresh frame",
+          codes=_TRACKING),
+    shown(71, "confidence", MEASURED_UINT16, 0.1, "confidence", "of the detection, where the method gives one"),
+    shown(72, "visible", MEASURED_UINT16, 0.1, "visible", "share of the marker's rim that was seen, where known"),
+    shown(73, "predicted_u", MEASURED_INT16, 0.1, "predicted.u_px", f"centre, rightwards: {_NEVER_DECIDE}"),
+    shown(74, "predicted_v", MEASURED_INT16, 0.1, "predicted.v_px", f"centre, downwards: {_NEVER_DECIDE}"),
+    shown(75, "predicted_radius", MEASURED_UINT16, 0.1, "predicted.radius_px", f"radius: {_NEVER_DECIDE}"),
+    shown(76, "semi_minor", MEASURED_UINT16, 0.1, "semi_minor_px",
+          "of the rim's ellipse; its semi-major axis is the radius"),
+    shown(77, "tilt", MEASURED_UINT16, 0.1, "tilt_deg",
+          "of the disc against the line of sight, from the ellipse's axes"),
     *PICTURE[3:5],
     *HANDSHAKE,
     *PICTURE[5:],

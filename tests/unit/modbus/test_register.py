@@ -2,6 +2,7 @@
 
 import math
 import struct
+from dataclasses import replace
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -9,7 +10,7 @@ from hypothesis import strategies as st
 
 from gateway.core.detection import Circle
 from gateway.core.plc import OUTCOME_MEANING, Outcome
-from gateway.core.readings import Quality, VisionReading
+from gateway.core.readings import Quality, VisionReading, VisionStats
 from gateway.core.state import StateVector
 from gateway.modbus.registers.register import (
     FLOAT32,
@@ -25,7 +26,7 @@ from gateway.modbus.registers.register import (
     named,
     packer,
     part,
-    percent,
+    shown,
     unpack,
 )
 
@@ -126,11 +127,18 @@ SEEN = StateVector("bay1", stop=False, vision=VisionReading(0, Quality.GOOD, Cir
 
 def test_a_part_of_a_record_that_may_be_missing() -> None:
     assert part(lambda state: state.vision.circle, "v_px")(SEEN, 7) == 2.5
-    assert percent(lambda state: state.vision, "visible")(SEEN, 7) == 75.0
-    assert percent(lambda state: state.vision, "confidence")(SEEN, 7) is None
     blind = StateVector("bay1")
     assert part(lambda state: state.vision.circle, "v_px")(blind, 7) is None
-    assert percent(lambda state: state.picture, "veil")(blind, 7) is None
+
+
+def test_a_register_of_a_value() -> None:
+    share = shown(72, "visible", MEASURED_UINT16, 0.1, "visible")
+    assert (share.read(SEEN, 7), share.unit, share.meaning) == (75.0, "%", "share of the rim seen, 0 to 1")
+    assert shown(71, "confidence", MEASURED_UINT16, 0.1, "confidence").read(SEEN, 7) is None
+    lost = replace(SEEN, vision=replace(SEEN.vision, stats=VisionStats(lost=65_541)))
+    count = shown(27, "frames_lost", UINT16, 1, "counters.frames_lost", "lost, modulo 65536")
+    assert (count.read(lost, 7), count.unit, count.meaning) == (5, "", "lost, modulo 65536")
+    assert shown(44, "x_n", MEASURED_FLOAT32, 1, "x_n").unit == ""
 
 
 def test_codes_have_names_in_small_letters() -> None:
