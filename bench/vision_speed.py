@@ -75,8 +75,6 @@ def contenders() -> dict[str, Callable[[], Method]]:
     if compiled is not None:
         table["exact, kernel"] = lambda: _detector(ExactSearch(PAPER, kernel=compiled))
         table["exact tracked, kernel"] = lambda: _detector(ExactTracker(PAPER, kernel=compiled))
-    table["exact, OpenCV only"] = lambda: _detector(ExactSearch(PAPER))
-    table["exact tracked, OpenCV only"] = lambda: _detector(ExactTracker(PAPER))
     table["paper, as configured, tracked"] = lambda: _configured("paper", True)
     table["robust"] = lambda: _configured("robust", False)
     table["robust tracked"] = lambda: _configured("robust", True)

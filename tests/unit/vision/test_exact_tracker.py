@@ -22,9 +22,9 @@ WIDTH, HEIGHT = 320, 240
 RED: Colour = (40, 35, 190)
 
 
-@pytest.fixture(params=["opencv", "kernel"])
-def tracker(request: pytest.FixtureRequest, kernel: Kernel) -> ExactTracker:
-    return ExactTracker(PAPER, kernel=kernel if request.param == "kernel" else None)
+@pytest.fixture
+def tracker(kernel: Kernel) -> ExactTracker:
+    return ExactTracker(PAPER, kernel=kernel)
 
 
 def picture(*discs: tuple[float, float, float], size: tuple[int, int] = (WIDTH, HEIGHT)) -> Image:
@@ -147,7 +147,7 @@ def longest_error(same: list[bool]) -> int:
 def test_wild_sequences_stay_within_the_promise(kernel: Kernel) -> None:
     errors = full = 0
     for seed in range(20):
-        tracker = ExactTracker(PAPER, kernel=kernel if seed % 2 else None)
+        tracker = ExactTracker(PAPER, kernel=kernel)
         more = check_promise(tracker, Things(np.random.default_rng([6, seed])), 50)
         errors, full = errors + more[0], full + more[1]
     assert 0 < errors < 100  # the promise is put to the test, and the window does most of the work
@@ -156,7 +156,9 @@ def test_wild_sequences_stay_within_the_promise(kernel: Kernel) -> None:
 
 def test_the_gates_hold_in_the_window_too(library: Path) -> None:
     params = PAPER.model_copy(update={"min_circularity": 0.7})
-    tracker = ExactTracker(params, kernel=load(params, library))
+    kernel = load(params, library)
+    assert kernel is not None
+    tracker = ExactTracker(params, kernel=kernel)
     for n in range(12):
         image = picture((150 + n, 120, 20))
         cv2.rectangle(image, (20, 150), (280, 160), RED, -1)  # larger, but not round
@@ -166,13 +168,17 @@ def test_the_gates_hold_in_the_window_too(library: Path) -> None:
         assert found.circle.radius_px < 25
 
 
-def test_vision_method_paper_is_these() -> None:
+@pytest.mark.parametrize("compiled", [True, False])
+def test_vision_method_paper_is_these(compiled: bool, library: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        "gateway.vision.detect.paper.exact.tracker.compiled.load",
+        lambda params: load(params, library) if compiled else None,
+    )
     image = picture((150, 120, 20))
     for tracking in (False, True):
         detect = registry.detector(PAPER.model_copy(update={"tracking": tracking}))
         assert isinstance(detect, Follower) == tracking
         found = [detect(image, n * FRAME_NS) for n in range(2)]
         assert {detection.circle for detection in found} == {pipeline.detect(image, PAPER).circle}
-        assert next(name for name, _ in found[1].stage_ns) == ("window" if tracking else "scan")
-    plain = registry.detector(PAPER.model_copy(update={"morph_iterations": 0}))
-    assert next(name for name, _ in plain(image).stage_ns) == "gaussian"
+        first = next(name for name, _ in found[1].stage_ns)
+        assert first == (("window" if tracking else "scan") if compiled else "gaussian")

@@ -1,4 +1,4 @@
-"""The compiled loops, where they were built: loaded, checked against OpenCV, and offered as two functions.
+"""The compiled loops, where they were built: loaded, checked against OpenCV, and offered as three functions.
 
 A library that is missing, stale, for another machine, or wrong in a single bit is not used; nothing else changes.
 """
@@ -16,13 +16,16 @@ from gateway.vision.compiled.build import LIBRARY
 from gateway.vision.compiled.sizes import CHUNK_PX, HALO_PX
 from gateway.vision.detect.paper import stages
 from gateway.vision.detect.paper.exact import red
-from gateway.vision.detect.paper.exact.geometry import Box
+from gateway.vision.detect.paper.exact.geometry import Box, Opening
 from gateway.vision.detect.paper.stages import Mask
 from gateway.vision.pixels import Image
 
 MAYBE_KERNEL_PX = 5  # of `maybe.h`
 # Half of the kernel of OpenCV's 8-bit Gaussian with sigma 0, from the middle, in 16ths. Larger ones are left to it.
 WEIGHTS: dict[int, tuple[int, int, int]] = {1: (16, 0, 0), 3: (8, 4, 0), 5: (6, 4, 1)}
+# Of the opening. Without one every red pixel survives: there is nothing to be gained. The closing of 31, 61 px, still
+# fits the words of 64.
+SMALLEST_SIDE_PX, LARGEST_SIDE_PX = 3, 31
 _POINTER, _SIZE = ctypes.c_void_p, ctypes.c_ssize_t
 
 
@@ -83,7 +86,8 @@ class Kernel:
         return mask
 
     def cleaned(self, image: Image, window: Box, side_px: int) -> Mask:
-        """M_c in the window, where the opening amounts to a square of `side_px`. Exact as `WindowStages.cleaned` is."""
+        """M_c in the window, where the opening amounts to a square of `side_px`. Exact for
+        components as far inside as `geometry` requires."""
         height, width = image.shape[:2]
         columns, rows = window.x1 - window.x0, window.y1 - window.y0
         mask = np.empty((rows, columns), np.uint8)
@@ -109,8 +113,10 @@ class Kernel:
 
 
 def load(params: VisionConfig, library: Path = LIBRARY) -> Kernel | None:
-    """None where there is none, where it is not of this source, or where it doesn't support the blur."""
+    """None where there is none or one of another source, and for a blur or an opening that it doesn't support."""
     if params.gaussian_sigma_px or params.gaussian_kernel_px not in WEIGHTS:
+        return None
+    if not SMALLEST_SIDE_PX <= Opening.of(params).side_px <= LARGEST_SIDE_PX:
         return None
     return compiled.load(
         lambda loaded: Kernel(loaded, params), lambda kernel: _agrees(kernel, params), stages.red, library

@@ -7,6 +7,7 @@ processed, not only the largest, which costs little. `stage_ns` has other names.
 from dataclasses import dataclass, replace
 from itertools import combinations
 
+import cv2
 import numpy as np
 
 from gateway.config import VisionConfig
@@ -14,9 +15,8 @@ from gateway.core.detection import Detection
 from gateway.vision.detect.method import NowNs
 from gateway.vision.detect.paper import pipeline
 from gateway.vision.detect.paper.exact.geometry import Box, Opening
-from gateway.vision.detect.paper.exact.grid import ScanGrid, scanner
+from gateway.vision.detect.paper.exact.grid import ScanGrid
 from gateway.vision.detect.paper.exact.kernel import Kernel
-from gateway.vision.detect.paper.exact.window import WindowStages, extent
 from gateway.vision.detect.paper.stages import Contour, Mask
 from gateway.vision.detect.stage_timer import StageTimer
 from gateway.vision.pixels import Image, check_bgr8
@@ -37,19 +37,13 @@ class Found:
 class ExactSearch:
     """A Detector; keeps nothing from picture to picture but its tables."""
 
-    def __init__(self, params: VisionConfig, now_ns: NowNs = lambda: 0, *, kernel: Kernel | None = None) -> None:
+    def __init__(self, params: VisionConfig, now_ns: NowNs = lambda: 0, *, kernel: Kernel) -> None:
         """`kernel`: of these very parameters."""
         self.params = params
         self.opening = Opening.of(params)
-        self.window_stages = WindowStages(params, self.opening, kernel)
         self._now_ns = now_ns
-        self._scanner = scanner(params, self.opening, kernel)
+        self._kernel = kernel
         self._grid: ScanGrid | None = None
-
-    @staticmethod
-    def supports(params: VisionConfig) -> bool:
-        """Without an opening every red pixel survives: there is nothing to be gained."""
-        return Opening.of(params).side_px > 1
 
     def __call__(self, image: Image, t_ns: int = 0) -> Detection:
         return self.find(image).detection
@@ -69,8 +63,14 @@ class ExactSearch:
     def grid(self, image: Image) -> ScanGrid:
         height, width = image.shape[:2]
         if self._grid is None or (self._grid.width, self._grid.height) != (width, height):
-            self._grid = ScanGrid(self._scanner, self.opening, width, height)
+            self._grid = ScanGrid(self._kernel, self.opening, width, height)
         return self._grid
+
+    def contours(self, image: Image, window: Box, min_area_px2: float) -> list[Contour]:
+        """As `stages.contours`, in the picture's coordinates; only those of more than `min_area_px2`."""
+        mask = self._kernel.cleaned(image, window, self.opening.side_px)
+        found, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE, offset=(window.x0, window.y0))
+        return [np.asarray(contour, np.int32) for contour in found if cv2.contourArea(contour) > min_area_px2]
 
     def _borders(self, image: Image, grid: ScanGrid, cells: Mask) -> list[Contour]:
         """All contours of more than S_min, in the order in which the plain pipeline has them."""
@@ -79,15 +79,15 @@ class ExactSearch:
         clusters = [box for box in grid.clusters(cells) if box.largest_contour_px2 > s_min]
         affordable_px = width * height + WINDOW_COST_PX
         if len(clusters) * WINDOW_COST_PX > affordable_px:
-            return self.window_stages.contours(image, Box(0, 0, width, height), s_min)
+            return self.contours(image, Box(0, 0, width, height), s_min)
         merged = _apart(clusters, self.opening, width, height)
         windows = [self.opening.window(box, width, height) for box in merged]
         if sum(window.pixels + WINDOW_COST_PX for window in windows) > affordable_px:
-            return self.window_stages.contours(image, Box(0, 0, width, height), s_min)
+            return self.contours(image, Box(0, 0, width, height), s_min)
         found = [
             contour
             for box, window in zip(merged, windows, strict=True)
-            for contour in self.window_stages.contours(image, window, s_min)
+            for contour in self.contours(image, window, s_min)
             if box.holds(extent(contour))  # else a part of another cluster, cut by the window
         ]
         return in_plain_order(found)
@@ -122,3 +122,9 @@ def _apart(boxes: list[Box], opening: Opening, width: int, height: int) -> list[
         np.minimum.at(joined, first, at)
         at = joined[np.unique(first)]
     return [Box(int(x0), int(y0), int(-x1), int(-y1)) for x0, y0, x1, y1 in at]
+
+
+def extent(contour: Contour) -> Box:
+    """The box round all its pixels."""
+    x, y, width, height = (int(value) for value in cv2.boundingRect(contour))
+    return Box(x, y, x + width, y + height)

@@ -30,8 +30,7 @@ from gateway.vision.detect.paper.exact import kernel as compiled
 from gateway.vision.detect.paper.exact.geometry import Box
 from gateway.vision.detect.paper.exact.grid import ScanGrid
 from gateway.vision.detect.paper.exact.kernel import Kernel
-from gateway.vision.detect.paper.exact.search import ExactSearch, Found, in_plain_order, packed
-from gateway.vision.detect.paper.exact.window import extent
+from gateway.vision.detect.paper.exact.search import ExactSearch, Found, extent, in_plain_order, packed
 from gateway.vision.detect.paper.stages import Mask
 from gateway.vision.detect.stage_timer import StageTimer, total_ns
 from gateway.vision.pixels import Image, check_bgr8
@@ -62,7 +61,7 @@ class OtherRed:
 class ExactTracker:
     """A Detector with a memory. For one sequence of frames."""
 
-    def __init__(self, params: VisionConfig, now_ns: NowNs = lambda: 0, *, kernel: Kernel | None = None) -> None:
+    def __init__(self, params: VisionConfig, now_ns: NowNs = lambda: 0, *, kernel: Kernel) -> None:
         """`kernel`: of these very parameters."""
         self.search = ExactSearch(params, now_ns, kernel=kernel)
         self._params = params
@@ -106,7 +105,7 @@ class ExactTracker:
         expected = self._expected(t_ns, width, height)
         window = expected.grown(SLACK_PX + SLACK_ERRORS * marker.error_px + opening.uncut_px, width, height)
         trusted = _trusted(window, opening.uncut_px, width, height)
-        boxed = [(contour, extent(contour)) for contour in self.search.window_stages.contours(image, window, 0.0)]
+        boxed = [(contour, extent(contour)) for contour in self.search.contours(image, window, 0.0)]
         uncut = [contour for contour, box in boxed if trusted.holds(box)]
         cut = [(contour, box) for contour, box in boxed if not trusted.holds(box)]
         seen("window", None)
@@ -186,15 +185,13 @@ def _trusted(window: Box, uncut_px: int, width: int, height: int) -> Box:
 
 
 def detector(params: VisionConfig, now_ns: NowNs) -> Detector:
-    """On full frames: by the shortcuts that change no bit, where they hold, with the kernel where there is one."""
-    if not ExactSearch.supports(params):
-        return pipeline.detector(params, now_ns)
-    return ExactSearch(params, now_ns, kernel=compiled.load(params))
+    """On full frames: by the shortcuts that change no bit, where there is a kernel; else the plain pipeline."""
+    kernel = compiled.load(params)
+    return pipeline.detector(params, now_ns) if kernel is None else ExactSearch(params, now_ns, kernel=kernel)
 
 
 def tracked(params: VisionConfig, now_ns: NowNs) -> Search:
     """For a Follower, whose prediction it does not need: it keeps the marker's motion itself."""
-    find = pipeline.detector(params, now_ns)
-    if ExactSearch.supports(params):
-        find = ExactTracker(params, now_ns, kernel=compiled.load(params))
+    kernel = compiled.load(params)
+    find = pipeline.detector(params, now_ns) if kernel is None else ExactTracker(params, now_ns, kernel=kernel)
     return lambda image, t_ns, *_: find(image, t_ns)
