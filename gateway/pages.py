@@ -14,7 +14,7 @@ from gateway.errors import LinkError
 from gateway.net import tls
 from gateway.net.listener import listening, url
 from gateway.net.tls import TlsFiles
-from gateway.parts import Bays, Outputs, Sensors, Shared
+from gateway.parts import BayOutputs, BayTasks, Sensors, Shared
 from gateway.processes.request_service import RequestService
 from gateway.records.questions import ReaderSetup
 from gateway.reload import InForce, ReloadRequests
@@ -46,8 +46,8 @@ class Pages:
 def build_pages(
     shared: Shared,
     sensors: Sensors,
-    outputs: Outputs,
-    bays: Bays,
+    outputs: BayOutputs,
+    bays: BayTasks,
     status: StatusCollector,
     in_force: InForce,
     settings: SettingsFile | None,

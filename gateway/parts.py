@@ -76,7 +76,7 @@ class Sensors:
 
 
 @dataclass(frozen=True, slots=True)
-class Outputs:
+class BayOutputs:
     """What the bays' states and events go to, but for Modbus and the pages. `history`: for these; `vectors`: by bay
     name."""
 
@@ -89,7 +89,7 @@ class Outputs:
 
 
 @dataclass(frozen=True, slots=True)
-class Bays:
+class BayTasks:
     """The control tasks by bay name, the PLC's view of them by unit id, and the rows of the task table."""
 
     controls: Mapping[str, BayControl]
@@ -122,7 +122,7 @@ def build_sensors(shared: Shared, ports: Ports) -> Sensors:
     return Sensors(frames, template, visions, rangers)
 
 
-def build_outputs(shared: Shared, sensors: Sensors, in_force: InForce) -> Outputs:
+def build_outputs(shared: Shared, sensors: Sensors, in_force: InForce) -> BayOutputs:
     """Raises ConfigError."""
     config, hub, clock = shared.config, shared.hub, shared.clock
     history = EventHistory(hub)
@@ -139,10 +139,10 @@ def build_outputs(shared: Shared, sensors: Sensors, in_force: InForce) -> Output
     }
     # Read now: with the vectors in hand, no earlier gateway of this name can still write to them.
     files = BayFiles.read(config, clock, in_force.deciding)
-    return Outputs(history, sinks, recorder, alarms, vectors, files)
+    return BayOutputs(history, sinks, recorder, alarms, vectors, files)
 
 
-def build_bays(shared: Shared, sensors: Sensors, outputs: Outputs, ticked: Callable[[str], None]) -> Bays:
+def build_bays(shared: Shared, sensors: Sensors, outputs: BayOutputs, ticked: Callable[[str], None]) -> BayTasks:
     """Publishes the first state of each bay. `ticked`: called with the bay's name after each control tick."""
     config, hub, files = shared.config, shared.hub, outputs.files
     controls: dict[str, BayControl] = {}
@@ -168,7 +168,7 @@ def build_bays(shared: Shared, sensors: Sensors, outputs: Outputs, ticked: Calla
             Task(f"{bay.name}.ranger", sensors.rangers[bay.name].run, bay.ranger.reconnect),
         ]
     units = {bay.unit_id: unit_of(controls[bay.name], config, shared.clock) for bay in config.bays}
-    return Bays(controls, units, tasks)
+    return BayTasks(controls, units, tasks)
 
 
 def _rings(config: GatewayConfig, resources: ExitStack) -> tuple[dict[str, RingSpec], dict[str, RingSpec]]:
