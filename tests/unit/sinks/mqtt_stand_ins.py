@@ -14,7 +14,7 @@ from gateway.errors import LinkError
 from gateway.hub import Hub
 from gateway.sinks.mqtt.broker_link import BrokerLink, RefusedError, UnansweredError
 from gateway.sinks.mqtt.publisher import MqttPublisher
-from gateway.sinks.mqtt.topic_plan import PLAN, TopicKind
+from gateway.sinks.mqtt.topic_plan import ALARMS, EVENT, STATE, STATUS, TopicKind
 from gateway.sinks.mqtt.topics import Message
 from tests import virtual_time
 from tests.mqtt_messages import checked
@@ -146,7 +146,7 @@ VALID_NS = 3_000_000_000  # after its last state a bay counts as dead
 class Plant:
     """A hub whose bays are computed every 20 ms, a publisher, and the supervisor's part in small."""
 
-    def __init__(self, *bays: str, plan: Sequence[TopicKind] = PLAN, **settings: Any) -> None:
+    def __init__(self, *bays: str, plan: Sequence[TopicKind] = (STATUS, STATE, EVENT, ALARMS), **settings: Any) -> None:
         self.clock = LoopClock()
         self.broker = Broker()
         self.hub = Hub(bays or ("bay1",))

@@ -121,7 +121,7 @@ def test_a_topic_of_another_module_is_published_with_every_state() -> None:
         plant = Plant("bay1", "bay2", plan=(*PLAN, DISTANCE))
         plant.broker.check = lambda topic, payload: json.loads(payload)
         async with plant.running():
-            await asyncio.sleep(2)
+            await asyncio.sleep(1.9)  # between two publications
         for bay in ("bay1", "bay2"):
             states, distances = plant.broker.on(f"{bay}/state"), plant.broker.on(f"{bay}/distance")
             assert len(distances) == len(states) > 2

@@ -56,7 +56,7 @@ def alarm(view: dict[str, Any]) -> tuple[bool, bool, str]:
 def test_what_it_subscribes_to_is_the_topic_plan() -> None:
     filters = {node["topic"]: node for node in FLOW if node["type"] == "mqtt in"}
     plan = {re.sub(r"\{(site|bay|instance)\}", "+", k.pattern).format(root="loading"): k for k in topic_plan.PLAN}
-    assert set(filters) == set(plan) - {"loading/+/+/alarms"}  # the flow is about states and events
+    assert set(filters) == {"loading/+/+/status", "loading/+/+/state", "loading/+/+/event"} <= set(plan)
     assert {node["qos"] for node in filters.values()} == {"1"}
 
 
