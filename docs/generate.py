@@ -70,13 +70,15 @@ def layers() -> str:
 
 
 def folders() -> str:
-    """What each folder and each module at the top holds: the first paragraph of its docstring."""
+    """What each folder and module at the top holds (its docstring's first paragraph), and the folders in it."""
     top = DOCS.parent / "gateway"
-    lines = ["| in `gateway/` | what it is |", "|---|---|"]
-    for path in sorted([*top.glob("*/__init__.py"), *top.glob("*/*/__init__.py"), *top.glob("[!_]*.py")]):
-        place = f"{path.parent.relative_to(top)}/" if path.name == "__init__.py" else path.name
+    lines = ["| in `gateway/` | what it is | folders in it |", "|---|---|---|"]
+    for path in [*sorted(top.glob("*/__init__.py")), *sorted(top.glob("[!_]*.py"))]:
+        folder = path.name == "__init__.py"
+        inner = [f"`{sub.parent.name}`" for sub in sorted(path.parent.glob("*/__init__.py"))] if folder else []
         meaning = (ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "").split("\n\n")[0]
-        lines.append(f"| `{place}` | {' '.join(meaning.split())} |")
+        place = f"{path.parent.name}/" if folder else path.name
+        lines.append(f"| `{place}` | {' '.join(meaning.split())} | {' '.join(inner)} |")
     return "\n".join(lines)
 
 
