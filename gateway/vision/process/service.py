@@ -1,4 +1,9 @@
-"""Vision for one bay: the shell that carries messages between the vision process and its monitor."""
+"""Vision for one bay: the shell that carries messages between the vision process and its monitor.
+
+Whenever something arrives or a deadline passes: report it to the monitor, settle, carry out its actions. What arrives
+is dealt with in the event loop's own call, since the control task waits for it; the task wakes only for deadlines, and
+for what went wrong.
+"""
 
 import asyncio
 import logging
@@ -6,9 +11,8 @@ import os
 import random
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from functools import partial
 
-from gateway.clock import NS_PER_S, Clock, SystemClock
+from gateway.clock import NS_PER_S, SystemClock
 from gateway.config import CameraConfig, ControlsConfig, VisionConfig
 from gateway.core.readings import VisionReading
 from gateway.errors import ConfigError
@@ -85,9 +89,15 @@ class VisionService:
         self._detector = detector or DetectorSpec(vision)
         self._rng = rng or random.Random()
         self._ring = ring
+        self._frames: RingSpec | None = None  # where they are written, while there may be a process
         self._template = template
-        self._loop: _MonitorLoop | None = None
-        self._monitor: ProcessMonitor | None = None
+        self._monitor = ProcessMonitor(spec.label, camera, vision, self._rng)
+        self._slot: VisionSlot | None = None
+        self._progress: ProgressPage | None = None
+        self._over = False  # other settings: the process is to be replaced
+        self._armed_ns: int | None = None  # when the task wakes by itself; None: not
+        self._deadline_ns: int | None = 0  # the monitor's, since it last settled
+        self._failure: BaseException | None = None
         self._radii_updates = RadiiUpdates()
         self._trial = ControlsTrial()
         self._reported = asyncio.Event()  # the camera's controls
@@ -110,8 +120,12 @@ class VisionService:
 
     def _send_trial(self) -> None:
         self._asked_ns = now_ns = self._clock.now_ns()
-        if self._loop is not None and self._monitor is not None and self._monitor.reads_messages(now_ns):
-            self._loop.send(self._trial.message())
+        self._send(self._trial.message(), now_ns)
+
+    def _send(self, message: MarkerRadii | ControlsRequest, now_ns: int) -> None:
+        """To the process, if there is one that reads its messages."""
+        if self._slot is not None and not self._over and self._monitor.reads_messages(now_ns):
+            self._slot.send(message)
 
     def try_controls(self, tried: ControlsConfig) -> None:
         """Set these of the camera over those of the file, complete; none: as the file has it. Raises ConfigError."""
@@ -126,7 +140,7 @@ class VisionService:
         self.try_controls(ControlsConfig())
         with suppress(TimeoutError):
             async with asyncio.timeout(PUT_BACK_S):
-                while self._loop is not None and not self._trial.ended:
+                while self._slot is not None and not self._trial.ended:
                     self._reported.clear()
                     await self._reported.wait()
         if not self._trial.ended:
@@ -146,9 +160,10 @@ class VisionService:
             self._camera = self._camera.model_copy(update={"controls": controls})
             self._spec = with_controls(self._spec, settings_of(controls))
         self._detector = DetectorSpec(vision, self._detector.factory)
-        if self._loop is not None:
-            self._loop.end()
-        if self._monitor is not None:
+        if self._slot is not None:
+            self._over = True
+            self._slot.wake()
+        if self._monitor.token:  # there has been a process
             self._monitor.withdraw("other settings: a new vision process starts", self._clock.now_ns())
             for reading in self._monitor.readings():
                 self._emit(reading)
@@ -161,37 +176,78 @@ class VisionService:
     def expect(self, radii_px: tuple[float, float] | None) -> None:
         """The marker's radius lies between these now, px; None: unknown. To be called repeatedly: it expires
         soon. Only for a method that uses it."""
-        if self._loop is None or self._monitor is None or not self._uses_radius_limits:
+        if self._slot is None or not self._uses_radius_limits:
             return
         now_ns = self._clock.now_ns()
-        if (message := self._radii_updates.due(radii_px, now_ns)) is not None and self._monitor.reads_messages(now_ns):
-            self._loop.send(message)
+        if (message := self._radii_updates.due(radii_px, now_ns)) is not None:
+            self._send(message, now_ns)
 
     async def run(self) -> None:
         """Until cancelled; afterwards there is no process and no memory left. Raises ConfigError, or LinkError
         when the machine cannot start a process."""
         check_cpus("camera.affinity", self._camera.affinity)
         check_cpus("vision.affinity", self._vision.affinity)
-        ring = self._ring or RingSpec.create(self._camera.max_megapixels)
-        progress = ProgressPage(ring, writable=False)
+        self._frames = ring = self._ring or RingSpec.create(self._camera.max_megapixels)
+        self._progress = progress = ProgressPage(ring, writable=False)
         try:
             while True:
                 # Begun again with other settings, or by the supervisor: a PLC's counts are those since the start.
-                if self._monitor is None:
-                    self._monitor = ProcessMonitor(self._spec.label, self._camera, self._vision, self._rng)
-                else:
-                    self._monitor.progress(progress.read(), self._clock.now_ns())
-                    self._monitor = self._monitor.successor(self._vision)
-                carry_out = partial(self._carry_out, ring)
-                self._loop = _MonitorLoop(self._monitor, progress, self._clock, carry_out, self._heard)
-                on_arrival = self._loop.on_arrival
-                async with VisionSlot(self._bay, self._clock, FROM_VISION, on_arrival, self._template) as slot:
-                    await self._loop.run(slot)
+                self._read_notes()
+                self._monitor = self._monitor.successor(self._vision)
+                self._over, self._armed_ns, self._deadline_ns, self._failure = False, None, 0, None
+                async with VisionSlot(self._bay, self._clock, FROM_VISION, self._arrived, self._template) as self._slot:
+                    await self._serve(self._slot)
         finally:
-            self._loop = None
+            self._slot = self._progress = self._frames = None
             progress.close()
             if self._ring is None:
                 ring.close()
+
+    async def _serve(self, slot: VisionSlot) -> None:
+        """Until cancelled, or other settings are in force, or something raises."""
+        while not self._over:
+            self._take(slot, everything=True)
+            self._armed_ns = self._deadline_ns
+            left_ns = None if self._armed_ns is None else max(0, self._armed_ns - self._clock.now_ns())
+            await slot.wait(None if left_ns is None else left_ns / NS_PER_S)
+            if self._failure is not None:
+                raise self._failure
+
+    def _arrived(self) -> None:
+        """In the event loop's own call."""
+        if self._slot is None or self._failure is not None or self._over:
+            return
+        try:
+            self._take(self._slot, everything=False)
+        except BaseException as error:  # noqa: BLE001 - raised again in the task, whose failure it is
+            self._failure = error
+            self._slot.wake()
+            return
+        deadline_ns = self._deadline_ns
+        if deadline_ns is not None and (self._armed_ns is None or deadline_ns < self._armed_ns):
+            self._slot.wake()
+
+    def _take(self, slot: VisionSlot, *, everything: bool) -> None:
+        now_ns, deadline_ns = self._clock.now_ns(), self._deadline_ns
+        # A result that was not read is not late: when a deadline has passed, all that has arrived is reported first.
+        late = deadline_ns is not None and now_ns >= deadline_ns
+        for message in slot.messages(every=everything or late):
+            if isinstance(message, (Gone, Failed, SourceLost)):  # the notes name the frame that was being worked on
+                self._read_notes()
+            _report(self._monitor, message, self._clock.now_ns())
+            if isinstance(message, (ControlsReport, Opened)):
+                self._heard(message)
+        for reading in self._monitor.readings():
+            self._emit(reading)
+        self._read_notes()
+        for action in self._monitor.settle(self._clock.now_ns() if everything or late else now_ns):
+            self._carry_out(action, slot)
+        self._deadline_ns = self._monitor.next_deadline_ns()
+
+    def _read_notes(self) -> None:
+        """What the process has noted by now."""
+        if self._progress is not None:
+            self._monitor.progress(self._progress.read(), self._clock.now_ns())
 
     def _heard(self, message: ControlsReport | Opened) -> None:
         if isinstance(message, ControlsReport):
@@ -200,11 +256,13 @@ class VisionService:
         elif self._trial.under_way:
             self._send_trial()
 
-    def _carry_out(self, ring: RingSpec, action: Action, slot: VisionSlot) -> None:
+    def _carry_out(self, action: Action, slot: VisionSlot) -> None:
         match action:
             case monitor.Emit(reading):
                 self._emit(reading)
             case monitor.Start(token, first_seq, discard):
+                ring = self._frames
+                assert ring is not None
                 job = VisionJob(
                     token,
                     SourceRecord.of(self._spec),
@@ -231,85 +289,6 @@ class VisionService:
         if self._camera.affinity is None and self._vision.affinity is not None:
             return tuple(sorted(os.sched_getaffinity(0)))
         return self._camera.affinity
-
-
-class _MonitorLoop:
-    """Whenever something arrives or a deadline passes: report it to the monitor, settle, carry out its actions.
-
-    What arrives is dealt with in the event loop's own call, since the control task waits for it; the task wakes only
-    for deadlines, and for what went wrong.
-    """
-
-    def __init__(
-        self,
-        monitor: ProcessMonitor,
-        progress: ProgressPage,
-        clock: Clock,
-        carry_out: Callable[[Action, VisionSlot], None],
-        heard: Callable[[ControlsReport | Opened], None],
-    ) -> None:
-        self._monitor = monitor
-        self._progress = progress
-        self._clock = clock
-        self._carry_out = carry_out
-        self._heard = heard
-        self._slot: VisionSlot | None = None
-        self._armed_ns: int | None = None  # when the task wakes by itself; None: not
-        self._deadline_ns: int | None = 0  # the monitor's, since it last settled
-        self._failure: BaseException | None = None
-        self._over = False
-
-    def end(self) -> None:
-        """Let `run` return."""
-        self._over = True
-        if self._slot is not None:
-            self._slot.wake()
-
-    def send(self, message: MarkerRadii | ControlsRequest) -> None:
-        """To the process, if there is one."""
-        if self._slot is not None and not self._over:
-            self._slot.send(message)
-
-    async def run(self, slot: VisionSlot) -> None:
-        """Until cancelled or ended, or something raises."""
-        self._slot = slot
-        while not self._over:
-            self._take(slot, everything=True)
-            self._armed_ns = self._deadline_ns
-            left_ns = None if self._armed_ns is None else max(0, self._armed_ns - self._clock.now_ns())
-            await slot.wait(None if left_ns is None else left_ns / NS_PER_S)
-            if self._failure is not None:
-                raise self._failure
-
-    def on_arrival(self) -> None:
-        if self._slot is None or self._failure is not None or self._over:
-            return
-        try:
-            self._take(self._slot, everything=False)
-        except BaseException as error:  # noqa: BLE001 - raised again in the task, whose failure it is
-            self._failure = error
-            self._slot.wake()
-            return
-        deadline_ns = self._deadline_ns
-        if deadline_ns is not None and (self._armed_ns is None or deadline_ns < self._armed_ns):
-            self._slot.wake()
-
-    def _take(self, slot: VisionSlot, *, everything: bool) -> None:
-        now_ns, deadline_ns = self._clock.now_ns(), self._deadline_ns
-        # A result that was not read is not late: when a deadline has passed, all that has arrived is reported first.
-        late = deadline_ns is not None and now_ns >= deadline_ns
-        for message in slot.messages(every=everything or late):
-            if isinstance(message, (Gone, Failed, SourceLost)):  # the notes name the frame that was being worked on
-                self._monitor.progress(self._progress.read(), self._clock.now_ns())
-            _report(self._monitor, message, self._clock.now_ns())
-            if isinstance(message, (ControlsReport, Opened)):
-                self._heard(message)
-        for reading in self._monitor.readings():
-            self._carry_out(monitor.Emit(reading), slot)
-        self._monitor.progress(self._progress.read(), self._clock.now_ns())
-        for action in self._monitor.settle(self._clock.now_ns() if everything or late else now_ns):
-            self._carry_out(action, slot)
-        self._deadline_ns = self._monitor.next_deadline_ns()
 
 
 def _report(to: ProcessMonitor, message: FromVision | Failed | Gone, now_ns: int) -> None:

@@ -16,8 +16,9 @@ from gateway.core.detection import Circle, Detection
 from gateway.core.readings import Quality, VisionReading
 from gateway.errors import LinkError
 from gateway.processes.channel import Failed, Gone
+from gateway.processes.start import Role
 from gateway.vision.process import service
-from gateway.vision.process.monitor import Action, Emit, ProcessMonitor
+from gateway.vision.process.monitor import ProcessMonitor
 from gateway.vision.process.vision_process import Capture, CheckedFrame, NewestFrame
 from gateway.vision.source.checks import FrameRules
 from gateway.vision.source.contract import Frame, Source
@@ -185,25 +186,26 @@ def test_what_a_process_reports_is_short_and_printable_in_every_log(message: typ
 
 @dataclass
 class MainSide:
-    """`_MonitorLoop` with a process that is played by the test: its messages, its notes, the time."""
+    """`VisionService` with a process that is played by the test: its messages, its notes, the time."""
 
     now: int = MS
     notes: Progress = field(default_factory=Progress)
     arrived: list[Any] = field(default_factory=list)
     readings: list[VisionReading] = field(default_factory=list)
-    heard: list[ControlsReport | Opened] = field(default_factory=list)
+    fds: tuple[int, ...] = ()
     waked: int = 0
 
     def __post_init__(self) -> None:
         vision = VisionConfig(deadline_s=0.5)
-        self.monitor = ProcessMonitor("cam", CameraConfig(deadline_s=1.0), vision, random.Random(1))
-        self.loop = service._MonitorLoop(
-            self.monitor, cast("Any", self), cast("Any", self), self.carry_out, self.heard.append
+        camera, played = CameraConfig(deadline_s=1.0), cast("Any", self)
+        self.service = service.VisionService(
+            "bay1", FewFrames(0), camera, vision, played, self.readings.append, rng=random.Random(1)
         )
-        self.loop._slot = cast("Any", self)
-        self.loop.on_arrival()
+        self.monitor = self.service._monitor
+        self.service._slot = self.service._progress = self.service._frames = played
+        self.service._arrived()
         self.arrive(Ready(), Opened(lossless=False))
-        self.loop.on_arrival()
+        self.service._arrived()
         self.waked = 0
 
     def now_ns(self) -> int:
@@ -212,9 +214,11 @@ class MainSide:
     def read(self) -> Progress:
         return self.notes
 
-    def carry_out(self, action: Action, slot: Any) -> None:
-        if isinstance(action, Emit):
-            self.readings.append(action.reading)
+    def start(self, role: Role[Any]) -> None:
+        pass
+
+    def kill(self) -> None:
+        pass
 
     def messages(self, *, every: bool) -> list[Any]:
         """Without `every` the oldest one, as the slot does."""
@@ -227,7 +231,7 @@ class MainSide:
 
     def arrive(self, *messages: Any) -> None:
         self.arrived += messages
-        self.loop.on_arrival()
+        self.service._arrived()
 
     def works(self, seq: int, began_ms: int) -> None:
         t_ns = began_ms * MS
@@ -271,27 +275,27 @@ def test_at_a_deadline_the_notes_are_read_before_anything_is_judged(main_side: M
     main_side.works(2, began_ms=10)
     for main_side.now in (500 * MS, 509 * MS, 511 * MS):
         assert len(main_side.readings) == 1
-        main_side.loop._take(cast("Any", main_side), everything=True)
+        main_side.service._take(cast("Any", main_side), everything=True)
     _, reading = main_side.readings
     assert (reading.quality, reading.t_ns) == (Quality.PROCESS_FAULT, 10 * MS)
 
 
 def test_a_deadline_that_comes_sooner_wakes_the_task(main_side: MainSide) -> None:
-    main_side.loop._armed_ns = 400 * MS
+    main_side.service._armed_ns = 400 * MS
     main_side.arrive()
     assert main_side.waked == 0
-    main_side.loop._armed_ns = 600 * MS
+    main_side.service._armed_ns = 600 * MS
     main_side.arrive()
     assert main_side.waked == 1
 
 
 def test_what_goes_wrong_while_messages_are_read_is_the_task_s_failure(main_side: MainSide) -> None:
-    def fails(action: Action, slot: Any) -> None:
+    def fails(reading: VisionReading) -> None:
         raise ZeroDivisionError
 
-    main_side.loop._carry_out = fails
+    main_side.service._emit = fails
     main_side.arrive(FrameResult(1, 0, SEEN, 0))
-    assert isinstance(main_side.loop._failure, ZeroDivisionError)
+    assert isinstance(main_side.service._failure, ZeroDivisionError)
     assert main_side.waked == 1
     main_side.arrive(FrameResult(2, 0, SEEN, 0))  # nothing is read any more
     assert len(main_side.arrived) == 1
