@@ -8,8 +8,9 @@ DISCONNECT even when it is cancelled. So it is handed a socket that is open alre
 connection ends is a promise: left normally, it sends DISCONNECT, and the broker discards the last will; left by an
 exception or a cancellation, the socket is closed, and the broker publishes the will.
 
-Private parts of aiomqtt and of paho below it are overridden for this. Both are pinned exactly, and a test watches each
-of these parts (tests/unit/sinks/test_broker_link.py).
+paho's public callbacks and the socket serve for this wherever they can; four private parts of aiomqtt and of paho are
+used for the rest. Both are pinned exactly, and tests/unit/sinks/test_broker_link.py watches each of these parts
+(docs/decisions/0040-private-parts.md).
 """
 
 import asyncio
@@ -18,7 +19,7 @@ import logging
 import math
 import socket
 import ssl
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Sequence
 from functools import partial
 from typing import Any
 
@@ -213,11 +214,28 @@ def _end(reason: ReasonCode, fault: OSError | None, *, by_packet: bool) -> End:
     return End("closed by the broker, or on the way to it, without a reason", bare=True)
 
 
-def _received(read: Callable[[int], bytes], size: int) -> bytes:
-    """paho reads the rest of a packet at once, and keeps room for all of it. An OSError ends the connection."""
-    if size > MAX_PACKET_BYTES:
-        raise OSError(f"a packet of more than {size} bytes; {MAX_PACKET_BYTES} are accepted")
-    return read(size)
+class _BoundedSocket:
+    """The socket for paho, which reads the rest of a packet at once and keeps room for all of it. An OSError ends the
+    connection; `fault`: that of the last read.
+    """
+
+    def __init__(self, sock: socket.socket | WebSocket) -> None:
+        self._sock = sock
+        self.fault: OSError | None = None
+
+    def recv(self, size: int) -> bytes:
+        try:
+            if size > MAX_PACKET_BYTES:
+                raise OSError(f"a packet of more than {size} bytes; {MAX_PACKET_BYTES} are accepted")
+            return self._sock.recv(size)
+        except (BlockingIOError, ssl.SSLWantReadError, ssl.SSLWantWriteError):
+            raise
+        except OSError as error:
+            self.fault = error
+            raise
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._sock, name)
 
 
 @contextlib.asynccontextmanager
@@ -278,7 +296,6 @@ class _Client(aiomqtt.Client):
     ) -> None:
         self.end: End | None = None  # how the other side has ended the connection
         self._link: BrokerLink | None = None
-        self._fault: OSError | None = None  # of the last read
         super().__init__(
             broker.host,
             broker.port,
@@ -300,35 +317,41 @@ class _Client(aiomqtt.Client):
         self.unanswered: list[str] = []
         self.newest_refusal: tuple[str, str, float] | None = None
         self._answers: dict[int, tuple[str, asyncio.Future[ReasonCode]]] = {}  # topic, answer; by packet identifier
+        self._client.on_publish = self.acknowledged
+        self._client.on_socket_open = self.opened
+        self._client.on_socket_register_write = self.to_be_written
+        self._told: tuple[Any, Any] = self._client.on_connect, self._client.on_disconnect  # aiomqtt's own
+        self._client.on_connect, self._client.on_disconnect = self.accepted, self.ended
         for future in (self._connected, self._disconnected):  # its result may not be needed any more
             future.add_done_callback(lambda ended: ended.cancelled() or ended.exception())
-        self._client._create_socket_connection = lambda: sock  # type: ignore[assignment, method-assign, return-value]  # it would open its own
-        self._client._sock_recv = partial(self.received, self._client._sock_recv)  # type: ignore[method-assign]
+        given = _BoundedSocket(sock)
+        self._given = given
+        self._client._create_socket_connection = lambda: given  # type: ignore[assignment, method-assign, return-value]  # it would open its own
         # Nothing in it blocks on an open socket, so it needs no thread; it only queues the CONNECT.
         super()._client_connect()
 
     def _client_connect(self) -> None:
         """Called by aiomqtt in a thread; done already."""
 
-    def _on_socket_open(self, client: Any, userdata: Any, sock: Any) -> None:
+    def opened(self, client: Any, userdata: Any, sock: Any) -> None:
         """At once, as below: a socket whose first write fails is closed before a moment later."""
         self._loop.add_reader(sock.fileno(), self.read)
         self._misc_task = self._loop.create_task(self._misc_loop())
 
-    def _on_socket_register_write(self, client: Any, userdata: Any, sock: Any) -> None:
+    def to_be_written(self, client: Any, userdata: Any, sock: Any) -> None:
         """At once. aiomqtt's own does it a moment later, when the socket may be closed and its number another's."""
         self._loop.add_writer(sock.fileno(), client.loop_write)
 
-    def _on_connect(self, client: Any, userdata: Any, flags: Any, reason_code: Any, properties: Any = None) -> None:
+    def accepted(self, client: Any, userdata: Any, flags: Any, reason_code: Any, properties: Any = None) -> None:
         """MQTT 5 states how many messages the broker takes at once, and how large; it may close the connection on more
         (3.3.4) and on larger ones (3.2.2.3.6)."""
         self.receive_maximum = min(MAX_IN_FLIGHT, getattr(properties, "ReceiveMaximum", MAX_IN_FLIGHT))
         self.maximum_packet_bytes = getattr(properties, "MaximumPacketSize", math.inf)
         # paho's setter refuses on an open connection; nothing is in flight yet
         self._client._max_inflight_messages = self.receive_maximum
-        super()._on_connect(client, userdata, flags, reason_code, properties)
+        self._told[0](client, userdata, flags, reason_code, properties)
 
-    def _on_publish(self, client: Any, userdata: Any, mid: int, reason_code: Any, properties: Any) -> None:
+    def acknowledged(self, client: Any, userdata: Any, mid: int, reason_code: Any, properties: Any) -> None:
         """MQTT 5 reports whether the broker has taken a message, and whether anybody subscribes; aiomqtt ignores it."""
         if mid in self._answers:
             topic, answer = self._answers.pop(mid)
@@ -338,16 +361,16 @@ class _Client(aiomqtt.Client):
             if not answer.done():
                 answer.set_result(reason_code)
 
-    def _on_disconnect(self, client: Any, userdata: Any, flags: Any, reason_code: Any, properties: Any = None) -> None:
+    def ended(self, client: Any, userdata: Any, flags: Any, reason_code: Any, properties: Any = None) -> None:
         """Also before the CONNACK, which aiomqtt would wait for all the same."""
         if reason_code.is_failure and self.end is None:
-            self.end = _end(reason_code, self._fault, by_packet=flags.is_disconnect_packet_from_server)
+            self.end = _end(reason_code, self._given.fault, by_packet=flags.is_disconnect_packet_from_server)
             if self._link is not None:
                 self._link.end = self.end
         if not self._connected.done():
             why = "closed" if self.end is None else self.end.text
             self._connected.set_exception(aiomqtt.MqttError(f"{why}, before a CONNACK arrived"))
-        super()._on_disconnect(client, userdata, flags, reason_code, properties)
+        self._told[1](client, userdata, flags, reason_code, properties)
 
     def link(self, endpoint: Endpoint, acknowledge_s: float, version: Version) -> BrokerLink:
         self._link = BrokerLink(self, endpoint, acknowledge_s, version)
@@ -359,15 +382,6 @@ class _Client(aiomqtt.Client):
             pending = getattr(self._client.socket(), "pending", None)
             if pending is None or pending() == 0:
                 break
-
-    def received(self, read: Callable[[int], bytes], size: int) -> bytes:
-        try:
-            return _received(read, size)
-        except BlockingIOError:
-            raise
-        except OSError as error:
-            self._fault = error
-            raise
 
     async def send(self, message: Message, properties: Properties | None) -> ReasonCode | None:
         """Returns the broker's answer; None at QoS 0. Raises MqttError."""
