@@ -25,6 +25,7 @@ Part = TypeVar("Part")
 Names = Mapping[int, tuple[str, str]]
 Packed = tuple[tuple[int, ...], bool]
 
+WRAPS = "count since the start of the gateway, modulo 65536"
 _FLOAT32_MAX = 3.4028234663852886e38
 _FLOAT32_NAN = 0x7FC0_0000
 _FLOAT = struct.Struct(">f")
@@ -103,6 +104,7 @@ def shown(
     `meaning`: where a PLC needs other words than the table's.
     """
     row = BAY_VALUES[value]
+    words = f"{row.meaning}: {WRAPS}" if value.startswith("counters.") else row.meaning
     share = row.kind is float and not row.unit and not kind.is_float
     counter = row.kind is int and kind.no_value is None
 
@@ -112,7 +114,7 @@ def shown(
             return int(found or 0) & kind.high
         return 100.0 * found if share and found is not None else found
 
-    return Register(address, name, kind, scale, "%" if share else row.unit, meaning or row.meaning, read, codes, bits)
+    return Register(address, name, kind, scale, "%" if share else row.unit, meaning or words, read, codes, bits)
 
 
 def named(meanings: Mapping[Code, str]) -> dict[int, tuple[str, str]]:

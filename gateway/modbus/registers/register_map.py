@@ -38,7 +38,6 @@ from gateway.modbus.registers.register import (
 )
 from gateway.modbus.registers.register import Register as Register  # noqa: PLC0414 - for those who read the table
 from gateway.modbus.registers.register import Value as Value  # noqa: PLC0414
-from gateway.values.bay_values import BAY_VALUES
 
 MAP_VERSION = 6
 BLOCK_WORDS = 110  # a request takes 125 at most, some clients 120
@@ -88,23 +87,6 @@ _QUALITY = named(QUALITY_MEANING)
 _REASON = named(REASON_MEANING)
 _TRACKING = named(TRACKING_MEANING)
 _NEVER_DECIDE = "while coasted; never decide on it"
-_WRAPS = "count since the start of the gateway, modulo 65536"
-
-_COUNTERS = {  # from register 26 on
-    "frames_skipped": "counters.frames_skipped",
-    "frames_lost": "counters.frames_lost",
-    "worker_restarts": "counters.vision_restarts",
-    "camera_reopens": "counters.camera_reopens",
-    "ranger_damaged": "counters.range_damaged",
-    "ranger_gaps": "counters.range_gaps",
-    "ranger_rejected": "counters.range_rejected",
-    "ranger_reopens": "counters.ranger_reopens",
-}
-
-
-def _counter(address: int, name: str, value: str) -> Register:
-    return shown(address, name, UINT16, 1, value, f"{BAY_VALUES[value].meaning}: {_WRAPS}")
-
 
 REGISTERS: tuple[Register, ...] = (
     Register(0, "seq_begin", UINT16, 1, "", "sequence number of the image; equal to seq_end in one image", _sequence),
@@ -135,7 +117,14 @@ REGISTERS: tuple[Register, ...] = (
     shown(20, "frame_id", UINT32, 1, "frame_id", "number of the newest frame processed, modulo 2^32"),
     Register(22, "timestamp", UINT64, 1, "ms", "Unix time of this image, UTC; never use it to judge freshness",
              lambda _, unix_ns: unix_ns // NS_PER_MS),
-    *(_counter(26 + n, name, value) for n, (name, value) in enumerate(_COUNTERS.items())),
+    shown(26, "frames_skipped", UINT16, 1, "counters.frames_skipped"),
+    shown(27, "frames_lost", UINT16, 1, "counters.frames_lost"),
+    shown(28, "worker_restarts", UINT16, 1, "counters.vision_restarts"),
+    shown(29, "camera_reopens", UINT16, 1, "counters.camera_reopens"),
+    shown(30, "ranger_damaged", UINT16, 1, "counters.range_damaged"),
+    shown(31, "ranger_gaps", UINT16, 1, "counters.range_gaps"),
+    shown(32, "ranger_rejected", UINT16, 1, "counters.range_rejected"),
+    shown(33, "ranger_reopens", UINT16, 1, "counters.ranger_reopens"),
     Register(34, "range_seq", UINT16, 1, "", "the ranger's own number of its newest measurement, modulo 65536",
              lambda s, _: s.range.seq & 0xFFFF),
     *POSITION,
