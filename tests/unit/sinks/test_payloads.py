@@ -288,6 +288,9 @@ def test_an_event() -> None:
         }.items()
     )
     assert found["reason"]["name"] == "NO_ECHO"
+    later = sent(event_payload(replace(event, t_ns=NOW_NS + 250 * MS), 12, GATEWAY, OFFSET_NS))
+    assert later["timestamp_ms"] - found["timestamp_ms"] == 250, "time and ages are those at the event"
+    assert later["vision"]["age_ms"] - found["vision"]["age_ms"] == pytest.approx(250)
 
 
 @pytest.mark.parametrize("sensor", ["", "cross_check", "an unknown sensor"])
