@@ -63,6 +63,7 @@ class CandidateKernel:
         self._votes.restype, self._blobs.restype = ctypes.c_int, None
         self._log = np.ascontiguousarray(LOG)
         self._constants = constants.passed()
+        self._constants_at = self._constants.ctypes.data
         self._rooms: list[NDArray[np.uint8]] = []
 
     def redness(self, picture: Image) -> Plane:
@@ -84,7 +85,7 @@ class CandidateKernel:
         size, largest, gx, gy = planes
         task = VoteTask(
             size.ctypes.data, largest.ctypes.data, gx.ctypes.data, gy.ctypes.data, *size.shape, radii.ctypes.data,
-            radii.size, *blur, self._constants.ctypes.data,
+            radii.size, *blur, self._constants_at,
         )  # fmt: skip
         at = ctypes.addressof(task)
         room = self._room(self._vote_room(at))
@@ -100,7 +101,7 @@ class CandidateKernel:
     ) -> list[tuple[float, float, int, int, float, float]]:
         """Left, top, width, height, radius (px of the full frame) and fill of the largest round ones, by threshold."""
         task = BlobTask(
-            red.ctypes.data, *red.shape, factor, (_Real * THRESHOLDS)(*shares), *radii_px, self._constants.ctypes.data
+            red.ctypes.data, *red.shape, factor, (_Real * THRESHOLDS)(*shares), *radii_px, self._constants_at
         )
         at = ctypes.addressof(task)
         room = self._room(self._blob_room(at))

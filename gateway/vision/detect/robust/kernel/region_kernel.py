@@ -31,6 +31,7 @@ class RegionKernel:
         self._call.restype = self._room_of.restype = _Int
         self._log = np.ascontiguousarray(LOG)
         self._constants = constants.passed()
+        self._constants_at = self._constants.ctypes.data
         self._rooms: list[NDArray[np.int32]] = []
 
     def regions(
@@ -50,7 +51,7 @@ class RegionKernel:
             inner_px,
             outer_px,
             self._log.ctypes.data,
-            self._constants.ctypes.data,
+            self._constants_at,
         )
         where = ctypes.addressof(task)
         room = self._room(self._room_of(where))
