@@ -11,7 +11,7 @@ import tomllib
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from datetime import timedelta
-from importlib.metadata import version
+from importlib.metadata import distributions, version
 from pathlib import Path
 from typing import Any
 
@@ -119,6 +119,14 @@ UVICORN_PARTS = {
 def test_the_overridden_parts_of_uvicorn_are_those_that_were_looked_at(name: str) -> None:
     source = inspect.getsource(getattr(H11Protocol, name))
     assert hashlib.sha256(source.encode()).hexdigest()[:16] == UVICORN_PARTS[name], "look at slow_clients.py anew"
+
+
+def test_of_opentelemetry_there_is_the_api_alone_which_sends_nothing() -> None:
+    """Whatever is installed, extras and tests included: its SDK and exporters send to an address in the environment."""
+    locked = tomllib.loads((Path(__file__).parents[3] / "uv.lock").read_text())["package"]
+    assert [each["name"] for each in locked if each["name"].startswith("opentelemetry")] == ["opentelemetry-api"]
+    installed = {found.name.lower().replace("_", "-") for found in distributions()}
+    assert {name for name in installed if name.startswith("opentelemetry")} == {"opentelemetry-api"}
 
 
 @pytest.mark.parametrize("package", ["uvicorn", "h11"])
