@@ -35,7 +35,7 @@ from gateway.sim.world import World
 from gateway.vision.detect.method import TimedPicture
 from gateway.vision.detect.robust import frame_sum
 from gateway.vision.offline.evaluation.labels import Label
-from gateway.vision.offline.evaluation.scoring import ON, Verdict, judge
+from gateway.vision.offline.evaluation.scoring import ON, Closeness, judge
 from gateway.vision.pixels import Image
 from tests import decoys
 from tests.disturb import dust
@@ -61,8 +61,8 @@ class Tally:
         outcome = judge(label, found)
         self.seen += label.found
         self.without += not label.found
-        self.wrong += outcome.verdict is Verdict.WRONG
-        self.false += outcome.verdict is Verdict.FALSE
+        self.wrong += outcome.verdict is Closeness.WRONG
+        self.false += outcome.verdict is Closeness.FALSE
         if outcome.verdict in ON and outcome.centre_px is not None and outcome.radius_share is not None:
             self.centres_px.append(outcome.centre_px)
             self.radii_share.append(abs(outcome.radius_share))

@@ -39,7 +39,7 @@ EVERY_S = 10.0  # between two lines of progress
 def run(
     name: str, seconds: float, transitions: int, compare: float, seed: int, walks: int, moves: int
 ) -> tuple[str, float, Found, Found]:
-    """Search one space for so long, then walk in it."""
+    """Search one space for this time, then walk in it."""
     space, begun = spaces()[name], time.monotonic()
     due = begun + EVERY_S
 

@@ -37,10 +37,11 @@ from bench.speed_scenes import SIZES, approach, back_and_forth
 from bench.vision_speed import machine
 from gateway import event_loop
 from gateway.bay import BayControl
-from gateway.clock import NS_PER_MS, NS_PER_S, SystemClock
+from gateway.clock import SystemClock
 from gateway.config import BayConfig, CameraConfig, VisionConfig
 from gateway.core.detection import Detection
 from gateway.core.readings import Quality, VisionReading
+from gateway.durations import NS_PER_MS, NS_PER_S
 from gateway.hub import Hub
 from gateway.modbus.protocol.answers import ReadImage
 from gateway.modbus.registers.bay_unit import image_of

@@ -1,4 +1,4 @@
-"""How long MQTT is out when one of three nodes hangs: nothing an event waits for is acknowledged for so long.
+"""How long MQTT is out when one of three nodes hangs: nothing an event waits for is acknowledged for this time.
 
     python -m bench.mqtt_failover
 

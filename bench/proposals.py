@@ -29,7 +29,7 @@ from gateway.config.sections.vision import Proposals
 from gateway.vision.detect.robust import proposer, search
 from gateway.vision.detect.robust.detect import detect, limits_of
 from gateway.vision.offline.evaluation.labels import Label
-from gateway.vision.offline.evaluation.scoring import ON, Verdict, judge
+from gateway.vision.offline.evaluation.scoring import ON, Closeness, judge
 from gateway.vision.pixels import Image
 from tests import disturb
 
@@ -123,8 +123,8 @@ def scored(mode: Proposals, pictures: Sequence[Picture]) -> Score:
             score.proposed += any(_near(label, seed.u_px, seed.v_px, seed.radius_px) for seed in seeds)
         verdict = judge(label, detect(image, params)).verdict
         score.found += verdict in ON
-        score.wrong += verdict is Verdict.WRONG
-        score.false += verdict is Verdict.FALSE
+        score.wrong += verdict is Closeness.WRONG
+        score.false += verdict is Closeness.FALSE
     return score
 
 

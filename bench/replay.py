@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from gateway.clock import NS_PER_S, Clock
+from gateway.clock import Clock
 from gateway.config import VisionConfig
+from gateway.durations import NS_PER_S
 from gateway.vision.detect.method import Detector, NowNs
 from gateway.vision.detect.paper import pipeline
 from gateway.vision.source.contract import Frame

@@ -27,7 +27,7 @@ from gateway.vision.detect.paper import pipeline
 from gateway.vision.detect.robust import detect as robust
 from gateway.vision.offline.evaluation import labels
 from gateway.vision.offline.evaluation.labels import Label
-from gateway.vision.offline.evaluation.scoring import ON, Verdict, judge
+from gateway.vision.offline.evaluation.scoring import ON, Closeness, judge
 from gateway.vision.pixels import Image, bgr8
 from tests import decoys
 from tests.disturb import DISTURBANCES
@@ -117,7 +117,7 @@ def _table(name: str, pictures: list[Picture]) -> Table:
             table.add_column(f"{method} {column}", justify="right")
     cases = [("none", 0.0, None), *((d.name, strength, d) for d in DISTURBANCES for strength in d.strengths)]
     for title, strength, disturbance in track(cases, description=name, console=Console(stderr=True)):
-        verdicts: dict[str, list[Verdict]] = {method: [] for method in METHODS}
+        verdicts: dict[str, list[Closeness]] = {method: [] for method in METHODS}
         for number, (label, image) in enumerate(pictures):
             seen = image if disturbance is None else disturbance.apply(image, strength, number)
             for method, detect in METHODS.items():
@@ -125,8 +125,8 @@ def _table(name: str, pictures: list[Picture]) -> Table:
         cells = []
         for got in verdicts.values():
             on = sum(verdict in ON for verdict in got)
-            cells += [f"{100 * on / max(with_marker, 1):.0f} %", str(got.count(Verdict.WRONG))]
-            cells.append(str(got.count(Verdict.FALSE)))
+            cells += [f"{100 * on / max(with_marker, 1):.0f} %", str(got.count(Closeness.WRONG))]
+            cells.append(str(got.count(Closeness.FALSE)))
         table.add_row(title, f"{strength:g}", *cells)
     return table
 

@@ -29,7 +29,7 @@ NS_PER_S = 1_000_000_000
 TICK_NS = 20_000_000
 FRAME_TICKS = 3  # 17 frames a second
 ECHO_TICKS = 2  # 25 readings a second
-SECONDS = 20.0  # a truck stands so long on each day
+SECONDS = 20.0  # a truck stands this long on each day
 SOUND_SHARE = 0.0017  # of Z, for a kelvin
 SWING_S = 47.0
 

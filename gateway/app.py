@@ -30,7 +30,7 @@ from gateway.web.host.status import StatusCollector
 log = logging.getLogger(__name__)
 
 SINK_CLOSE_S = 1.0  # for the final messages of the sinks; the complete exit stays under 2 s
-SHUTDOWN_SHOWN_S = 0.5  # at least so long a PLC can read that the gateway ends; five polls at 100 ms
+SHUTDOWN_SHOWN_S = 0.5  # at least this long a PLC can read that the gateway ends; five polls at 100 ms
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from gateway.clock import NS_PER_S, Clock
+from gateway.clock import Clock
 from gateway.config import BayConfig, GatewayConfig
 from gateway.core import events, fusion, interlock, visit_progress
 from gateway.core.events import Event, EventKind
@@ -16,6 +16,7 @@ from gateway.core.shown import valid
 from gateway.core.state import FunctionCheck, Reason, StateVector, Tick
 from gateway.core.visit_progress import VisitProgress
 from gateway.core.visit_summary import VisitSummary
+from gateway.durations import NS_PER_S
 from gateway.hub import Hub
 from gateway.net import rate_limit
 

@@ -10,9 +10,6 @@ import time
 from dataclasses import dataclass, field
 from typing import Protocol
 
-NS_PER_S = 1_000_000_000
-NS_PER_MS = 1_000_000
-
 
 def machine_ns() -> int:
     """CLOCK_BOOTTIME: since the machine's start, ns, the time it was suspended included."""

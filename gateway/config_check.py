@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 
 from gateway.config import SHARED_SECTIONS, GatewayConfig, ModbusConfig, RangerConfig
-from gateway.config.strict.errors import Fault, FaultsError, located
+from gateway.config.strict.errors import ConfigFault, FaultsError, located
 from gateway.errors import ConfigError
 from gateway.files import device_at
 from gateway.net import tls
@@ -23,7 +23,7 @@ def check(config: GatewayConfig, *, source: str, text: str) -> None:
 
     `text` is the TOML that `config` was read from, and `source` its name, so that each fault is reported with its line.
     """
-    faults: list[Fault] = []
+    faults: list[ConfigFault] = []
 
     def look(place: tuple[str | int, ...], part: Callable[[], object]) -> None:
         try:

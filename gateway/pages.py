@@ -19,7 +19,7 @@ from gateway.processes.request_service import RequestService
 from gateway.records.questions import ReaderSetup
 from gateway.reload import InForce, ReloadRequests
 from gateway.supervisor import Task
-from gateway.web.host.request_handler import BayParts, RequestHandler
+from gateway.web.host.request_handler import BayParts, PagesRequestHandler
 from gateway.web.host.service import WebProcessService, of_pages
 from gateway.web.host.settings_file import SettingsFile
 from gateway.web.host.startup import Startup
@@ -91,7 +91,7 @@ def build_pages(
     setup = WebSetup(
         of_pages(config), clock, sensors.frames, (), source, shared.boot, questions, devices, test_sets=test_sets
     )
-    handler = RequestHandler(
+    handler = PagesRequestHandler(
         outputs.history, parts, clock, lambda: status.system_status(outputs.alarms), outputs.alarms, restart
     )
     tls.check(TlsFiles.of_pages(config.hmi))

@@ -14,8 +14,9 @@ from collections import deque
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass, field
 
-from gateway.clock import NS_PER_S, Clock
+from gateway.clock import Clock
 from gateway.config import Reconnect
+from gateway.durations import NS_PER_S
 from gateway.errors import ConfigError, GatewayError, LinkError, ProtocolError
 
 log = logging.getLogger(__name__)

@@ -6,7 +6,7 @@ import numpy as np
 
 from gateway.config import VisionConfig
 from gateway.core.detection import Circle, Detection, Rejection
-from gateway.vision.detect.method import Detector, Method, NowNs, Panel, Remark, Search, Stage
+from gateway.vision.detect.method import Detector, Method, MethodStage, NowNs, Panel, Remark, Search
 from gateway.vision.detect.stage_timer import StageTimer
 from gateway.vision.pixels import Image
 
@@ -36,7 +36,7 @@ METHOD = Method(
     name="brightest-spot",
     detector=detector,
     search=search,
-    stages=(Stage("brightest", "the pixel with the largest channel"),),
+    stages=(MethodStage("brightest", "the pixel with the largest channel"),),
     rejections={"dark": "no pixel is bright enough"},
     keys=("min_confidence",),
     panels=lambda image, params, found, scale: (Panel("grey", "Grey", "the largest channel", image.max(axis=2)),),

@@ -18,11 +18,11 @@ from functools import cache
 from typing import Any
 
 from gateway.bay import BayControl
-from gateway.clock import NS_PER_S
 from gateway.core.detection import Circle, Detection
 from gateway.core.readings import Quality
 from gateway.core.retained import RetainedState
 from gateway.core.state import FunctionCheck, StateVector
+from gateway.durations import NS_PER_S
 from gateway.hub import Hub
 from gateway.modbus.protocol.answers import Peer
 from gateway.modbus.protocol.request_handler import RequestHandler, RequestStats
@@ -30,13 +30,13 @@ from gateway.modbus.registers.bay_unit import unit_of
 from gateway.ranger.hcsr04.session import Hcsr04Session
 from gateway.sim.hcsr04 import SensorErrors
 from gateway.sim.ranger import faults_of
-from gateway.sim.ranger_board import POWER_ON, Board, RangerFault
+from gateway.sim.ranger_board import POWER_ON, RangerBoard, RangerFault
 from gateway.sim.scenario import FaultKind, Scenario
 from gateway.sim.world import Truth, World
 from gateway.vision.process import monitor
 from gateway.vision.process.monitor import ProcessMonitor
 from gateway.vision.transport.messages import FrameResult
-from gateway.vision.transport.progress import Progress
+from gateway.vision.transport.progress import FrameProgress
 from tests.fault_schedules import (
     OTHER_PLC,
     PLC,
@@ -55,7 +55,7 @@ MS = 1_000_000
 ORIGIN_NS = 1000 * NS_PER_S
 WALL_NS = 1_700_000_000 * NS_PER_S
 FPS = 12
-BUILD_MS = 60  # a vision process needs so long until its first frame
+BUILD_MS = 60  # a vision process needs this long until its first frame
 REAP_MS = 20
 ENABLE, RESET, RELEASE = 1 << 0, 1 << 2, 1 << 5  # of plc_control: docs/handshake.md
 HEARTBEAT_S = 0.5  # the PLC's time for the gateway's heartbeat: docs/registers.md
@@ -133,7 +133,7 @@ class VisionProcess:
         self.alive = False
         self.ready_ns: int | None = None  # it will have its first frame then
         self.seq = 0
-        self.progress = Progress()
+        self.progress = FrameProgress()
         self.gone: list[tuple[int, int, bool]] = []  # due, token, crashed
         self.results: deque[tuple[int, int, FrameResult]] = deque()  # due, token, message
         self.opened: list[int] = []  # tokens whose source has given a frame
@@ -141,7 +141,7 @@ class VisionProcess:
 
     def start(self, token: int, first_seq: int, now_ns: int) -> None:
         self.token, self.alive, self.ready_ns, self.seq = token, True, now_ns + BUILD_MS * MS, first_seq - 1
-        self.progress = Progress(token)
+        self.progress = FrameProgress(token)
 
     def end(self, token: int, now_ns: int, *, crashed: bool) -> None:
         if self.alive and token == self.token:
@@ -174,7 +174,7 @@ class Bay:
         self._beaten = ("", -1)  # its writer, its number
         self.errors: list[str] = []
         sensor = scenario.ranger
-        self.board = Board(
+        self.board = RangerBoard(
             self._distance_mm, seed=1, errors=SensorErrors(sensor.jitter_mm, sensor.step_mm, sensor.dropout)
         )
         self.board.boot(self.clock.now, POWER_ON)
@@ -393,7 +393,9 @@ class Bay:
         if hangs or Fault.VISION_HUNG in active:
             old, began_ns = process.progress, process.progress.work_began_ns or taken_ns
             seq = old.work_seq if hangs else process.seq
-            process.progress = Progress(process.token, process.seq, taken_ns, seq, taken_ns, began_ns, old.detector_ns)
+            process.progress = FrameProgress(
+                process.token, process.seq, taken_ns, seq, taken_ns, began_ns, old.detector_ns
+            )
             return
         stuck_s = self.scenario.since_s(FaultKind.CAMERA_STUCK, t_s)
         truth = self.world.truth(t_s if stuck_s is None else stuck_s, image_speed=False)
@@ -409,7 +411,9 @@ class Bay:
             due_ns = max(due_ns, process.results[-1][0])
         result = FrameResult(process.seq, taken_ns, Detection(circle, predicted=predicted), since_ns)
         process.results.append((due_ns, process.token, result))
-        process.progress = Progress(process.token, process.seq, min(taken_ns, self.clock.now), 0, 0, 0, self.clock.now)
+        process.progress = FrameProgress(
+            process.token, process.seq, min(taken_ns, self.clock.now), 0, 0, 0, self.clock.now
+        )
 
     # -- the PLC ---------------------------------------------------------------------------------------------------
 

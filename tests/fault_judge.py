@@ -234,7 +234,7 @@ class Judge:
                 yield f"may move {t_s - since_s:.2f} s after the PLC's last heartbeat, its program stopped"
 
     def _stalled_s(self, from_s: float, to_s: float) -> float:
-        """For so long the gateway did not run meanwhile."""
+        """For this time the gateway did not run meanwhile."""
         stalls = (Fault.SUSPENDED, Fault.LOOP_BLOCKED, Fault.RESTARTED)
         return sum(
             max(0.0, min(f.end_s, to_s) - max(f.at_s, from_s)) + self.limits.late_s

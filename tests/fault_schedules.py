@@ -18,7 +18,7 @@ from gateway.sim.world import Truth, World
 PLC, OTHER_PLC = "10.0.0.9", "10.0.0.8"
 WARM_S = 2.2  # world time before the schedule begins: sensors up, and a truck at the mark is in place
 MOST_FAULTS = 5
-FAULTS_S = 2.0  # the last fault has ended so long after the schedule begins
+FAULTS_S = 2.0  # the last fault has ended this long after the schedule begins
 
 
 class Fault(StrEnum):

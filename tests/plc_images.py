@@ -3,7 +3,7 @@
 import random
 from typing import Any
 
-from gateway.core.plc import Acquired, Handshake, Outcome, PlcLink, TriggerPhase
+from gateway.core.plc import Acquired, Handshake, PlcLink, TriggerOutcome, TriggerPhase
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import Reason, StateVector, Visit
 from gateway.modbus.exports.structured_text import FUNCTION_BLOCK
@@ -84,7 +84,11 @@ def answered(
     echo: int = 0,
 ) -> list[int]:
     """The image of a gateway with writes on, as its handshake stands."""
-    result = Acquired(number, 0, Outcome.IN_PLACE, 320.0, 240.0, 190.0, 281.0) if phase is TriggerPhase.VALID else None
+    result = (
+        Acquired(number, 0, TriggerOutcome.IN_PLACE, 320.0, 240.0, 190.0, 281.0)
+        if phase is TriggerPhase.VALID
+        else None
+    )
     plc = Handshake(
         PlcLink.ALIVE,
         heartbeat=echo,

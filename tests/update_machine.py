@@ -12,13 +12,13 @@ from typing import Any
 
 import msgspec
 
-from gateway.clock import NS_PER_S
 from gateway.core.state import FunctionCheck, Moved, StateVector, Visit, VisitPhase
+from gateway.durations import NS_PER_S
 from gateway.errors import LinkError
 from gateway.modbus.registers.register_map import REGISTERS, encode
 from gateway.shared_state import SharedVector
 from gateway.status_file import BayNow, ModbusClient, ModbusPort, Status
-from gateway.update.machine import Answer, InstallPaths, Machine, Service
+from gateway.update.machine import InstallPaths, Machine, ProgramResult, Service
 
 OLD, NEW = "1.0", "2.0"
 START_S = 3.0  # of a service, until it is active
@@ -129,15 +129,17 @@ class PlayedMachine(Machine):
 
     # Programs.
 
-    def command(self, *words: str | Path, user: str = "", timeout_s: float = 0.0) -> Answer:
+    def command(self, *words: str | Path, user: str = "", timeout_s: float = 0.0) -> ProgramResult:
         name, *rest = [str(word) for word in words]
         if name in ("gpgv", "nonexistent"):
             return super().command(*words)
         if name == "dpkg-deb":
             fields = Path(rest[1]).read_text().splitlines()[0]
-            return Answer(0, f"Package: loading-gateway\nVersion: {msgspec.json.decode(fields, type=Version).name}\n")
+            return ProgramResult(
+                0, f"Package: loading-gateway\nVersion: {msgspec.json.decode(fields, type=Version).name}\n"
+            )
         if name == "dpkg-query":
-            return Answer(0, "iF " if self.world.half_installed else "ii ")
+            return ProgramResult(0, "iF " if self.world.half_installed else "ii ")
         if name == "dpkg" and rest == ["--configure", "loading-gateway"]:
             return self._dpkg_again()
         if name == "dpkg":
@@ -147,7 +149,7 @@ class PlayedMachine(Machine):
         self.users.setdefault(rest[0], set()).add(user)
         return self._version(Path(name).parent.parent.name, *rest)
 
-    def _dpkg(self, package: Path) -> Answer:
+    def _dpkg(self, package: Path) -> ProgramResult:
         version = msgspec.json.decode(package.read_text().splitlines()[0], type=Version)
         self.act("dpkg begins")
         self.change(half_installed=True, unpacked=version.name)
@@ -157,25 +159,25 @@ class PlayedMachine(Machine):
             (scratch / "bin").mkdir(parents=True, exist_ok=True)
             self.act("dpkg in its midst")
             if version.install:
-                return Answer(1, err=version.install)
+                return ProgramResult(1, err=version.install)
             self._make(version)
         if version.switches:
             self.paths.current.unlink()
             self.paths.current.symlink_to(f"versions/{version.name}")
         self.act("dpkg before its end")
         self.change(half_installed=False)
-        return Answer(0)
+        return ProgramResult(0)
 
-    def _dpkg_again(self) -> Answer:
+    def _dpkg_again(self) -> ProgramResult:
         self.act("dpkg --configure")
         if not self.world.half_installed:
-            return Answer(0)
+            return ProgramResult(0)
         version = msgspec.json.decode(self.paths.package.read_text().splitlines()[0], type=Version)
         if not version.configures:
-            return Answer(1, err=version.install)
+            return ProgramResult(1, err=version.install)
         self._make(version)
         self.change(half_installed=False)
-        return Answer(0)
+        return ProgramResult(0)
 
     def _make(self, version: Version) -> None:
         """As packaging/install_version.py does: complete, or not there."""
@@ -193,11 +195,11 @@ class PlayedMachine(Machine):
         if version not in ("", rejected, *self.installed()):
             self._make(Version(name=version))
 
-    def _version(self, name: str, verb: str, *rest: str) -> Answer:
+    def _version(self, name: str, verb: str, *rest: str) -> ProgramResult:
         self.act(f"{verb} by {name}")
         version = self.played(name)
         if verb == "--version":
-            return Answer(0, f"gateway {name}\n")
+            return ProgramResult(0, f"gateway {name}\n")
         if verb == "update":
             text = Path(rest[1]).read_text()
             changed = text
@@ -205,13 +207,15 @@ class PlayedMachine(Machine):
                 changed = changed.replace(old, new)
             if changed != text:
                 Path(rest[2]).write_text(changed)
-            return Answer(0, "migrated\n" if changed != text else "no key has another name in this version\n")
+            return ProgramResult(0, "migrated\n" if changed != text else "no key has another name in this version\n")
         if verb == "check":
             return (
-                Answer(0, "good\n") if version.reads_config(Path(rest[0]).read_text()) else Answer(2, err="unknown key")
+                ProgramResult(0, "good\n")
+                if version.reads_config(Path(rest[0]).read_text())
+                else ProgramResult(2, err="unknown key")
             )
         assert verb == "replay"
-        return Answer(0, json.dumps({"steps": 7, "missing": [], "otherwise": version.otherwise}))
+        return ProgramResult(0, json.dumps({"steps": 7, "missing": [], "otherwise": version.otherwise}))
 
     def service_user(self) -> str:
         return SERVICE_USER

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from gateway.bay import Recorder
-from gateway.clock import NS_PER_S
 from gateway.config import GatewayConfig, parse
 from gateway.core import interlock, visit_progress
 from gateway.core.detection import Circle
@@ -24,10 +23,11 @@ from gateway.core.shown import shown
 from gateway.core.state import FunctionCheck, StateVector, Tick
 from gateway.core.visit_progress import VisitProgress
 from gateway.core.visit_summary import VisitSummary
+from gateway.durations import NS_PER_S
 from gateway.ranger.hcsr04.session import Hcsr04Session
 from gateway.sim.hcsr04 import SensorErrors
 from gateway.sim.ranger import faults_of
-from gateway.sim.ranger_board import POWER_ON, Board, RangerFault
+from gateway.sim.ranger_board import POWER_ON, RangerBoard, RangerFault
 from gateway.sim.scenario import FaultKind, Scenario
 from gateway.sim.scenario import parse as parse_scenario
 from gateway.sim.spout import LAMP_MM, LAMP_RADIUS_MM
@@ -95,7 +95,7 @@ class Bench:
         self._origin_ns = 1000 * NS_PER_S
         self._ticks = 0  # of STEP_S since LEAD_S before world time 0
         sensor = scenario.ranger
-        self._board = Board(
+        self._board = RangerBoard(
             lambda t_ns: self.world.distance_mm(self._t_s(t_ns)),
             seed=scenario.seed + seed,
             errors=SensorErrors(sensor.jitter_mm, sensor.step_mm, sensor.dropout),

@@ -21,8 +21,8 @@ from tests.fault_bay import VirtualClock
 from tests.visit_bench import LEAD_S, STEP_S, Bench, MarkerSight, gateway
 
 LIMIT_S = 120.0  # a driver who is not in place by then has failed
-SETTLED_S = 4.0  # standing, and nobody wants anything else of him, for so long: the approach is over
-GAVE_UP_S = 15.0  # standing for so long, in place or not: likewise
+SETTLED_S = 4.0  # standing, and nobody wants anything else of him, for this time: the approach is over
+GAVE_UP_S = 15.0  # standing for this time, in place or not: likewise
 STEPS = 2  # of the bench: a tick of the control
 DT_S = STEPS * STEP_S
 CUT = 1.17  # R at most, of the way from the centre to the nearest edge of the picture

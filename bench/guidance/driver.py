@@ -45,12 +45,12 @@ class Person:
     back_mm_s: float
     glance_s: float  # between two looks at the display; 0: he watches it
     obeys_slow: bool
-    least_s: float  # what he has begun he does for so long
+    least_s: float  # what he has begun he does for this time
     eyes_share: float  # his estimate of the way to go: true times this ...
     eyes_mm: float  # ... plus this
     eyes_slow_mm: float  # he creeps where he believes that no more is to go
-    slips: tuple[float, ...]  # his foot leaves the brake so long after each standstill, s; in turn
-    slip_s: float  # and he notices it by himself after so long
+    slips: tuple[float, ...]  # his foot leaves the brake this long after each standstill, s; in turn
+    slip_s: float  # and he notices it by himself after this time
     dynamics: Dynamics
 
     @classmethod

@@ -42,10 +42,10 @@ ACCELERATION_CM_S2 = 100
 STANDS_S = 10.0
 WITHIN_S = 10.0
 CYCLE_S = PERIOD_MS / 1000  # of the ranger: the motions begin at moments spread over it
-SPAN_S = 450.0  # one bench stands so long: each draws its own noise
+SPAN_S = 450.0  # one bench stands this long: each draws its own noise
 
 DROPOUT = 0.02
-STAND_S = 1200.0  # a truck stands so long, then another one
+STAND_S = 1200.0  # a truck stands this long, then another one
 TRACK = 16  # good distances before it is in place
 IDLE_MM, IDLE_HZ = 0.2, 6.0  # the engine, along the ranger's line of sight
 

@@ -36,7 +36,7 @@ GRID_S = 0.02
 LATE_S = 0.40 + 0.15 + 0.02 + 0.05 + 0.03
 # A gateway without processor time: what it last decided is vouched for 0.25 s longer, then nothing is.
 STARVED_LATE_S = LATE_S + 0.25
-SETTLE_S = 1.0  # visit.settle_s: in_place needs both sensors for so long
+SETTLE_S = 1.0  # visit.settle_s: in_place needs both sensors for this time
 EARLY_S = (
     0.15  # the last image without them was read so much later than it was made, at most: a poll, and a late answer
 )

@@ -16,7 +16,8 @@ from functools import partial
 import cv2
 
 from bench.speed_scenes import approach, back_and_forth
-from gateway.clock import NS_PER_S, SystemClock
+from gateway.clock import SystemClock
+from gateway.durations import NS_PER_S
 from gateway.sim.ranger import SimulatedRanger
 
 PICTURES = 30  # rendered; shown forth and back

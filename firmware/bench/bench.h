@@ -39,7 +39,7 @@ void truth_line(uint64_t at, const uint8_t *line, size_t size);
 // -- board.c: the Uno
 typedef struct {
     const char *elf, *bootloader; // bootloader: an Intel hex file, or NULL: the sketch starts at once
-    double boot_ms;               // after power on and reset: the processor does nothing for so long
+    double boot_ms;               // after power on and reset: the processor does nothing for this time
     uint64_t seed;
 } board_options_t;
 bool board_open(const board_options_t *options);

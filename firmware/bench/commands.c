@@ -26,7 +26,7 @@ const char COMMANDS_HELP[] =
     "  ghost MM SHARE       this share of the readings are echoes of something else at MM; share 0: off\n"
     "  spike US SHARE       so often a pulse of US on ECHO before the real one; share 0: off\n"
     "  noise SHARE          share of the bytes on the wire that are flipped, lost or doubled with garbage\n"
-    "  burst MS             nothing but random bytes on the wire for so long\n"
+    "  burst MS             nothing but random bytes on the wire for this time\n"
     "  mute on|off          no byte passes, either way\n"
     "  baud N               the host's baud rate, whatever it has set; 0: as it has set\n"
     "  version N|off        the board restarts and its hellos carry another protocol version\n"

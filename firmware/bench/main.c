@@ -31,7 +31,7 @@ static const char USAGE[] =
     "  --speed X            the board's seconds a second; 1\n"
     "  --origin NS          CLOCK_MONOTONIC at the board's time 0; default: now\n"
     "  --dtr                opening the port resets the board, as on an Uno\n"
-    "  --boot MS            after power on and reset nothing runs for so long; 0\n"
+    "  --boot MS            after power on and reset nothing runs for this time; 0\n"
     "  --bootloader HEX     a real boot loader for the upper 512 bytes; reset begins there\n"
     "  --seed N             of everything random; 1\n"
     "  --stdin              obey commands on the standard input, and end with it\n"

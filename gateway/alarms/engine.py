@@ -25,9 +25,9 @@ from gateway.alarms.records import (
 )
 from gateway.alarms.states import AlarmEvent, AlarmState, next_state
 from gateway.alarms.table import alarm_id
-from gateway.clock import NS_PER_S
 from gateway.config import FusionConfig
 from gateway.core.state import StateVector
+from gateway.durations import NS_PER_S
 
 HISTORY = 1000  # changes kept, of all alarms
 MAX_DETAIL = 120

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from cryptography import x509
 from cryptography.x509.oid import NameOID
 
-NS_PER_S = 1_000_000_000
+from gateway.durations import NS_PER_S
+
 ROLE_OID = x509.ObjectIdentifier("1.3.6.1.4.1.50316.802.1")
 _UTF8_STRING = 0x0C
 MAX_ROLE_BYTES = 127  # the short form of a length; a longer name is no configured role

@@ -38,7 +38,7 @@ from gateway.errors import ConfigError
 
 if TYPE_CHECKING:
     from gateway.vision.offline.calibration.boards import Board
-    from gateway.vision.offline.calibration.solve import Calibration, View
+    from gateway.vision.offline.calibration.solve import BoardView, Calibration
     from gateway.vision.pixels import Image
 
 NAME = "calibrate"
@@ -101,14 +101,14 @@ def main(args: argparse.Namespace) -> int:
     return 0
 
 
-def _views(board: "Board", names: Sequence[str]) -> tuple[list["View"], tuple[int, int], list[str]]:
+def _views(board: "Board", names: Sequence[str]) -> tuple[list["BoardView"], tuple[int, int], list[str]]:
     """The board's points in every picture of the most frequent size, that size, and where there was no board."""
     from gateway.vision.offline import inputs
     from gateway.vision.offline.calibration.boards import find
-    from gateway.vision.offline.calibration.solve import View
+    from gateway.vision.offline.calibration.solve import BoardView
 
     paths = inputs.expand(names)
-    seen: list[tuple[View | None, str, tuple[int, int]]] = []
+    seen: list[tuple[BoardView | None, str, tuple[int, int]]] = []
     kept: list[Image] = []  # the first few without a board, for a hint
     with vision_args.progress("search for the board", len(paths)) as advance:
         for path in paths:
@@ -117,7 +117,7 @@ def _views(board: "Board", names: Sequence[str]) -> tuple[list["View"], tuple[in
                     name = path.name if shot.frame is None else f"{path.name} #{shot.frame}"
                     points = find(board, shot.image)
                     size_px = (shot.image.shape[1], shot.image.shape[0])
-                    seen.append((None if points is None else View(name, points), name, size_px))
+                    seen.append((None if points is None else BoardView(name, points), name, size_px))
                     if points is None and len(kept) < _HINTS:
                         kept.append(shot.image)
             except inputs.InputError as error:

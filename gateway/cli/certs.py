@@ -19,6 +19,7 @@ import socket
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gateway.durations import NS_PER_S
 from gateway.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         if folder:
             made.add_argument("--dir", type=Path, default=Path("certs"), metavar="DIR", help="the authority's folder")
         if days is not None:
-            made.add_argument("--days", type=_days, default=days, help=f"good for so long (default {days})")
+            made.add_argument("--days", type=_days, default=days, help=f"good for this time (default {days})")
         return made
 
     init = act("init", "make an authority", days=CA_DAYS, folder=False)
@@ -69,7 +70,7 @@ def main(args: argparse.Namespace) -> int:
     from datetime import UTC, datetime
 
     from gateway.certs.folder import Folder
-    from gateway.clock import NS_PER_S, SystemClock
+    from gateway.clock import SystemClock
 
     now = datetime.fromtimestamp(SystemClock().wall_ns() // NS_PER_S, UTC)
     acts = {"init": _init, "server": _server, "client": _client, "list": _list, "renew": _renew, "revoke": _revoke}

@@ -17,7 +17,7 @@ from gateway.errors import ConfigError
 from gateway.vision.detect import registry
 from gateway.vision.detect.stage_timer import total_ns
 from gateway.vision.offline import inputs
-from gateway.vision.offline.inputs import Picture
+from gateway.vision.offline.inputs import InputPicture
 from gateway.vision.view import drawing, overlay
 
 Row = dict[str, Any]
@@ -34,7 +34,7 @@ class Names:
         self.folder = folder
         self._taken: set[str] = set()
 
-    def of(self, path: Path, picture: Picture) -> str:
+    def of(self, path: Path, picture: InputPicture) -> str:
         stem = os.fsdecode(os.fsencode(path.stem)[:180])  # a file name has at most 255 bytes
         base = stem if picture.frame is None else f"{stem}-frame{picture.frame:06d}"
         name, number = base, 1
@@ -84,7 +84,7 @@ class DetectionRun:
         if wrong:
             yield {"file": str(path), "found": False, "u": None, "v": None, "r": None, "error": wrong}
 
-    def _check_size(self, picture: Picture) -> None:
+    def _check_size(self, picture: InputPicture) -> None:
         """Raises InputError for a picture that the intrinsics do not hold for."""
         lens, (height, width) = self._params.intrinsics, picture.image.shape[:2]
         if lens is not None and (lens.width_px, lens.height_px) not in ((None, None), (width, height)):
@@ -96,18 +96,18 @@ class DetectionRun:
         self._looked += 1
         return round(self._looked * 1e9 / (self._fps or 1.0))
 
-    def _write_stages(self, names: Names, path: Path, picture: Picture, found: Detection) -> Path:
+    def _write_stages(self, names: Names, path: Path, picture: InputPicture, found: Detection) -> Path:
         """Returns the beginning of the names of what was written."""
         name = names.of(path, picture)
         drawing.save(names.folder, name, registry.stage_pictures(self._params, picture.image, found))
         return names.folder / name
 
-    def _write_drawn(self, names: Names, path: Path, picture: Picture, found: Detection) -> Path:
+    def _write_drawn(self, names: Names, path: Path, picture: InputPicture, found: Detection) -> Path:
         (path,) = drawing.save(names.folder, names.of(path, picture), {"found": overlay.overlay(picture.image, found)})
         return path
 
 
-def _row(path: Path, picture: Picture, found: Detection, *, known_lens: bool) -> Row:
+def _row(path: Path, picture: InputPicture, found: Detection, *, known_lens: bool) -> Row:
     circle, ellipse = found.circle, found.ellipse
     row: Row = {"file": str(path)}
     if picture.frame is not None:

@@ -87,7 +87,7 @@ class LossyOutput:
         return self._stream.fileno()
 
     def close(self, timeout_s: float | None = CLOSE_S) -> None:
-        """Give the thread so long (None: as long as it takes) to write what is queued; what it cannot is left."""
+        """Give the thread this long (None: as long as it takes) to write what is queued; what it cannot is left."""
         try:
             self._queue.put(None, timeout=timeout_s)
         except queue.Full:

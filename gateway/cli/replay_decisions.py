@@ -20,7 +20,7 @@ from gateway.records.recorded_rules import RecordedRules
 from gateway.records.recording import Item, Missing
 from gateway.records.replay import Difference, Replay, Step
 from gateway.records.segment import Head
-from gateway.vision.offline.reports.tables import Table
+from gateway.vision.offline.reports.tables import ReportTable
 
 MOST_SHOWN = 20
 
@@ -137,7 +137,7 @@ def _print_otherwise(seen: _Seen, intervals: list[Otherwise], folders: list[Path
         return int(bool(seen.replay.missing))
     heads = ("time", "for", "output", "reason then", "reason now", "R px", "Z mm", "pictures")
     rows = [("", tuple(str(cell) for cell in row.values())) for row in found]
-    tables.show(tables.console(), Table("", heads, rows))
+    tables.show(tables.console(), ReportTable("", heads, rows))
     print(f"{len(intervals)} times, {sum(i.seconds for i in intervals):.1f} s in all, an output would have been other")
     return 1
 

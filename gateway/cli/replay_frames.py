@@ -10,7 +10,7 @@ from gateway.errors import ConfigError
 if TYPE_CHECKING:
     from gateway.config import GatewayConfig, VisionConfig
     from gateway.core.detection import Circle
-    from gateway.records.frames_again import Frame
+    from gateway.records.frames_again import FrameAgain
     from gateway.records.segment import Head
 
 MOST_SHOWN = 20
@@ -24,7 +24,7 @@ def run(args: argparse.Namespace, other: "GatewayConfig | None") -> int:
     from gateway.records import frames_again, recording
     from gateway.records.excerpt import Excerpt
 
-    found: list[Frame] = []
+    found: list[FrameAgain] = []
     settings: dict[str, VisionConfig] = {}
 
     def params(head: "Head") -> "VisionConfig":
@@ -48,13 +48,15 @@ def run(args: argparse.Namespace, other: "GatewayConfig | None") -> int:
     return int(same < len(found))
 
 
-def _importance(frame: "Frame") -> tuple[bool, float]:
+def _importance(frame: "FrameAgain") -> tuple[bool, float]:
     """Seen only once before the largest difference."""
     off_px = frame.off_px
     return (not frame.same and off_px is None, off_px or 0.0)
 
 
-def _document(found: "Sequence[Frame]", known: "Sequence[Frame]", same: int, rows: "Sequence[Frame]") -> dict[str, Any]:
+def _document(
+    found: "Sequence[FrameAgain]", known: "Sequence[FrameAgain]", same: int, rows: "Sequence[FrameAgain]"
+) -> dict[str, Any]:
     from gateway.records.frames_again import TOLERANCE
 
     return {
@@ -66,29 +68,31 @@ def _document(found: "Sequence[Frame]", known: "Sequence[Frame]", same: int, row
     }
 
 
-def _print(found: "Sequence[Frame]", known: "Sequence[Frame]", same: int, differing: "Sequence[Frame]") -> None:
+def _print(
+    found: "Sequence[FrameAgain]", known: "Sequence[FrameAgain]", same: int, differing: "Sequence[FrameAgain]"
+) -> None:
     from gateway.cli import tables
     from gateway.records.frames_again import TOLERANCE
-    from gateway.vision.offline.reports.tables import Table
+    from gateway.vision.offline.reports.tables import ReportTable
 
     print(f"{len(found)} pictures, {len(known)} with a recorded result: {same} the same ({TOLERANCE})")
     if not differing:
         return
     heads = ("time", "frame", "then", "now", "off px", "picture")
     rows = [("", tuple(_cells(frame))) for frame in differing[:MOST_SHOWN]]
-    tables.show(tables.console(150), Table("", heads, rows))
+    tables.show(tables.console(150), ReportTable("", heads, rows))
     if len(differing) > MOST_SHOWN:
         print(f"and {len(differing) - MOST_SHOWN} more")
     print(f"{WHY_NOT_EXACT}: it follows no marker, coasts over nothing, and has no limits of R by the ranger")
 
 
-def _cells(frame: "Frame") -> list[str]:
+def _cells(frame: "FrameAgain") -> list[str]:
     row = _row(frame)
     off = "-" if row["off_px"] is None else f"{row['off_px']:.1f}"
     return [row["time"], str(row["frame_id"]), row["was"], row["now"], off, row["file"]]
 
 
-def _row(frame: "Frame") -> dict[str, Any]:
+def _row(frame: "FrameAgain") -> dict[str, Any]:
     from gateway.records.moment import shown
 
     was = frame.was

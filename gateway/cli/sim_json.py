@@ -14,11 +14,12 @@ from functools import partial
 from typing import Any, TextIO
 
 from gateway.cli.output import LossyOutput
-from gateway.clock import NS_PER_MS, NS_PER_S, Clock
+from gateway.clock import Clock
 from gateway.config import FusionConfig
 from gateway.core.events import EventKind
 from gateway.core.readings import Quality
 from gateway.core.state import StateVector
+from gateway.durations import NS_PER_MS, NS_PER_S
 from gateway.hub import EventQueue, Hub
 from gateway.sim.scenario import Scenario
 from gateway.sim.world import TruckHold, Truth, World

@@ -19,7 +19,7 @@ LOOK_S = 0.1
 LEAVE_S = 0.1  # from the judgement to the departure: the vision process must have received it by then
 
 
-class Recorder:
+class TrialRecorder:
     """Judges every state of one bay beside what was true at that moment, and lets the truck leave a decided trial."""
 
     def __init__(self, bay: Bay) -> None:
@@ -41,7 +41,7 @@ class Recorder:
                 continue  # the show has not begun, or is over
             circle = state.vision.circle
             truth = self.bay.truth(state.t_ns)
-            record = trials.Record(
+            record = trials.TrialRecord(
                 t_ns=state.t_ns,
                 truth=truth,
                 distance_mm=state.range.distance_mm,
@@ -82,7 +82,7 @@ def progress_bar() -> Progress:
 
 
 async def record(
-    recorders: list[Recorder], hub: Hub, clock: Clock, stop: asyncio.Event, progress: Progress | None
+    recorders: list[TrialRecorder], hub: Hub, clock: Clock, stop: asyncio.Event, progress: Progress | None
 ) -> None:
     """Record until the last trial is over, then set `stop`."""
     end_s = max(recorder.bay.scenario.duration_s for recorder in recorders)  # the seeds differ, the plans hardly
@@ -104,7 +104,7 @@ async def record(
     stop.set()
 
 
-def report(recorders: list[Recorder], *, as_json: bool) -> int:
+def report(recorders: list[TrialRecorder], *, as_json: bool) -> int:
     """Print every bay's trials and Table II; 1 if any trial went wrong or none was finished."""
     console = Console() if sys.stdout.isatty() else Console(width=110)
     good = True

@@ -18,11 +18,12 @@ from gateway.cli import check, run_loop, sim_json, sim_trials, view
 from gateway.cli.in_place_restart import InPlaceRestart
 from gateway.cli.output import LossyOutput
 from gateway.cli.sim_json import Bay
-from gateway.clock import NS_PER_S, SystemClock
+from gateway.clock import SystemClock
 from gateway.config import GatewayConfig
 from gateway.config.sections.hmi import HmiConfig
 from gateway.config.strict.errors import without_password
 from gateway.config.strict.section import Section, upper_bound_of
+from gateway.durations import NS_PER_S
 from gateway.errors import ConfigError, LinkError
 from gateway.hub import Hub
 from gateway.net.listener import listening
@@ -236,7 +237,7 @@ class _Simulation:
         self._live = live
         self._in_place_restart = in_place_restart
         self._header = "starting"
-        self._trials = [sim_trials.Recorder(bay) for bay in bays] if args.trials else []
+        self._trials = [sim_trials.TrialRecorder(bay) for bay in bays] if args.trials else []
         self._lead_s = max(0.0, (bays[0].origin_ns - clock.now_ns()) / NS_PER_S)  # the show is what `--duration` counts
         self._stop = asyncio.Event()
         self._begun = asyncio.Event()  # a PLC could poll; the first line printed says where

@@ -14,7 +14,8 @@ import contextlib
 import json
 import math
 
-from gateway.clock import NS_PER_MS, SystemClock
+from gateway.clock import SystemClock
+from gateway.durations import NS_PER_MS
 from gateway.errors import ConfigError, LinkError
 from gateway.shared_state import SharedStateReader, SharedVector, attachable
 

@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from gateway.vision.offline.reports.tables import Table
+from gateway.vision.offline.reports.tables import ReportTable
 
 WIDTH = 124  # where the output is no terminal
 _STYLES = {"whole": "bold", "bad": "red", "faint": "dim"}
@@ -18,7 +18,7 @@ def console(width: int | None = None) -> Console:
     return Console(width=width or (None if sys.stdout.isatty() else WIDTH), highlight=False)
 
 
-def show(out: Console, table: Table, columns: slice = slice(1, None), *, widest: int | None = None) -> None:
+def show(out: Console, table: ReportTable, columns: slice = slice(1, None), *, widest: int | None = None) -> None:
     """The first of the table's columns, at most `widest` characters of it, and those of `columns`."""
     shown = RichTable(title=table.title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
     shown.collapse_padding = True

@@ -51,7 +51,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--wait", type=float, default=3600.0, metavar="S", help="for free bays at most (3600)")
     parser.add_argument("--now", action="store_true", help="do not wait for free bays")
     parser.add_argument("--within", type=float, default=120.0, metavar="S", help="the proof must begin within (120)")
-    parser.add_argument("--steady", type=float, default=45.0, metavar="S", help="and hold for so long (45)")
+    parser.add_argument("--steady", type=float, default=45.0, metavar="S", help="and hold for this time (45)")
     parser.add_argument("--accept-alarm", action="append", default=[], metavar="ID",
                         help="an alarm that may be new after the update; may be repeated")  # fmt: skip
 

@@ -12,12 +12,13 @@ from rich.table import Table
 from rich.text import Text
 
 from gateway.cli.output import LossyOutput
-from gateway.clock import NS_PER_MS, NS_PER_S, Clock
+from gateway.clock import Clock
 from gateway.config import BayConfig, GatewayConfig
 from gateway.core.detection import Tracking
 from gateway.core.events import Event, EventKind
 from gateway.core.readings import EXPOSURE_MEANING, PICTURE_MEANING, QUALITY_MEANING, ExposureState, Quality
 from gateway.core.state import REASON_MEANING, Reason, StateVector
+from gateway.durations import NS_PER_MS, NS_PER_S
 from gateway.hub import EventQueue, Hub
 
 REFRESH_S = 0.1

@@ -16,15 +16,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gateway.cli import recording_args
+from gateway.durations import NS_PER_S
 
 if TYPE_CHECKING:
     from gateway.records.chain import Link
     from gateway.records.inquiry import Answer
-    from gateway.records.segment import Picture
+    from gateway.records.segment import RecordedPicture
 
 NAME = "why"
 HELP = "say why the outputs were as they were at a moment"
-NS_PER_S = 1_000_000_000
 MOST_LINKS = 16  # shown on a terminal before the moment, and behind it
 
 
@@ -65,7 +65,7 @@ def main(args: argparse.Namespace) -> int:
     return int(bool(answer.silence))
 
 
-def _print(answer: "Answer", pictures: "list[Picture]") -> None:
+def _print(answer: "Answer", pictures: "list[RecordedPicture]") -> None:
     from gateway.records import account
     from gateway.records.moment import clock, shown
 

@@ -26,8 +26,8 @@ from gateway.config import CrossCheck, FusionConfig
 from gateway.core.readings import RangeReading, VisionReading
 from gateway.core.scale import expected_radius_px
 from gateway.core.state import FusionMemory
+from gateway.durations import NS_PER_S
 
-NS_PER_S = 1_000_000_000
 LARGEST = 1e9  # px or mm; a number beyond is no measurement, and no register could hold it
 FAR_SHARE = 0.5  # of R_th: a smaller circle is that of a truck far from D = 1
 MIN_PAIRS = 5  # they make a constant

@@ -4,11 +4,21 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from gateway.core.detection import Circle
-from gateway.core.plc import Change, Handshake, PlcLink, PlcWrite, RecipeVerdict, ResetVerdict, Writer, WriteVerdict
+from gateway.core.plc import (
+    Handshake,
+    PlcLink,
+    PlcWrite,
+    RecipeVerdict,
+    RegisterChange,
+    ResetVerdict,
+    Writer,
+    WriteVerdict,
+)
 from gateway.core.readings import RANGE_FINE, VISION_FINE, Quality
 from gateway.core.shown import lapsed, resumed, valid
 from gateway.core.state import MOVED_MEANING, Moved, StateVector
 from gateway.core.visit_summary import VisitSummary
+from gateway.durations import NS_PER_S
 
 
 class EventKind(StrEnum):
@@ -44,9 +54,6 @@ class EventKind(StrEnum):
     OPERATOR_MARK = "operator_mark"
 
 
-NS_PER_S = 1_000_000_000
-
-
 @dataclass(frozen=True, slots=True)
 class Event:
     """One thing that happened in one bay. Identity (a unique id) is given where it is published."""
@@ -59,7 +66,7 @@ class Event:
     quality: Quality = Quality.GOOD  # of that sensor
     detail: str = ""
     writer: Writer | None = None  # who wrote, for the events about writes
-    change: Change | None = None  # what a write has changed
+    change: RegisterChange | None = None  # what a write has changed
     summary: VisitSummary | None = None  # of the visit that is over
 
 
@@ -115,10 +122,10 @@ def of_write(old: StateVector, new: StateVector, write: PlcWrite) -> list[Event]
     ]
 
 
-def changes(before: Handshake, after: Handshake) -> list[Change]:
+def changes(before: Handshake, after: Handshake) -> list[RegisterChange]:
     """What a write has changed of the registers that mean something by themselves; the heartbeat is only counted."""
     pairs = (("plc_control", before.control, after.control), ("recipe_select", before.recipe_asked, after.recipe_asked))
-    return [Change(register, old, new) for register, old, new in pairs if new != old]
+    return [RegisterChange(register, old, new) for register, old, new in pairs if new != old]
 
 
 _TARGET = (EventKind.TARGET_FOUND, EventKind.TARGET_LOST)

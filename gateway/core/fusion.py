@@ -38,9 +38,9 @@ from gateway.core.state import (
     Tick,
     TruckPosition,
 )
+from gateway.durations import NS_PER_S
 
 Observation = VisionReading | RangeReading | Tick | PlcWrite | PlcConnection | FunctionCheck
-NS_PER_S = 1_000_000_000
 RECOVERING = "good again, but not for long enough yet"
 BEYOND_RANGE_MM = 3600.0  # the ranger hears up to 4 m; a tenth less, for what was learned may be off
 

@@ -17,8 +17,8 @@ from statistics import median
 from gateway.config import CrossCheck, FusionConfig, GuidanceConfig
 from gateway.core.readings import Quality, RangeReading
 from gateway.core.state import FunctionCheck, Guidance, GuidanceCode, StateVector, VisitPhase
+from gateway.durations import NS_PER_S
 
-NS_PER_S = 1_000_000_000
 TRACK_NS = 1_000_000_000  # readings older than this show nothing of the speed now
 TRACK_MAX = 16  # of them are kept: 120 pairs
 SLOW_HELD = 2.0  # SLOW, once shown, ends beyond so many times slow_mm

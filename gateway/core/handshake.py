@@ -19,18 +19,18 @@ from gateway.core.plc import (
     Acquired,
     Control,
     Handshake,
-    Outcome,
     PlcConnection,
     PlcLink,
     PlcWrite,
     RecipeVerdict,
+    TriggerOutcome,
     TriggerPhase,
     WriteVerdict,
 )
 from gateway.core.readings import Quality
 from gateway.core.state import Sensed, StateVector
+from gateway.durations import NS_PER_S
 
-NS_PER_S = 1_000_000_000
 WRITABLE = ("plc_heartbeat", "plc_control", "recipe_select")  # in the order of their registers
 
 
@@ -105,7 +105,7 @@ def owned(plc: Handshake, now_ns: int, config: HandshakeConfig) -> bool:
     """Does the block belong to its owner still?
 
     An owner with a heartbeat keeps it until that is lost. One that has written none keeps it for a heartbeat's
-    deadline; where none is required, as long as it is connected, and so long after its last write.
+    deadline; where none is required, as long as it is connected, and this long after its last write.
     """
     if plc.owner is None:
         return False
@@ -213,9 +213,9 @@ def acquired(plc: Handshake, state: Sensed) -> Acquired | None:
     if min(vision.t_ns, oldest_ns) < plc.trigger_ns or vision.quality in silent or rng.quality in silent:
         return None
     if state.d is None or state.memory.disagree:
-        outcome = Outcome.NO_TARGET if vision.quality is Quality.NO_TARGET else Outcome.SENSOR_FAULT
+        outcome = TriggerOutcome.NO_TARGET if vision.quality is Quality.NO_TARGET else TriggerOutcome.SENSOR_FAULT
     else:
-        outcome = Outcome.IN_PLACE if state.d else Outcome.NOT_IN_PLACE
+        outcome = TriggerOutcome.IN_PLACE if state.d else TriggerOutcome.NOT_IN_PLACE
     circle = vision.circle
     return Acquired(
         plc.acquisition,

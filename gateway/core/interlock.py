@@ -24,9 +24,9 @@ from gateway.core.readings import Quality, RangeReading
 from gateway.core.retained import RetainedState
 from gateway.core.scale import ScaleSample
 from gateway.core.state import FunctionCheck, Fused, FusionMemory, Moved, Reason, StateVector, Tick, Visit
-from gateway.core.visit import Limits
+from gateway.core.visit import VisitLimits
+from gateway.durations import NS_PER_S
 
-NS_PER_S = 1_000_000_000
 VALID_PERIODS = 2  # fewer than the usual ten: this is the last line, and slow ticks must not stretch it
 VALID_MIN_S = 0.25  # a busy machine may hold the event loop for a moment
 # A lost PLC is reported before these: they are how an idle bay looks, or how a good one stops.
@@ -64,12 +64,12 @@ class Rules:
 
     @property
     def valid_for_ns(self) -> int:
-        """Without a tick for so long, no decision is valid any more."""
+        """Without a tick for this time, no decision is valid any more."""
         return int(max(VALID_MIN_S, VALID_PERIODS * self.recipes[0].fusion.period_s) * NS_PER_S)
 
-    def limits(self, recipe: int) -> Limits:
+    def limits(self, recipe: int) -> VisitLimits:
         """The configuration of a visit with this recipe in force."""
-        return Limits(self.visit, self.recipes[recipe].fusion, self.recipes[recipe].guidance)
+        return VisitLimits(self.visit, self.recipes[recipe].fusion, self.recipes[recipe].guidance)
 
     @staticmethod
     def of(bay: BayConfig, gateway: GatewayConfig | None = None) -> "Rules":
@@ -197,7 +197,7 @@ def _accepted_write(
 
 
 def _latch(
-    old: FusionMemory, before: Handshake, plc: Handshake, fused: Fused, current: Visit, limits: Limits
+    old: FusionMemory, before: Handshake, plc: Handshake, fused: Fused, current: Visit, limits: VisitLimits
 ) -> tuple[FusionMemory, Handshake]:
     """Set by D; ended by a reset, a release or the truck leaving, never while its cause is present or can't be
     judged."""
@@ -250,7 +250,7 @@ def _cause_gone(fused: Fused) -> bool:
     return fused.d is False and fused.memory.disagree_since_ns is None
 
 
-def _absent_since(old: FusionMemory, fused: Fused, limits: Limits) -> int | None:
+def _absent_since(old: FusionMemory, fused: Fused, limits: VisitLimits) -> int | None:
     """Since when both sensors agree that no truck is there. A broken sensor proves nothing."""
     if fused.vision.quality is not Quality.NO_TARGET or not visit.clear(fused, limits):
         return None
@@ -258,7 +258,7 @@ def _absent_since(old: FusionMemory, fused: Fused, limits: Limits) -> int | None
 
 
 def _learned(
-    memory: FusionMemory, old: StateVector, current: Visit, recipe: int, limits: Limits, fused: Fused
+    memory: FusionMemory, old: StateVector, current: Visit, recipe: int, limits: VisitLimits, fused: Fused
 ) -> FusionMemory:
     """R times Z: one sample when a truck is in place; a clear bay drops that of its last truck."""
     if current.in_place and not old.visit.in_place and current.place is not None:

@@ -9,7 +9,7 @@ from enum import IntEnum
 from gateway.core.readings import DEAD, Quality
 from gateway.core.state import FunctionCheck, Reason, Sensed, StateVector
 
-MAINTENANCE_NS = 600 * 1_000_000_000  # a repair by itself is worth a look for so long
+MAINTENANCE_NS = 600 * 1_000_000_000  # a repair by itself is worth a look for this time
 
 
 class Ne107(IntEnum):

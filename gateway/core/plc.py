@@ -54,7 +54,7 @@ class TriggerPhase(IntEnum):
     CLEARING = 3  # the result was acknowledged; waiting for results_ack to go back to 0
 
 
-class Outcome(IntEnum):
+class TriggerOutcome(IntEnum):
     """What a triggered measurement found."""
 
     NONE = 0
@@ -64,12 +64,12 @@ class Outcome(IntEnum):
     SENSOR_FAULT = 4
 
 
-OUTCOME_MEANING: dict[Outcome, str] = {
-    Outcome.NONE: "no result is held",
-    Outcome.IN_PLACE: "D = 1; register in_place asks for more",
-    Outcome.NOT_IN_PLACE: "D = 0",
-    Outcome.NO_TARGET: "D is unknowable: no marker in the picture",
-    Outcome.SENSOR_FAULT: "D is unknowable: a sensor had no value, or both contradict each other",
+OUTCOME_MEANING: dict[TriggerOutcome, str] = {
+    TriggerOutcome.NONE: "no result is held",
+    TriggerOutcome.IN_PLACE: "D = 1; register in_place asks for more",
+    TriggerOutcome.NOT_IN_PLACE: "D = 0",
+    TriggerOutcome.NO_TARGET: "D is unknowable: no marker in the picture",
+    TriggerOutcome.SENSOR_FAULT: "D is unknowable: a sensor had no value, or both contradict each other",
 }
 
 
@@ -163,7 +163,7 @@ class WriteVerdict(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class RegisterChange:
     """One register of the block that a write has changed, for the audit."""
 
     register: str
@@ -180,7 +180,7 @@ class Acquired:
 
     number: int  # the acquisition's id
     t_ns: int  # of the oldest frame or echo that counts in it
-    outcome: Outcome
+    outcome: TriggerOutcome
     u_px: float | None = None
     v_px: float | None = None
     radius_px: float | None = None

@@ -26,8 +26,8 @@ from gateway.config import GuidanceConfig, VisitConfig
 from gateway.core.detection import Circle
 from gateway.core.readings import Quality
 from gateway.core.state import Fused, ReferencePosition
+from gateway.durations import NS_PER_S
 
-NS_PER_S = 1_000_000_000
 FRAMES = 2
 GAP_NS = 500_000_000
 SLACK = 5 / 12  # of rolling_mm

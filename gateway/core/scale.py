@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from statistics import median
 
-NS_PER_S = 1_000_000_000
+from gateway.durations import NS_PER_S
+
 MAX_VISITS = 60  # visits
 MIN_VISITS = 3  # of them, before it is believed
 NEAR_SHARE = 1.5  # of the learned Z: up to there R Z is judged by it

@@ -25,7 +25,6 @@ from gateway.core.agreement import in_range
 from gateway.core.detection import Circle
 from gateway.core.scale import JUMP_SHARE, MarkerScale, expected_radius_px
 
-NS_PER_S = 1_000_000_000
 NOISE_SIGMAS = 4.0
 OUTER_SHARE = 0.005  # of the readings, on each side
 RADIUS_SHARE = 0.01  # of R: another marker, another light

@@ -27,8 +27,8 @@ from gateway.core.state import (
     VisitPhase,
     WayOut,
 )
+from gateway.durations import NS_PER_S
 
-NS_PER_S = 1_000_000_000
 NEARER_SHARE = 1.2  # R grows by more only when a truck comes nearer, or another one is seen
 LEFT_BEYOND_MM = 700.0  # beyond Z_th, where leave_distance_mm is not configured
 NO_TRUCK_RANGE = frozenset({Quality.NO_ECHO, Quality.TOO_FAR})
@@ -36,7 +36,7 @@ NOT_MEASURING = DEAD | {Quality.WAITING}
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class VisitLimits:
     """One bay's configuration, as the recipe in force has it."""
 
     visit: VisitConfig
@@ -61,7 +61,7 @@ def step(
     visit: Visit,
     fused: Fused,
     speed_mm_s: float | None,
-    limits: Limits,
+    limits: VisitLimits,
     *,
     released: bool,
     release: bool,
@@ -116,7 +116,7 @@ def _may_be_released(visit: Visit) -> bool:
     return visit.place is not None and not visit.restored and not visit.off_mark
 
 
-def may_leave(visit: Visit, fused: Fused, limits: Limits) -> bool:
+def may_leave(visit: Visit, fused: Fused, limits: VisitLimits) -> bool:
     """May a released truck drive, whatever D is? Only until it has left the mark, and while both sensors are fine."""
     if not visit.released or visit.off_mark or not usable(fused):
         return False
@@ -124,12 +124,12 @@ def may_leave(visit: Visit, fused: Fused, limits: Limits) -> bool:
     return _lasts(visit.usable_since_ns, fused, hold_s)
 
 
-def has_ended(visit: Visit, fused: Fused, limits: Limits) -> bool:
+def has_ended(visit: Visit, fused: Fused, limits: VisitLimits) -> bool:
     """Has the bay been clear for leave_s?"""
     return _lasts(visit.clear_since_ns, fused, limits.visit.leave_s)
 
 
-def clear(fused: Fused, limits: Limits) -> bool:
+def clear(fused: Fused, limits: VisitLimits) -> bool:
     """Do both sensors show that no truck is at the spout? A broken sensor proves nothing."""
     vision, distance_mm = fused.vision, fused.range.distance_mm
     if vision.quality is Quality.NO_TARGET and vision.wrong_size is None:
@@ -138,7 +138,7 @@ def clear(fused: Fused, limits: Limits) -> bool:
     return small and distance_mm is not None and distance_mm > limits.leave_mm
 
 
-def _leaving(visit: Visit, fused: Fused, limits: Limits, *, released: bool) -> Visit:
+def _leaving(visit: Visit, fused: Fused, limits: VisitLimits, *, released: bool) -> Visit:
     """The release in the next state: any doubt ends it, so that no other truck inherits it."""
     farthest_mm, distance_mm = visit.farthest_mm, fused.range.distance_mm
     nearer = farthest_mm is not None and distance_mm is not None and distance_mm < farthest_mm - limits.visit.band_mm
@@ -153,7 +153,7 @@ def _leaving(visit: Visit, fused: Fused, limits: Limits, *, released: bool) -> V
     return _farther(visit, distance_mm)
 
 
-def _way_out(visit: Visit, fused: Fused, limits: Limits) -> tuple[WayOut | None, int | None]:
+def _way_out(visit: Visit, fused: Fused, limits: VisitLimits) -> tuple[WayOut | None, int | None]:
     """Of a truck that was in place and has left the mark, for as long as it is seen and none comes nearer; and since
     when it has not been seen."""
     way, distance_mm, circle = visit.way_out, fused.range.distance_mm, fused.vision.circle
@@ -175,7 +175,7 @@ def _way_out(visit: Visit, fused: Fused, limits: Limits) -> tuple[WayOut | None,
     return way, unseen_since_ns
 
 
-def _reference(visit: Visit, fused: Fused, speed_mm_s: float | None, limits: Limits) -> ReferencePosition | None:
+def _reference(visit: Visit, fused: Fused, speed_mm_s: float | None, limits: VisitLimits) -> ReferencePosition | None:
     """From in place until the truck was released, has left, or nobody knows where it stands any more."""
     gone = visit.place is None or visit.released or visit.restored
     if gone or (visit.reference is None and not visit.in_place) or (visit.off_mark and not visit.rolling):
@@ -196,7 +196,7 @@ def _farther(visit: Visit, distance_mm: float | None) -> Visit:
     return replace(visit, farthest_mm=distance_mm)
 
 
-def _is_off_mark(fused: Fused, limits: Limits) -> bool:
+def _is_off_mark(fused: Fused, limits: VisitLimits) -> bool:
     """From here on equation 14 lets the truck leave: fusion has reported D = 0 for clear_hold_s."""
     distance_mm = fused.range.distance_mm
     return fused.d is False and fused.calm and distance_mm is not None and distance_mm > limits.off_mark_mm
@@ -207,7 +207,7 @@ def _d_is_zero(fused: Fused) -> bool:
     return fused.d is False and fused.memory.disagree_since_ns is None
 
 
-def _settled(visit: Visit, fused: Fused, speed_mm_s: float | None, limits: Limits) -> Visit:
+def _settled(visit: Visit, fused: Fused, speed_mm_s: float | None, limits: VisitLimits) -> Visit:
     """In place, once both sensors have confirmed it for settle_s, at the same place."""
     circle, distance_mm = fused.vision.circle, fused.range.distance_mm
     if visit.in_place:
@@ -236,7 +236,9 @@ def _settled(visit: Visit, fused: Fused, speed_mm_s: float | None, limits: Limit
     )
 
 
-def _stands_at_mark(fused: Fused, circle: Circle, distance_mm: float, speed_mm_s: float | None, limits: Limits) -> bool:
+def _stands_at_mark(
+    fused: Fused, circle: Circle, distance_mm: float, speed_mm_s: float | None, limits: VisitLimits
+) -> bool:
     """D = 1, standing, aligned where an aim is set, not too far in, and nothing contradicts."""
     fusion, guidance = limits.fusion, limits.guidance
     # D may be held at a circle that is not the marker, so that both values must be those of a truck at the mark.
@@ -249,7 +251,7 @@ def _stands_at_mark(fused: Fused, circle: Circle, distance_mm: float, speed_mm_s
     return fused.d is True and large and near and still and aligned and not_past and sure
 
 
-def _monitored(visit: Visit, place: TruckPosition, fused: Fused, limits: Limits) -> Visit:
+def _monitored(visit: Visit, place: TruckPosition, fused: Fused, limits: VisitLimits) -> Visit:
     """A truck that is or was in place: does it still stand there, and may in_place be held?"""
     moved, contradicts = _compared(place, fused, limits.visit)
     covered = contradicts or (fused.vision.circle is None and fused.vision.quality not in NOT_MEASURING)
@@ -325,7 +327,7 @@ def _compared(place: TruckPosition, fused: Fused, config: VisitConfig) -> tuple[
     return Moved.NO, True  # covered from one side, or something else red and round
 
 
-def _phase(visit: Visit, fused: Fused, limits: Limits) -> VisitPhase:
+def _phase(visit: Visit, fused: Fused, limits: VisitLimits) -> VisitPhase:
     if visit.in_place:
         phase = VisitPhase.HELD if visit.held else VisitPhase.IN_PLACE
     elif visit.released:

@@ -13,13 +13,12 @@ from dataclasses import dataclass, replace
 
 from gateway.core.detection import Circle
 from gateway.core.state import Moved, Reason, StateVector, VisitPhase
-from gateway.core.visit import Limits
+from gateway.core.visit import VisitLimits
 from gateway.core.visit_summary import MS_PER_S, Fault, VisitEnd, VisitSummary, joined, merged
+from gateway.durations import NS_PER_MS, NS_PER_S
 
-NS_PER_S = 1_000_000_000
-NS_PER_MS = 1_000_000
 CONFIRM_S = 1.0
-ONE_SENSOR_S = 300.0  # what only one sensor sees, or what waits far off, has begun so long ago at most
+ONE_SENSOR_S = 300.0  # what only one sensor sees, or what waits far off, has begun this long ago at most
 RESUME_S = 3600.0
 FAR_RADIUS_SHARE = 0.95  # a circle smaller than this of the one before is farther away, whatever the noise
 FAULTS = frozenset({
@@ -108,7 +107,7 @@ class VisitProgress:
 
 
 def step(
-    progress: VisitProgress, old: StateVector, state: StateVector, limits: Limits, unix_ns: int
+    progress: VisitProgress, old: StateVector, state: StateVector, limits: VisitLimits, unix_ns: int
 ) -> tuple[VisitProgress, VisitSummary | None]:
     """After `state`, which came of `old`, at the Unix time `unix_ns`; with the visit that has ended, if one has."""
     if state.reason is Reason.SHUTDOWN:
@@ -150,7 +149,7 @@ def _followed(old: StateVector, state: StateVector) -> bool:
 
 
 def _step(
-    truck: Truck | None, old: StateVector, state: StateVector, limits: Limits, unix_ns: int, *, known: bool
+    truck: Truck | None, old: StateVector, state: StateVector, limits: VisitLimits, unix_ns: int, *, known: bool
 ) -> Truck | None:
     """`known`: a truck was here before the restart; it need not be confirmed again."""
     circle, distance_mm, t_ns = state.vision.circle, state.range.distance_mm, state.t_ns
@@ -185,7 +184,7 @@ def _begun(state: StateVector, unix_ns: int) -> Truck:
     )
 
 
-def _farther(truck: Truck, state: StateVector, limits: Limits) -> bool:
+def _farther(truck: Truck, state: StateVector, limits: VisitLimits) -> bool:
     """Is a truck outside farther away than when it was first seen? Then it is the one before, on its way out."""
     if state.visit.clear_since_ns is None:
         return False
@@ -229,7 +228,7 @@ def _of_times(truck: Truck, old: StateVector, state: StateVector) -> Truck:
     return replace(truck, so_far=replace(truck.so_far, faults=counted))
 
 
-def _of_stop(truck: Truck, old: StateVector, state: StateVector, limits: Limits) -> Truck:
+def _of_stop(truck: Truck, old: StateVector, state: StateVector, limits: VisitLimits) -> Truck:
     """When D became 1 for the first time, how long the decision took, and until the truck stood."""
     so_far, distance_mm = truck.so_far, state.range.distance_mm
     if so_far.at_mark_s is None and state.d is True and distance_mm is not None:
@@ -278,7 +277,7 @@ def _of_place(truck: Truck, old: StateVector, state: StateVector, unix_ns: int) 
     return truck
 
 
-def _of_motion(truck: Truck, state: StateVector, limits: Limits) -> Truck:
+def _of_motion(truck: Truck, state: StateVector, limits: VisitLimits) -> Truck:
     """Only where both sensors measure it."""
     circle, distance_mm, noise_mm = state.vision.circle, state.range.distance_mm, limits.visit.band_mm
     if state.d is None or distance_mm is None or circle is None:

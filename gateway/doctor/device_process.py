@@ -17,10 +17,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NoReturn
 
-from gateway.clock import NS_PER_S, SystemClock
+from gateway.clock import SystemClock
 from gateway.config import MqttConfig
 from gateway.doctor import brokers, devices, plc
 from gateway.doctor.finding import Verdict
+from gateway.durations import NS_PER_S
 from gateway.errors import ConfigError, GatewayError
 from gateway.processes import sandbox, seccomp
 from gateway.processes.channel import Channel, Failed

@@ -8,11 +8,12 @@ import statistics
 from collections.abc import Callable
 from dataclasses import asdict
 
-from gateway.clock import NS_PER_S, Clock
+from gateway.clock import Clock
 from gateway.config import BayConfig, CameraConfig, RangerConfig
 from gateway.doctor import sensors
 from gateway.doctor.finding import Finding, Verdict
 from gateway.doctor.sensors import CameraLook, RangerLook
+from gateway.durations import NS_PER_S
 from gateway.errors import ConfigError, GatewayError
 from gateway.vision.detect import registry
 from gateway.vision.source.contract import Frame

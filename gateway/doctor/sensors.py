@@ -10,11 +10,12 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 
-from gateway.clock import NS_PER_MS, NS_PER_S, Clock
+from gateway.clock import Clock
 from gateway.config import BayConfig, RangerConfig
 from gateway.core.readings import FRESH_FRAME, QUALITY_MEANING, RANGE_FINE, Quality, RangeReading
 from gateway.doctor import settings
 from gateway.doctor.finding import Finding, Verdict
+from gateway.durations import NS_PER_MS, NS_PER_S
 from gateway.errors import ConfigError, GatewayError, LinkError
 from gateway.ranger.service import RangerService
 from gateway.shared_state import SharedVector
@@ -146,7 +147,7 @@ def read(
     look: CameraLook,
     fresh: Callable[[Frame], None],
 ) -> None:
-    """For so long after the first frame; `fresh` gets those that have proved to be new. Raises LinkError."""
+    """For this time after the first frame; `fresh` gets those that have proved to be new. Raises LinkError."""
     checks = FrameChecks(label, frame_rules(bay.camera, bay.vision), None, may_repeat=source.may_repeat)
     until_ns, look.finite = None, source.finite
     while until_ns is None or clock.now_ns() < until_ns:

@@ -4,7 +4,7 @@ import socket
 import struct
 
 from gateway.errors import ProtocolError
-from gateway.modbus.protocol.adu import HEADER_BYTES, Fault, Framer, frame_bytes
+from gateway.modbus.protocol.adu import HEADER_BYTES, FrameFault, Framer, frame_bytes
 
 ANSWER_S = 3.0  # for connecting, and for each piece of an answer
 READ_HOLDING_REGISTERS = 0x03
@@ -25,7 +25,7 @@ def holding_registers(sock: socket.socket, unit_id: int, count: int) -> tuple[in
         if not received:
             raise ConnectionResetError(104, "it closed the connection")
         framer.feed(received)
-    if isinstance(frame, Fault):
+    if isinstance(frame, FrameFault):
         raise ProtocolError(f"it answers with {frame.value}")
     pdu = frame[HEADER_BYTES:]
     if pdu[0] == READ_HOLDING_REGISTERS | 0x80 and len(pdu) == 2:

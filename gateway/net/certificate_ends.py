@@ -3,8 +3,9 @@
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 
-from gateway.clock import NS_PER_S, Clock
+from gateway.clock import Clock
 from gateway.config import GatewayConfig
+from gateway.durations import NS_PER_S
 from gateway.net.tls import WARN_DAYS, TlsFiles, ends
 
 LOOK_NS = 60 * NS_PER_S

@@ -8,7 +8,6 @@ from collections import OrderedDict
 from dataclasses import dataclass, replace
 from ipaddress import IPv6Address, ip_address
 
-NS_PER_S = 1_000_000_000
 BURST = 20
 PERIOD_NS = 200_000_000  # 5 events a second, without end, is what people and brokers can bear
 

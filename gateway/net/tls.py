@@ -10,8 +10,9 @@ from pathlib import Path
 from cryptography import x509
 
 from gateway.certs.client_certificate import Serial, revoked
-from gateway.clock import NS_PER_S, Clock
+from gateway.clock import Clock
 from gateway.config import HmiConfig, TlsConfig
+from gateway.durations import NS_PER_S
 from gateway.errors import ConfigError
 
 log = logging.getLogger(__name__)

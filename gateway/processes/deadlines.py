@@ -33,7 +33,7 @@ class StartDeadline:
         self._late = min(self._late + 1, 16)
 
     def ran(self, seconds: float) -> None:
-        """The process has run so long. What runs for less than a start may take has run on a machine that is loaded."""
+        """It has run this long. What runs for less than a start may take has run on a machine that is loaded."""
         if seconds > self.seconds:
             self._late = 0
 
@@ -46,7 +46,7 @@ class SignsOfLife:
     """
 
     start: StartDeadline
-    silent_s: float  # a process that has given a sign may be silent so long
+    silent_s: float  # a process that has given a sign may be silent this long
     _looked_s: float = 0.0
     _quiet_s: float = 0.0  # since the newest sign of life, or the start
     _first_s: float | None = None  # when the first sign came; None: it is starting

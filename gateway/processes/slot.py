@@ -141,7 +141,7 @@ class ProcessSlot(Generic[Out, In]):
         return arrived
 
     async def wait(self, seconds: float | None) -> None:
-        """Until something arrives, at most so long (in seconds of the slot's clock)."""
+        """Until something arrives, at most this long (in seconds of the slot's clock)."""
         with suppress(TimeoutError):
             async with self._clock.timeout(seconds) if seconds is not None else nullcontext():
                 await self._news.wait()

@@ -31,7 +31,7 @@ from gateway.processes.start import ForkedProcess, Process, Role, spawned
 log = logging.getLogger(__name__)
 
 PR_SET_CHILD_SUBREAPER = 36  # linux/prctl.h
-READY_S = 30.0  # real time; what has waited so long for a template is spawned; a first start may take no longer
+READY_S = 30.0  # real time; what has waited this long for a template is spawned; a first start may take no longer
 ANSWER_S = 2.0  # a template that has not answered a request by then is replaced; a fork is a start, too
 KILL_S = 0.3  # for a killed process to end
 REAP_S = 0.05  # between two looks whether it has

@@ -14,19 +14,19 @@ from statistics import median, median_high, median_low
 
 from gateway.config import RangerConfig
 from gateway.core.readings import Quality, RangeReading, RangeStats
+from gateway.durations import NS_PER_S
 
-NS_PER_S = 1_000_000_000
 HISTORY = 8
 UNSTABLE_ODD = 3
 """So many odd readings among the last HISTORY: the sensor alternates, and which of its values are true is unknown."""
 MEMORY_CYCLES = 5
 """The glitch gate compares readings at most so many cycles apart."""
 REPEAT_NS = NS_PER_S // 10
-"""A lasting fault is reported again after so long."""
+"""A lasting fault is reported again after this time."""
 RATE_NS = NS_PER_S
 
 
-class Verdict(Enum):
+class ReadingVerdict(Enum):
     PASS = auto()  # use it; a fault: report it
     HOLD = auto()  # report nothing yet
     UNSTABLE = auto()  # report that readings jump
@@ -57,30 +57,30 @@ class GlitchGate:
         self._odd_ns: int | None = None  # when the reading before this one was odd, and held back
         self._history: deque[bool] = deque(maxlen=HISTORY)
 
-    def distance(self, mm: float, t_ns: int) -> Verdict:
+    def distance(self, mm: float, t_ns: int) -> ReadingVerdict:
         """Judge a reading without any fault flag."""
         if not self._gate_mm:
-            return Verdict.PASS
+            return ReadingVerdict.PASS
         if self._near(self._reference, mm, t_ns) or self._near(self._candidate, mm, t_ns):
             self._reference, self._candidate, self._odd_ns = _Distance(mm, t_ns), None, None
             self._history.append(False)
-            return Verdict.UNSTABLE if self._alternating() else Verdict.PASS
+            return ReadingVerdict.UNSTABLE if self._alternating() else ReadingVerdict.PASS
         second = self._recent(self._odd_ns, t_ns)
         if second or self._believed(t_ns):  # else there was nothing to compare with, and nothing is odd
             self._history.append(True)
         self._candidate, self._odd_ns = _Distance(mm, t_ns), t_ns
-        return Verdict.UNSTABLE if second or self._alternating() else Verdict.HOLD
+        return ReadingVerdict.UNSTABLE if second or self._alternating() else ReadingVerdict.HOLD
 
-    def fault(self, t_ns: int) -> Verdict:
+    def fault(self, t_ns: int) -> ReadingVerdict:
         """Judge a reading with a fault flag: PASS (report it) or HOLD."""
         if not self._gate_mm:
-            return Verdict.PASS
+            return ReadingVerdict.PASS
         self._history.append(True)
         if not self._believed(t_ns) or self._recent(self._odd_ns, t_ns) or self._alternating():
             self.reset()
-            return Verdict.PASS
+            return ReadingVerdict.PASS
         self._candidate, self._odd_ns = None, t_ns
-        return Verdict.HOLD
+        return ReadingVerdict.HOLD
 
     def _near(self, level: _Distance | None, mm: float, t_ns: int) -> bool:
         return level is not None and self._recent(level.t_ns, t_ns) and abs(mm - level.mm) <= self._gate_mm
@@ -178,11 +178,11 @@ class Conditioner:
         if not good:
             self._median.reset()
         verdict = self._gate.distance(raw_mm, t_ns) if good else self._gate.fault(t_ns)
-        if verdict is not Verdict.PASS:
+        if verdict is not ReadingVerdict.PASS:
             self.count(rejected=1)
-        if verdict is Verdict.HOLD:
+        if verdict is ReadingVerdict.HOLD:
             return []
-        if verdict is Verdict.UNSTABLE:
+        if verdict is ReadingVerdict.UNSTABLE:
             self._median.reset()
             return self._emit(t_ns, Quality.UNSTABLE, None, seq, f"readings jump, now {raw_mm:.0f} mm")
         if not good:

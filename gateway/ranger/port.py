@@ -14,7 +14,7 @@ from serial.tools import list_ports
 from gateway.errors import ConfigError, LinkError
 
 READ_S = 0.05
-"""A read that finds nothing returns after so long; the reader then checks the clock and its stop flag."""
+"""A read that finds nothing returns after this time; the reader then checks the clock and its stop flag."""
 READ_BYTES = 4096
 WRITE_S = 0.2
 

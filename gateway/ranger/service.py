@@ -24,7 +24,7 @@ FLOOD_PAUSE_S = 0.01
 PENDING = 64
 """Readings waiting for the event loop: four seconds of them."""
 END_S = 0.5
-"""A cancelled `run` waits so long for its thread. Only a network connection that is still being made outlasts it; the
+"""A cancelled `run` waits this long for its thread. Only a network connection that is still being made outlasts it; the
 thread then closes it by itself."""
 
 

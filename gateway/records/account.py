@@ -9,14 +9,14 @@ from gateway.core import events
 from gateway.core.plc import Control, PlcConnection, PlcWrite, WriteVerdict
 from gateway.core.readings import Quality
 from gateway.core.state import REASON_MEANING, FunctionCheck, Moved, StateVector
+from gateway.durations import NS_PER_S
 from gateway.records.factors import Factor
 from gateway.records.inquiry import Answer
 from gateway.records.moment import shown, unix_ns
 from gateway.records.recording import config_of
-from gateway.records.segment import Picture
+from gateway.records.segment import RecordedPicture
 
 Row = tuple[str, str]
-NS_PER_S = 1_000_000_000
 PEOPLE = frozenset(
     {"function_check_begun", "function_check_ended", "settings_changed", "write_refused", "operator_mark"}
 )
@@ -123,7 +123,7 @@ def settings(answer: Answer) -> list[Row]:
     return rows
 
 
-def as_json(answer: Answer, pictures: list[Picture]) -> dict[str, Any]:
+def as_json(answer: Answer, pictures: list[RecordedPicture]) -> dict[str, Any]:
     """All of it, for programs. Times are local ISO times with their zone."""
     state = answer.state
     return {

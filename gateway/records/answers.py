@@ -7,16 +7,16 @@ from pathlib import Path
 import msgspec
 
 from gateway import __version__
+from gateway.durations import NS_PER_MS
 from gateway.records import account, names, page, recording
-from gateway.records.index_reader import Bucket
+from gateway.records.index_reader import MinutesSummary
 from gateway.records.index_rows import MINUTE_COLUMNS, MinuteRow, SegmentRows
 from gateway.records.inquiry import Inquiry
 from gateway.records.picture_search import pictures_near
 from gateway.records.questions import Question, ValuesQuestion, WhyQuestion
 from gateway.records.recording import Missing
-from gateway.records.segment import Picture
+from gateway.records.segment import RecordedPicture
 
-NS_PER_MS = 1_000_000
 LEAST_BUCKET_MS = 100
 LONGEST_S = 900 + 60  # of a segment; it ends where a complete state is due
 
@@ -33,7 +33,7 @@ def answer(folder: Path, question: Question) -> bytes:
 
 def _why(bay: Path, question: WhyQuestion) -> bytes:
     found = Inquiry(bay).at(question.at_ms * NS_PER_MS)
-    pictures: list[Picture] = []
+    pictures: list[RecordedPicture] = []
     if question.pictures:
         pictures = list(pictures_near(bay, found.begin_ns, found.end_ns))
     if question.html:
@@ -70,12 +70,12 @@ def _values(bay: Path, question: ValuesQuestion) -> bytes:
     return msgspec.json.encode({"bucket_ms": length_ms, "buckets": buckets, "missing": missing})
 
 
-def bucket(row: MinuteRow, length_ms: int) -> Bucket:
-    """One row of SegmentRows whose minutes are so long."""
+def bucket(row: MinuteRow, length_ms: int) -> MinutesSummary:
+    """One row of SegmentRows whose minutes are this long."""
     values = dict(zip(MINUTE_COLUMNS, row, strict=True))
     t_ms = int(str(values.pop("minute"))) * length_ms
     values["stop_s"] = msgspec.json.decode(str(values["stop_s"]))
-    return msgspec.convert({"t_ms": t_ms, **values}, Bucket)
+    return msgspec.convert({"t_ms": t_ms, **values}, MinutesSummary)
 
 
 def _segments(bay: Path, question: ValuesQuestion) -> list[Path]:

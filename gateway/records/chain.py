@@ -14,6 +14,7 @@ from gateway.core.interlock import Rules
 from gateway.core.plc import PlcConnection, PlcWrite
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import FunctionCheck, Reason, StateVector
+from gateway.durations import NS_PER_S
 from gateway.records.factors import Cause, Factor, causes, position
 from gateway.records.moment import unix_ns
 from gateway.records.record import Decision
@@ -21,9 +22,8 @@ from gateway.records.replay import NoTick, Step
 from gateway.records.segment import Head
 
 FOLLOWED = ("stop", "may_move", "in_place", "moved", "reason", "latched", "function_check", "recipe")
-RESTART_S = 10.0  # what was restarted so long before a change may have to do with it
+RESTART_S = 10.0  # what was restarted this long before a change may have to do with it
 MOST_BETWEEN = 12  # changes listed between the first and those round the moment
-NS_PER_S = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)

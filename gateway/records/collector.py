@@ -14,6 +14,7 @@ from gateway.core.readings import VisionReading
 from gateway.core.shown import lapsed
 from gateway.core.state import StateVector
 from gateway.core.visit_summary import VisitSummary
+from gateway.durations import NS_PER_S
 from gateway.modbus.registers.bay_identity import NO_BAY, BayIdentity
 from gateway.modbus.registers.register import WordOrder
 from gateway.records.record import (
@@ -29,7 +30,6 @@ from gateway.records.record import (
     packed,
 )
 
-NS_PER_S = 1_000_000_000
 MAX_PENDING_BYTES = 4 * 1024 * 1024  # of one bay, unpacked: some three minutes
 BATCH_BYTES = 48 * 1024  # fits into one message
 CHECKPOINT_NS = 60 * NS_PER_S

@@ -8,6 +8,7 @@ from gateway.core.plc import PlcConnection, PlcWrite
 from gateway.core.readings import RangeReading, VisionReading
 from gateway.core.state import FunctionCheck, StateVector, Tick
 from gateway.core.visit_summary import VisitEnd, VisitSummary
+from gateway.durations import NS_PER_S
 from gateway.errors import ConfigError
 from gateway.records import moment, names, picture_search, recording
 from gateway.records.moment import unix_ns
@@ -15,12 +16,11 @@ from gateway.records.record import Decision, EventRecord, FrameRecord, VisitReco
 from gateway.records.recorded_rules import RecordedRules
 from gateway.records.recording import Item, Missing
 from gateway.records.replay import Difference, NoTick, Replay, Step
-from gateway.records.segment import Picture
+from gateway.records.segment import RecordedPicture
 from gateway.values.bay_values import BAY_VALUES
 from gateway.values.value import Value as Shown
 from gateway.values.value import plain
 
-NS_PER_S = 1_000_000_000
 Value = str | int | float | bool | None
 Row = dict[str, Value]
 ENTERED = (
@@ -99,7 +99,7 @@ class Excerpt:
         yield from ((t, e) for t, e in events if self.begin_ns <= t <= self.end_ns)
         self.missing = replay.missing
 
-    def pictures(self) -> Iterator[Picture]:
+    def pictures(self) -> Iterator[RecordedPicture]:
         """Those kept of that time, in their order."""
         return picture_search.pictures_near(self.folder, self.begin_ns, self.end_ns)
 

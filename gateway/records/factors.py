@@ -24,8 +24,7 @@ from gateway.core.state import (
     TruckPosition,
     VisitPhase,
 )
-
-NS_PER_S = 1_000_000_000
+from gateway.durations import NS_PER_S
 
 
 class Factor(StrEnum):

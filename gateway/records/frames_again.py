@@ -15,7 +15,7 @@ from gateway.core.readings import Quality, VisionReading
 from gateway.errors import ConfigError, ProtocolError
 from gateway.records import picture_search, recording
 from gateway.records.recording import Missing
-from gateway.records.segment import BlockKind, Damage, Head, Picture, blocks, head_of
+from gateway.records.segment import BlockKind, DamagedBytes, Head, RecordedPicture, blocks, head_of
 from gateway.vision.detect import registry
 from gateway.vision.detect.geometry import distance_px
 
@@ -26,12 +26,12 @@ SEEN = Quality.GOOD
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class FrameAgain:
     """One picture. `was`: None: of this frame no result is recorded. `now`: None: no marker is found in it now."""
 
     path: Path
     head: Head
-    picture: Picture
+    picture: RecordedPicture
     was: VisionReading | None
     now: Circle | None
 
@@ -59,7 +59,7 @@ def again(
     readings: dict[tuple[int, int], VisionReading],
     other: Callable[[Head], VisionConfig] | None = None,
     advance: Callable[[], None] = lambda: None,
-) -> Iterator[Frame]:
+) -> Iterator[FrameAgain]:
     """Every kept picture of the folder whose frame is in `readings` or has none recorded, by the recorded settings or
     by `other`. Raises ConfigError and OSError."""
     for path in recording.pictures_in(folder):
@@ -77,13 +77,13 @@ def again(
             except ProtocolError:
                 continue
             was = readings.get((picture.head.frame_id, picture.head.t_ns))
-            yield Frame(path, head, picture, was, search(image, picture.head.t_ns).circle)
+            yield FrameAgain(path, head, picture, was, search(image, picture.head.t_ns).circle)
 
 
 def head_in(path: Path) -> Head | None:
     """None: it is damaged."""
     for block in blocks(path.read_bytes()):
-        if not isinstance(block, Damage) and block.kind == BlockKind.HEAD:
+        if not isinstance(block, DamagedBytes) and block.kind == BlockKind.HEAD:
             try:
                 return head_of(block.payload)
             except ProtocolError:

@@ -9,10 +9,10 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
+from gateway.durations import NS_PER_S
 from gateway.vision.pixels import Image
 from gateway.vision.transport.ring import Snapshot
 
-NS_PER_S = 1_000_000_000
 LATE_S = 2.0  # so much later a moment may be reported
 MAX_INCIDENT_S = 30.0  # whatever happens meanwhile
 MAX_WAITING_BYTES = 64 * 1024 * 1024  # of the pictures of one bay, in memory

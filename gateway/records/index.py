@@ -34,7 +34,7 @@ from gateway.records.index_tables import (
 )
 from gateway.records.names import ROWS, SEGMENT, FileName
 from gateway.records.retention import StoredFile
-from gateway.records.segment import Block, BlockKind, Damage, batch_of, blocks, head_of
+from gateway.records.segment import Block, BlockKind, DamagedBytes, batch_of, blocks, head_of
 
 NAME = "index.sqlite"
 COMMIT_NS = 60 * 1_000_000_000
@@ -284,7 +284,7 @@ def _read(reading: _Reading) -> Iterator[None]:
     begin, end = reading.offset, 0
     reading.length = begin + len(data)
     for block in blocks(data):
-        if isinstance(block, Damage):
+        if isinstance(block, DamagedBytes):
             if block.offset + block.length < len(data):  # what is at the end may still be written
                 reading.damaged += block.length
             continue

@@ -34,7 +34,7 @@ _STOPS = (
 
 
 @dataclass(frozen=True, slots=True)
-class Bucket:
+class MinutesSummary:
     """Some minutes as one. `stop_s`: seconds of `stop` by reason. The means are those of the minutes' means, where
     there are any. What is left of the length after `recorded_s` is not known."""
 
@@ -123,7 +123,7 @@ class IndexReader:
             first, last = db.execute(query, (bay,)).fetchone()
         return None if first is None else (first * MINUTE_MS, (last + 1) * MINUTE_MS)
 
-    def trend(self, bay: str, since_ms: int, until_ms: int, points: int) -> tuple[int, list[Bucket]]:
+    def trend(self, bay: str, since_ms: int, until_ms: int, points: int) -> tuple[int, list[MinutesSummary]]:
         """The minutes merged to at most `points` buckets of the same whole number of minutes, and the length of one.
 
         The first begins with the minute of `since_ms`. One of which nothing was recorded is left out.
@@ -137,7 +137,7 @@ class IndexReader:
             for number, reason, seconds in db.execute(_STOPS, wanted):
                 stops.setdefault(number, {})[reason] = round(seconds, 3)
             return minutes * MINUTE_MS, [
-                Bucket((first + number * minutes) * MINUTE_MS, stops.get(number, {}), *values)
+                MinutesSummary((first + number * minutes) * MINUTE_MS, stops.get(number, {}), *values)
                 for number, *values in db.execute(_BUCKETS, wanted)
             ]
 

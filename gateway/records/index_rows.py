@@ -9,6 +9,7 @@ import msgspec
 
 from gateway.core.readings import FRESH_FRAME, Quality
 from gateway.core.visit_summary import VisitEnd
+from gateway.durations import NS_PER_MS, NS_PER_S
 from gateway.records.record import (
     ALARM,
     AnyRecord,
@@ -23,8 +24,6 @@ from gateway.records.record import (
 )
 from gateway.records.segment import Head
 
-NS_PER_S = 1_000_000_000
-NS_PER_MS = 1_000_000
 MINUTE_NS = 60 * NS_PER_S
 MAX_EVENTS = 1000  # of one segment, and as many changes of alarms; what flickers is in the segment, and counted here
 LONGEST_STEP_NS = NS_PER_S  # records that are farther apart: nothing is known of the time between them
@@ -39,7 +38,7 @@ MINUTE_COLUMNS = (
 
 
 @dataclass(slots=True)
-class Spread:
+class MinMeanMax:
     """Least, mean and largest of what was measured."""
 
     count: int = 0
@@ -73,8 +72,8 @@ class Minute:
     stops: dict[str, int] = field(default_factory=dict)
     frames: int = 0
     faults: int = 0
-    radius_px: Spread = field(default_factory=Spread)
-    distance_mm: Spread = field(default_factory=Spread)
+    radius_px: MinMeanMax = field(default_factory=MinMeanMax)
+    distance_mm: MinMeanMax = field(default_factory=MinMeanMax)
 
     @property
     def row(self) -> MinuteRow:
@@ -88,7 +87,7 @@ class Minute:
 
 @dataclass(slots=True)
 class SegmentRows:
-    """The rows of one segment, in the order of its records. With another `minute_ns` the "minutes" are so long."""
+    """The rows of one segment, in the order of its records. With another `minute_ns` the "minutes" are this long."""
 
     head: Head
     minute_ns: int = MINUTE_NS

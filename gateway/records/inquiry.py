@@ -12,6 +12,7 @@ from gateway.core.interlock import Rules
 from gateway.core.shown import shown as shown_at
 from gateway.core.shown import valid
 from gateway.core.state import REASON_MEANING, Reason, StateVector
+from gateway.durations import NS_PER_S
 from gateway.errors import ConfigError
 from gateway.records import chain, names, recording
 from gateway.records.chain import Link
@@ -23,7 +24,6 @@ from gateway.records.recording import Item, Missing, Place
 from gateway.records.replay import Difference, NoTick, Replay, Step
 from gateway.records.segment import Head
 
-NS_PER_S = 1_000_000_000
 WINDOW_S = 30.0  # shown before and after the moment
 LEAD_S = 5.0  # replayed before, so that what led to a change is known
 MOST_BACK = 100  # segments: a day

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from gateway.errors import ProtocolError
 from gateway.records import names, picture_search, recording, segment
-from gateway.records.segment import HEADER, MAGIC, MARK, MAX_PAYLOAD, Block, BlockKind, Picture, PictureHead
+from gateway.records.segment import HEADER, MAGIC, MARK, MAX_PAYLOAD, Block, BlockKind, PictureHead, RecordedPicture
 
 HEAD_BYTES = 4096  # a picture's head is smaller
 
@@ -62,7 +62,7 @@ def nearest(folder: Path, times_ns: Sequence[int | None], within_ns: int) -> lis
     return found
 
 
-def picture(folder: Path, file: int, place: int) -> Picture | None:
+def picture(folder: Path, file: int, place: int) -> RecordedPicture | None:
     """That one; None: there is none, or not any more. Raises OSError, and ProtocolError where it is damaged."""
     paths = recording.pictures_in(folder) if folder.exists() else []
     path = next((path for path in paths if (name := names.parsed(path.name)) and name.number == file), None)

@@ -12,7 +12,7 @@ from typing import Any
 
 from gateway.core.readings import Quality, VisionReading
 from gateway.records.excerpt import Excerpt
-from gateway.records.segment import Picture
+from gateway.records.segment import RecordedPicture
 from gateway.vision.offline.evaluation.labels import FILE_NAME
 
 SOURCE = "recorded detection, not checked"
@@ -53,7 +53,7 @@ def label_of(name: str, reading: VisionReading) -> dict[str, Any] | None:
     return label | about
 
 
-def _name(picture: Picture) -> str:
+def _name(picture: RecordedPicture) -> str:
     at = datetime.fromtimestamp(picture.head.unix_ns // 1_000_000_000, UTC)
     ms = picture.head.unix_ns // 1_000_000 % 1000
     return f"{at:%Y%m%dT%H%M%S}{ms:03d}Z-{picture.head.frame_id:06d}.{picture.head.encoding}"

@@ -13,7 +13,7 @@ from gateway.errors import ConfigError
 from gateway.records.excerpt import COLUMNS, Excerpt, Row, event_row, state_row
 from gateway.records.moment import unix_ns
 from gateway.records.replay import Step
-from gateway.records.segment import Picture
+from gateway.records.segment import RecordedPicture
 from gateway.values.bay_values import BAY_VALUES
 
 EXTRA = "pip install 'plc-loading-gateway[mcap]'"
@@ -75,7 +75,7 @@ def write(path: Path, excerpt: Excerpt) -> tuple[int, int, int]:
     return counts["state"], counts["event"], counts["camera"]
 
 
-def _image(picture: Picture) -> dict[str, Any]:
+def _image(picture: RecordedPicture) -> dict[str, Any]:
     sec, nsec = divmod(picture.head.unix_ns, 1_000_000_000)
     data = base64.b64encode(picture.data).decode("ascii")
     return {

@@ -4,10 +4,10 @@ import re
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, time, timedelta
 
+from gateway.durations import NS_PER_S
 from gateway.errors import ConfigError
 from gateway.records.segment import Head
 
-NS_PER_S = 1_000_000_000
 FORMS = "03:12, 03:12:05, 2026-11-23 03:12, 2026-11-23T03:12:05+01:00"
 _TIME = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2})(\.\d{1,9})?)?")
 

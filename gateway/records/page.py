@@ -8,17 +8,17 @@ import numpy as np
 from gateway.core.detection import Circle
 from gateway.core.readings import RangeReading, VisionReading
 from gateway.core.state import REASON_MEANING, StateVector
+from gateway.durations import NS_PER_S
 from gateway.errors import ProtocolError
 from gateway.records import account, picture_search
 from gateway.records.chain import Link
 from gateway.records.inquiry import Answer
 from gateway.records.moment import clock, shown, unix_ns
-from gateway.records.segment import Picture
-from gateway.vision.offline.reports.chart import Axis, Chart
+from gateway.records.segment import RecordedPicture
+from gateway.vision.offline.reports.chart import Chart, ChartAxis
 from gateway.vision.offline.reports.page import embed, figure, page, plain, table, tile
-from gateway.vision.offline.reports.tables import Row, Table
+from gateway.vision.offline.reports.tables import ReportTable, Row
 
-NS_PER_S = 1_000_000_000
 MOST_PICTURES = 16
 PICTURE_WIDTH = 640  # px; larger ones are made smaller
 CHART_WIDTH = 1100
@@ -28,7 +28,7 @@ Point = tuple[float, float]
 STYLE = "<style>.text td{white-space:normal;vertical-align:top}.text td:nth-child(-n+2){white-space:pre}</style>"
 
 
-def html(answer: Answer, pictures: Sequence[Picture], made: str) -> str:
+def html(answer: Answer, pictures: Sequence[RecordedPicture], made: str) -> str:
     """The complete page. `pictures`: of the window, in their order; the nearest to the moment are shown."""
     head = answer.head
     title = f"{head.bay}, {shown(answer.at_ns)}"
@@ -81,7 +81,7 @@ def _chain(links: Sequence[Link]) -> str:
         ("whole" if link.what else "", (clock(link.unix_ns), _left(link.what.replace(", ", "\n")), *_reasons(link)))
         for link in links
     ]
-    found = table(Table("", ("time", "", "", ""), rows), titled=False)
+    found = table(ReportTable("", ("time", "", "", ""), rows), titled=False)
     return f'<div class="text">{found}</div>'
 
 
@@ -94,12 +94,12 @@ def _left(text: str) -> tuple[str, str]:
 
 
 def _pairs(rows: Sequence[tuple[str, str]]) -> str:
-    return table(Table("", ("", ""), [("", (name, _left(text))) for name, text in rows]), titled=False)
+    return table(ReportTable("", ("", ""), [("", (name, _left(text))) for name, text in rows]), titled=False)
 
 
 def _timed(rows: Sequence[tuple[int, str]]) -> str:
     found: list[Row] = [("", (clock(at_ns), _left(text))) for at_ns, text in rows]
-    return table(Table("", ("time", ""), found), titled=False) if found else ""
+    return table(ReportTable("", ("time", ""), found), titled=False) if found else ""
 
 
 # -- plots -------------------------------------------------------------------------------------------------------------
@@ -119,7 +119,7 @@ def _plots(answer: Answer) -> list[str]:
                 distances.append((t_s, distance_mm))
         outputs.append((t_s, step.state))
     begin_s, end_s = ((t_ns - answer.at_ns) / NS_PER_S for t_ns in (answer.begin_ns, answer.end_ns))
-    time = Axis("seconds from the moment asked for", begin_s, end_s)
+    time = ChartAxis("seconds from the moment asked for", begin_s, end_s)
     recipe = 0 if answer.state is None else answer.state.plc.recipe
     fusion = answer.rules.recipes.get(recipe, answer.rules.recipes[0]).fusion
     found = [
@@ -139,9 +139,9 @@ def _plots(answer: Answer) -> list[str]:
     return [figure(chart.svg(), caption) for chart, caption in zip(found, captions, strict=True)]
 
 
-def _values(time: Axis, title: str, points: list[Point], threshold: float, name: str) -> Chart:
+def _values(time: ChartAxis, title: str, points: list[Point], threshold: float, name: str) -> Chart:
     high = max([threshold, *(value for _, value in points)]) * 1.1
-    chart = Chart(time, Axis(title, 0.0, high), width=CHART_WIDTH, height=230, title=title)
+    chart = Chart(time, ChartAxis(title, 0.0, high), width=CHART_WIDTH, height=230, title=title)
     for part in _unbroken(points):
         chart.line(part, 0)
     chart.rule(y=threshold)
@@ -159,8 +159,8 @@ def _unbroken(points: list[Point]) -> list[list[Point]]:
     return parts
 
 
-def _outputs(time: Axis, outputs: list[tuple[float, StateVector]]) -> Chart:
-    chart = Chart(time, Axis("", 0.0, 3.4), width=CHART_WIDTH, height=150, title="outputs")
+def _outputs(time: ChartAxis, outputs: list[tuple[float, StateVector]]) -> Chart:
+    chart = Chart(time, ChartAxis("", 0.0, 3.4), width=CHART_WIDTH, height=150, title="outputs")
     for row, name in enumerate(("stop", "may_move", "in_place")):
         points: list[Point] = []
         for t_s, state in outputs:
@@ -188,7 +188,7 @@ def _shade(chart: Chart, outputs: list[tuple[float, StateVector]]) -> None:
 # -- pictures ----------------------------------------------------------------------------------------------------------
 
 
-def _pictures(answer: Answer, pictures: Sequence[Picture]) -> list[str]:
+def _pictures(answer: Answer, pictures: Sequence[RecordedPicture]) -> list[str]:
     if not pictures:
         return ["<p>No picture was kept of this time.</p>"]
     nearest = sorted(pictures, key=lambda picture: abs(picture.head.unix_ns - answer.at_ns))[:MOST_PICTURES]
@@ -202,7 +202,7 @@ def _pictures(answer: Answer, pictures: Sequence[Picture]) -> list[str]:
     return [f'<div class="cases">{"".join(cards)}</div>', *more]
 
 
-def _card(answer: Answer, picture: Picture, reading: VisionReading | None) -> str:
+def _card(answer: Answer, picture: RecordedPicture, reading: VisionReading | None) -> str:
     try:
         image = picture_search.decoded(picture)
     except ProtocolError as error:

@@ -7,20 +7,20 @@ import cv2
 import numpy as np
 
 from gateway.core.readings import VisionReading
+from gateway.durations import NS_PER_S
 from gateway.errors import ProtocolError
 from gateway.records import names, recording
 from gateway.records.recording import Missing
 from gateway.records.replay import Step
-from gateway.records.segment import Picture
+from gateway.records.segment import RecordedPicture
 from gateway.vision.pixels import Image
 
-NS_PER_S = 1_000_000_000
-WRITTEN_S = 150  # a file is written so long after its first picture at most
+WRITTEN_S = 150  # a file is written this long after its first picture at most
 
 
-def pictures_near(folder: Path, begin_ns: int, end_ns: int) -> Iterator[Picture]:
+def pictures_near(folder: Path, begin_ns: int, end_ns: int) -> Iterator[RecordedPicture]:
     """Those taken in that time (Unix ns), in their order; each once. Damaged ones are left out. Raises OSError."""
-    found: dict[tuple[int, int], Picture] = {}
+    found: dict[tuple[int, int], RecordedPicture] = {}
     for path in files_of_time(folder, begin_ns, end_ns):
         for picture in _pictures(path, begin_ns, end_ns):
             found[picture.head.t_ns, picture.head.frame_id] = picture
@@ -41,13 +41,13 @@ def files_of_time(folder: Path, begin_ns: int, end_ns: int) -> Iterator[Path]:
             yield path
 
 
-def _pictures(path: Path, begin_ns: int, end_ns: int) -> Iterator[Picture]:
+def _pictures(path: Path, begin_ns: int, end_ns: int) -> Iterator[RecordedPicture]:
     for picture in recording.pictures(path):
         if not isinstance(picture, Missing) and begin_ns <= picture.head.unix_ns <= end_ns:
             yield picture
 
 
-def decoded(picture: Picture) -> Image:
+def decoded(picture: RecordedPicture) -> Image:
     """(H, W, 3) uint8 BGR. Raises ProtocolError where it cannot be decoded."""
     image = cv2.imdecode(np.frombuffer(picture.data, np.uint8), cv2.IMREAD_COLOR)
     if image is None:

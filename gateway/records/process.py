@@ -13,7 +13,8 @@ from pathlib import Path
 import cv2
 import msgspec
 
-from gateway.clock import NS_PER_S, machine_ns
+from gateway.clock import machine_ns
+from gateway.durations import NS_PER_S
 from gateway.errors import LinkError
 from gateway.processes.channel import Channel
 from gateway.records import recording
@@ -32,7 +33,7 @@ from gateway.records.messages import (
     Written,
 )
 from gateway.records.privacy import blurred_outside
-from gateway.records.retention import Limits
+from gateway.records.retention import RetentionLimits
 from gateway.records.segment import Head, PictureHead, picture_block, records_block
 from gateway.records.store import Store
 from gateway.vision.pixels import Image
@@ -226,7 +227,7 @@ class Recorder:
     def _bay(self, job: BayJob) -> _Bay:
         config = self._job.config
         pictures = IncidentPictures(config.picture_before_s, config.picture_after_s, config.picture_mb_per_day * MB)
-        limits = Limits(config.max_mb * MB, config.max_days, config.picture_days, config.visit_days)
+        limits = RetentionLimits(config.max_mb * MB, config.max_days, config.picture_days, config.visit_days)
         folder = Path(self._job.folder) / job.head.bay
         store = Store(folder, limits, config.min_free_percent / 100, lambda number: self._head(job.head, number))
         ring = None if job.ring is None else Ring(job.ring, writable=False)

@@ -15,7 +15,16 @@ from gateway.records import names
 from gateway.records.files import files_in
 from gateway.records.names import PICTURES, SEGMENT
 from gateway.records.record import AnyRecord, Gap, VisitRecord
-from gateway.records.segment import BlockKind, Damage, Head, Picture, batch_of, blocks, head_of, picture_of
+from gateway.records.segment import (
+    BlockKind,
+    DamagedBytes,
+    Head,
+    RecordedPicture,
+    batch_of,
+    blocks,
+    head_of,
+    picture_of,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +80,7 @@ def records(paths: Iterable[Path]) -> Iterator[Item | Missing]:
         head: Head | None = None
         number = 0
         for block in blocks(path.read_bytes()):
-            if isinstance(block, Damage):
+            if isinstance(block, DamagedBytes):
                 yield Missing(f"{path.name}: {block.length} bytes at {block.offset} are damaged or were cut off")
                 continue
             try:
@@ -112,10 +121,10 @@ def open_visit(folder: Path, boot: str) -> VisitSummary | None:
     return None
 
 
-def pictures(path: Path) -> Iterator[Picture | Missing]:
+def pictures(path: Path) -> Iterator[RecordedPicture | Missing]:
     """The pictures of one file, oldest first. Raises OSError."""
     for block in blocks(path.read_bytes()):
-        if isinstance(block, Damage):
+        if isinstance(block, DamagedBytes):
             yield Missing(f"{path.name}: {block.length} bytes at {block.offset} are damaged or were cut off")
         elif block.kind == BlockKind.PICTURE:
             try:

@@ -23,7 +23,7 @@ class StoredFile:
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class RetentionLimits:
     """`max_bytes`: of the bay. `max_days`, `picture_days`, `visit_days`: 0: no limit of age."""
 
     max_bytes: int
@@ -34,7 +34,7 @@ class Limits:
 
 def surplus(
     files: Sequence[StoredFile],
-    limits: Limits,
+    limits: RetentionLimits,
     unix_s: float | None,
     missing_bytes: int = 0,
     being_written: int | None = None,
@@ -62,7 +62,7 @@ def surplus(
     return deleted
 
 
-def _surplus_rows(files: Sequence[StoredFile], limits: Limits, unix_s: float | None) -> list[StoredFile]:
+def _surplus_rows(files: Sequence[StoredFile], limits: RetentionLimits, unix_s: float | None) -> list[StoredFile]:
     """A file is older than its newest row, and that older than the begin of the next file, whatever the clock did."""
     over_bytes = sum(file.size_bytes for file in files) - ROWS_SHARE * limits.max_bytes
     deleted = []
@@ -75,7 +75,7 @@ def _surplus_rows(files: Sequence[StoredFile], limits: Limits, unix_s: float | N
     return deleted
 
 
-def _too_old(file: StoredFile, limits: Limits, unix_s: float | None) -> bool:
+def _too_old(file: StoredFile, limits: RetentionLimits, unix_s: float | None) -> bool:
     days = [limits.max_days, limits.picture_days] if file.name.kind == PICTURES else [limits.max_days]
     least = min((d for d in days if d), default=0)
     return unix_s is not None and least > 0 and unix_s - file.name.unix_s > least * DAY_S

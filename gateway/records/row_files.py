@@ -20,7 +20,7 @@ from gateway.files import sync_folder
 from gateway.records.files import files_in, write_all
 from gateway.records.index_rows import MINUTE_COLUMNS, Minute, MinuteRow, SegmentRows, VisitRow
 from gateway.records.names import ROWS, FileName
-from gateway.records.segment import MAGIC, MAX_RECORDS_BYTES, BlockKind, Damage, block, blocks
+from gateway.records.segment import MAGIC, MAX_RECORDS_BYTES, BlockKind, DamagedBytes, block, blocks
 
 MAX_BYTES = 1_000_000  # of a file: the oldest is deleted as one, and read as one
 MAX_SPAN_S = 7 * 86_400
@@ -61,7 +61,7 @@ def rows_block(kept: KeptRows) -> bytes:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class FoundRows:
     """What a file has beyond an offset. `end`: behind the last good block; `damaged`: bytes before it."""
 
     rows: list[KeptRows]
@@ -69,21 +69,21 @@ class Found:
     damaged: int
 
 
-def read(path: Path, offset: int = 0) -> Found:
+def read(path: Path, offset: int = 0) -> FoundRows:
     """What a later version has written in another way is left out."""
     with path.open("rb") as file:
         file.seek(offset)
         data = file.read()
     rows, end, damaged, torn = [], 0, 0, 0
     for found in blocks(data):
-        if isinstance(found, Damage):
+        if isinstance(found, DamagedBytes):
             torn = found.length
             continue
         end, damaged, torn = found.offset + found.size, damaged + torn, 0
         if found.kind == BlockKind.ROWS:
             with contextlib.suppress(ProtocolError):
                 rows.append(_rows_of(found.payload))
-    return Found(rows, offset + end, damaged)
+    return FoundRows(rows, offset + end, damaged)
 
 
 def _rows_of(payload: bytes) -> KeptRows:

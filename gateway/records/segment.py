@@ -72,13 +72,13 @@ class PictureHead(msgspec.Struct, frozen=True, array_like=True):
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class RecordedPicture:
     head: PictureHead
     data: bytes
 
 
 @dataclass(frozen=True, slots=True)
-class Damage:
+class DamagedBytes:
     """Bytes of a segment that are no block: the end of a file that was being written, or a fault of the disk."""
 
     offset: int
@@ -122,7 +122,7 @@ def block(kind: BlockKind, payload: bytes) -> bytes:
     return HEADER.pack(MARK, kind, len(payload), crc) + payload
 
 
-def blocks(data: bytes) -> Iterator[Block | Damage]:
+def blocks(data: bytes) -> Iterator[Block | DamagedBytes]:
     """All of a segment's blocks, in order, and what lies between them. Never raises, whatever the bytes.
 
     Raises nothing for a file that is no segment either: all of it is then Damage.
@@ -136,11 +136,11 @@ def blocks(data: bytes) -> Iterator[Block | Damage]:
                 break
             continue
         if at > good:
-            yield Damage(good, at - good)
+            yield DamagedBytes(good, at - good)
         yield found
         at = good = at + found.size
     if good < len(data):
-        yield Damage(good, len(data) - good)
+        yield DamagedBytes(good, len(data) - good)
 
 
 def _block_at(data: bytes, at: int) -> Block | None:
@@ -174,10 +174,10 @@ def batch_of(payload: bytes) -> tuple[int, list[AnyRecord]]:
     return batch.number, unpacked(bytes(batch.records))
 
 
-def picture_of(payload: bytes) -> Picture:
+def picture_of(payload: bytes) -> RecordedPicture:
     """Raises ProtocolError."""
     head = picture_head_of(payload)
-    return Picture(head, payload[4 + struct.unpack_from("<I", payload)[0] :])
+    return RecordedPicture(head, payload[4 + struct.unpack_from("<I", payload)[0] :])
 
 
 def picture_head_of(payload: bytes) -> PictureHead:

@@ -21,13 +21,14 @@ from gateway import __version__, bay_file
 from gateway.alarms.records import AlarmChange
 from gateway.alarms.states import AlarmEvent
 from gateway.bay import Recorder
-from gateway.clock import NS_PER_S, SystemClock
+from gateway.clock import SystemClock
 from gateway.config import BayConfig, GatewayConfig
 from gateway.config.strict.errors import without_passwords
 from gateway.core.events import Event, EventKind
 from gateway.core.fusion import Observation
 from gateway.core.state import StateVector
 from gateway.core.visit_summary import VisitSummary
+from gateway.durations import NS_PER_S
 from gateway.errors import LinkError
 from gateway.modbus.registers.bay_identity import identities
 from gateway.processes.channel import Failed, Gone
@@ -59,7 +60,7 @@ MODULE = "gateway.records.process"
 PERIOD_S = 1.0
 CLOSE_POLL_S = 0.02
 UNACKNOWLEDGED_BYTES = 96 * 1024  # below what the kernel holds of unread messages
-SILENT_S = 30.0  # real time; a disk may take long; a process that acknowledges nothing for so long is replaced
+SILENT_S = 30.0  # real time; a disk may take long; a process that acknowledges nothing for this time is replaced
 KEPT = frozenset(
     {
         EventKind.STOP_RAISED,
@@ -174,7 +175,7 @@ class RecorderService:
         self._wanted.append(KeepPictures(bay, t_ns, why))
 
     async def close(self, seconds: float) -> None:
-        """Write what there is, the final state too; wait for it at most so long. Call it before `run` is cancelled."""
+        """Write what there is, the final state too; wait at most this long. Call it before `run` is cancelled."""
         self._closing = True
         with suppress(TimeoutError):
             async with asyncio.timeout(seconds):

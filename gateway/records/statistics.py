@@ -46,7 +46,7 @@ _KINDS: dict[str, CauseKind] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Cause:
+class StopCause:
     """A reason of `stop`: how long it was that, and how often it became it."""
 
     reason: str
@@ -68,7 +68,7 @@ class Times:
     may_move_s: float = 0.0
     in_place_s: float = 0.0
     sensor_faults: int = 0
-    causes: tuple[Cause, ...] = ()
+    causes: tuple[StopCause, ...] = ()
 
     def of_kind_s(self, kind: CauseKind) -> float:
         """Seconds of `stop` for such reasons."""
@@ -119,7 +119,7 @@ def times_of(minutes: Iterable[Mapping[str, Any]], passed_s: float) -> Times:
             for reason, times in _counts(row["stops"]).items():
                 stops[reason] += round(times)
             faults += row["faults"]
-    causes = [Cause(reason, stopped_s[reason], stops[reason]) for reason in {**stopped_s, **stops}]
+    causes = [StopCause(reason, stopped_s[reason], stops[reason]) for reason in {**stopped_s, **stops}]
     passed_s = max(passed_s, seconds["recorded_s"])  # the newest minute may be later than `now` was taken
     return Times(
         passed_s, seconds["recorded_s"], seconds["may_move_s"], seconds["in_place_s"], faults, _longest_first(causes)
@@ -139,7 +139,7 @@ def together(parts: Sequence[Times]) -> Times:
         sum(part.may_move_s for part in parts),
         sum(part.in_place_s for part in parts),
         sum(part.sensor_faults for part in parts),
-        _longest_first([Cause(reason, seconds[reason], stops[reason]) for reason in seconds]),
+        _longest_first([StopCause(reason, seconds[reason], stops[reason]) for reason in seconds]),
     )
 
 
@@ -214,7 +214,7 @@ def positions_of(visits: Iterable[VisitSummary]) -> Positions:
     )
 
 
-def _longest_first(causes: Iterable[Cause]) -> tuple[Cause, ...]:
+def _longest_first(causes: Iterable[StopCause]) -> tuple[StopCause, ...]:
     return tuple(sorted(causes, key=lambda cause: (-cause.seconds, -cause.times, cause.reason)))
 
 

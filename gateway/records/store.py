@@ -11,14 +11,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from gateway.durations import NS_PER_S
 from gateway.files import sync_folder
 from gateway.records import retention, row_files
 from gateway.records.files import files_in, write_all
 from gateway.records.names import PICTURES, PIN, SEGMENT, FileName
-from gateway.records.retention import Limits, StoredFile
+from gateway.records.retention import RetentionLimits, StoredFile
 from gateway.records.segment import Head, head_block
 
-NS_PER_S = 1_000_000_000
 SEGMENT_NS = 900 * NS_PER_S
 
 
@@ -27,7 +27,7 @@ class Store:
     """`head` makes the head of a new segment with this number."""
 
     folder: Path
-    limits: Limits
+    limits: RetentionLimits
     min_free_share: float
     head: Callable[[int], Head]
     written_bytes: int = 0

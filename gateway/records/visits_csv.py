@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 from gateway.core.state import VisitPhase
 from gateway.core.visit_summary import VisitSummary
+from gateway.durations import NS_PER_MS
 from gateway.records.moment import shown
 from gateway.sinks.mqtt.visit_payload import visit_payload
 
-NS_PER_MS = 1_000_000
 _PLAIN = (
     "length_s", "at_mark_s", "to_position_s", "released_s", "in_place_s", "times_in_place", "corrections",
     "stop_latency_ms", "halt_s", "overrun_mm", "radius_px", "distance_mm", "offset_px", "offset_mm", "frame_id",

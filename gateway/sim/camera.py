@@ -8,7 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from gateway.clock import NS_PER_S, Clock
+from gateway.clock import Clock
+from gateway.durations import NS_PER_S
 from gateway.errors import LinkError
 from gateway.sim.controls import SimControls
 from gateway.sim.scenario import DEFAULT_EXPOSURE_MS, Camera, FaultKind, Scenario

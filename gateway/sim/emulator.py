@@ -14,7 +14,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from gateway.clock import NS_PER_MS, NS_PER_S, SystemClock
+from gateway.clock import SystemClock
+from gateway.durations import NS_PER_MS, NS_PER_S
 from gateway.errors import ConfigError, LinkError
 from gateway.ranger.hcsr04.session import FARTHEST_MM, NEAREST_MM
 from gateway.sim.hcsr04 import SensorErrors

@@ -12,9 +12,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from gateway.clock import NS_PER_S, Clock
+from gateway.clock import Clock
+from gateway.durations import NS_PER_S
 from gateway.sim.hcsr04 import SensorErrors
-from gateway.sim.ranger_board import POWER_ON, RESET_LINE, Board, Faults, RangerFault
+from gateway.sim.ranger_board import POWER_ON, RESET_LINE, Faults, RangerBoard, RangerFault
 from gateway.sim.scenario import FaultKind, Scenario
 from gateway.sim.world import World
 
@@ -84,7 +85,7 @@ class SimulatedRanger:
         self._clock = clock
         self._faults = faults
         self._resets_on_open = resets_on_open
-        self._board = Board(
+        self._board = RangerBoard(
             distance_mm,
             seed=seed,
             errors=errors,

@@ -55,7 +55,7 @@ Faults = Mapping[RangerFault, float]
 """The faults that hold now, with their amounts; 0 for those that take none."""
 
 
-class Board:
+class RangerBoard:
     """One board, from power on. `distance_mm(t_ns)` is the truth, None where nothing is in the beam."""
 
     def __init__(

@@ -17,7 +17,7 @@ from gateway.sim.canvas import u8
 from gateway.sim.scenario import DEFAULT_EXPOSURE_MS, Camera, Dust, FaultKind, Glare, Light, Scenario
 from gateway.sim.sensor import Sensor
 from gateway.sim.spout import Spout
-from gateway.sim.textures import COVER, NEAR_MM, TANK_AXES, Level, surfaces
+from gateway.sim.textures import COVER, NEAR_MM, TANK_AXES, TextureLevel, surfaces
 from gateway.sim.world import Truth
 from gateway.vision.exposure.settings import Exposure
 from gateway.vision.pixels import Image
@@ -182,7 +182,7 @@ def disc_cover(u_px: float, v_px: float, radius_px: float, box: Box) -> NDArray[
     return np.clip(share, 0, 1, out=share)
 
 
-def _fitting(levels: tuple[Level, ...], scale: float) -> Level:
+def _fitting(levels: tuple[TextureLevel, ...], scale: float) -> TextureLevel:
     """The coarsest level that still has at least 0.8 texture pixels to one of the frame."""
     return next((level for level in reversed(levels) if level.scale >= 0.8 * scale), levels[0])
 
@@ -200,12 +200,12 @@ def _window(truth: Truth, half: float, size: tuple[int, int]) -> Box | None:
     return (x0, y0, x1, y1) if x0 < x1 and y0 < y1 else None
 
 
-def _warp(level: Level, truth: Truth, scale: float, box: Box) -> Image:
+def _warp(level: TextureLevel, truth: Truth, scale: float, box: Box) -> Image:
     """The texture as seen in the frame's window."""
     return _warped(level.image, level, truth, scale, box)
 
 
-def _cover(level: Level, truth: Truth, scale: float, box: Box) -> NDArray[np.float32]:
+def _cover(level: TextureLevel, truth: Truth, scale: float, box: Box) -> NDArray[np.float32]:
     """Where the texture covers what is behind it, 0 to 1; outside the texture it does not."""
     x0, y0, x1, y1 = box
     if level.cover is None:
@@ -213,7 +213,7 @@ def _cover(level: Level, truth: Truth, scale: float, box: Box) -> NDArray[np.flo
     return np.multiply(_warped(level.cover, level, truth, scale, box), np.float32(1 / 255))
 
 
-def _warped(image: Image, level: Level, truth: Truth, scale: float, box: Box) -> Image:
+def _warped(image: Image, level: TextureLevel, truth: Truth, scale: float, box: Box) -> Image:
     x0, y0, x1, y1 = box
     step = level.scale / scale
     matrix = np.array(

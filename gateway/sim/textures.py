@@ -28,7 +28,7 @@ RUST: Colour = (44, 62, 128)  # hue 6, saturation 167: inside the paper's first 
 
 
 @dataclass(frozen=True, slots=True)
-class Level:
+class TextureLevel:
     """One texture at one scale. The centre of its pixel (i, j) lies at (left + (i + 0.5) / scale, ...) mm."""
 
     image: Image
@@ -37,20 +37,20 @@ class Level:
     left_mm: float
     top_mm: float
 
-    def halved(self) -> "Level":
+    def halved(self) -> "TextureLevel":
         height, width = self.image.shape[:2]
         size = (width // 2, height // 2)
         cover = None if self.cover is None else u8(cv2.resize(self.cover, size, interpolation=cv2.INTER_AREA))
         image = u8(cv2.resize(self.image, size, interpolation=cv2.INTER_AREA))
-        return Level(image, cover, self.scale / 2, self.left_mm, self.top_mm)
+        return TextureLevel(image, cover, self.scale / 2, self.left_mm, self.top_mm)
 
 
 @dataclass(frozen=True, slots=True)
 class Surfaces:
-    near: Level  # the truck round the port, fine
-    truck: tuple[Level, ...]  # all of it, finest first
-    paint: tuple[Level, ...]  # the marker, a square somewhat larger than the disc
-    cover: tuple[Level, ...]  # a tarpaulin over the port
+    near: TextureLevel  # the truck round the port, fine
+    truck: tuple[TextureLevel, ...]  # all of it, finest first
+    paint: tuple[TextureLevel, ...]  # the marker, a square somewhat larger than the disc
+    cover: tuple[TextureLevel, ...]  # a tarpaulin over the port
     yard: Image  # (H, W, 3): the fixed background behind the truck
 
 
@@ -82,11 +82,11 @@ def _painted(scenario: Scenario) -> Surfaces:
             thing.draw(canvas)
         canvas.grain(grain, chance)
     cover = _silhouette(coarse)
-    levels = [Level(coarse.image, cover, COARSE, TRUCK_MM[0], TRUCK_MM[1])]
+    levels = [TextureLevel(coarse.image, cover, COARSE, TRUCK_MM[0], TRUCK_MM[1])]
     for _ in range(2):
         levels.append(levels[-1].halved())
     return Surfaces(
-        near=Level(fine.image, None, FINE, NEAR_MM[0], NEAR_MM[1]),
+        near=TextureLevel(fine.image, None, FINE, NEAR_MM[0], NEAR_MM[1]),
         truck=tuple(levels),
         paint=_pyramid(_paint(scenario, chance)),
         cover=_pyramid(_tarpaulin(r, chance)),
@@ -94,7 +94,7 @@ def _painted(scenario: Scenario) -> Surfaces:
     )
 
 
-def _pyramid(level: Level) -> tuple[Level, ...]:
+def _pyramid(level: TextureLevel) -> tuple[TextureLevel, ...]:
     levels = [level]
     while levels[-1].scale > FINE / 8:
         levels.append(levels[-1].halved())
@@ -256,7 +256,7 @@ def _silhouette(canvas: Canvas) -> Image:
     return np.maximum(cover, soft).astype(np.uint8)
 
 
-def _paint(scenario: Scenario, chance: np.random.Generator) -> Level:
+def _paint(scenario: Scenario, chance: np.random.Generator) -> TextureLevel:
     """The marker: a red lid with a groove, a grip and screws in the same red, worn; a square of 1.1 radii."""
     r, wear = scenario.marker.radius_mm, scenario.marker.wear
     half = 1.1 * r
@@ -279,7 +279,7 @@ def _paint(scenario: Scenario, chance: np.random.Generator) -> Level:
     canvas.line([(-0.36 * r, -0.025 * r), (0.36 * r, -0.025 * r)], 0.03 * r, (92, 84, 218))
     _wear(canvas, r, wear, chance)
     canvas.grain(4.0, chance)
-    return Level(canvas.image, None, FINE, -half, -half)
+    return TextureLevel(canvas.image, None, FINE, -half, -half)
 
 
 def _wear(canvas: Canvas, r: float, wear: float, chance: np.random.Generator) -> None:
@@ -301,7 +301,7 @@ def _wear(canvas: Canvas, r: float, wear: float, chance: np.random.Generator) ->
         canvas.disc(spot, chance.uniform(0.3, 1.6), colour)
 
 
-def _tarpaulin(r: float, chance: np.random.Generator) -> Level:
+def _tarpaulin(r: float, chance: np.random.Generator) -> TextureLevel:
     """A tarpaulin over the complete port: folds, eyelets along its upper hem, a ragged outline."""
     half = COVER * r
     side = round(2 * half * FINE)
@@ -322,7 +322,7 @@ def _tarpaulin(r: float, chance: np.random.Generator) -> Level:
         * np.clip((foot - down) * 60, 0, 1)
         * np.clip((0.99 + down) * 60, 0, 1)
     )
-    return Level(canvas.image, u8((cover * 255).astype(np.uint8)), FINE, -half, -half)
+    return TextureLevel(canvas.image, u8((cover * 255).astype(np.uint8)), FINE, -half, -half)
 
 
 def _yard(scenario: Scenario, chance: np.random.Generator) -> Image:

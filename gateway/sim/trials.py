@@ -22,7 +22,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from statistics import fmean, median
 
-from gateway.clock import NS_PER_S
+from gateway.durations import NS_PER_S
 from gateway.sim.scenario import Leg, Pose, Scenario
 from gateway.sim.world import Motion, Truth, World
 
@@ -40,7 +40,7 @@ WAIT_S = 30.0
 
 
 @dataclass(frozen=True, slots=True)
-class Record:
+class TrialRecord:
     """One state of the gateway beside the truth at the same time."""
 
     t_ns: int
@@ -68,7 +68,7 @@ class TrialResult:
 
 
 @dataclass(frozen=True, slots=True)
-class Figures:
+class TrialFigures:
     """The rows of Table II."""
 
     number: int  # of trials
@@ -80,18 +80,18 @@ class Figures:
     accuracy: float | None  # share of trials that are right; None without trials
 
 
-PAPER = Figures(10, 250.0, 520.0, 17.0, 0, 0, 1.0)
+PAPER = TrialFigures(10, 250.0, 520.0, 17.0, 0, 0, 1.0)
 
 
 @dataclass(frozen=True, slots=True)
 class TrialReport:
     trials: tuple[TrialResult, ...]
-    figures: Figures
+    figures: TrialFigures
     undecided: int
     longest_wait_s: float | None  # for a decision; None: none was made
     radius_threshold_px: float
     distance_threshold_mm: float
-    paper: Figures = field(default=PAPER)
+    paper: TrialFigures = field(default=PAPER)
 
     def rows(self) -> list[tuple[str, str, str]]:
         """Table II as text: metric, the paper's value, ours."""
@@ -154,7 +154,7 @@ class Evaluation:
         self._trials: dict[str, _Trial] = {}
         self._current: _Trial | None = None
 
-    def see(self, record: Record) -> bool:
+    def see(self, record: TrialRecord) -> bool:
         """Take one record in; True where it was taken at rest in a trial that is decided: its truck may leave."""
         name = record.truth.leg_name
         if name.startswith(TRIAL):
@@ -172,7 +172,7 @@ class Evaluation:
         trials = self._trials.values()
         results = [result for trial in trials if (result := trial.result(self._judge)) is not None]
         errors = [r.worst_error_mm for r in results if r.worst_error_mm is not None]
-        figures = Figures(
+        figures = TrialFigures(
             number=len(results),
             nearest_mm=min((r.actual_mm for r in results), default=None),
             farthest_mm=max((r.actual_mm for r in results), default=None),
@@ -186,7 +186,7 @@ class Evaluation:
         return TrialReport(tuple(results), figures, undecided, longest_s, *self._thresholds)
 
 
-def evaluate(records: Iterable[Record]) -> TrialReport:
+def evaluate(records: Iterable[TrialRecord]) -> TrialReport:
     """With the paper's thresholds."""
     evaluation = Evaluation()
     for record in records:
@@ -205,7 +205,7 @@ class _Judge:
         self._in_false_stop = False
         self.false_stops = 0
 
-    def see(self, record: Record) -> bool:
+    def see(self, record: TrialRecord) -> bool:
         """Take one record in; True where a false stop begins with it."""
         same_leg = record.truth.leg == self._leg
         self._leg = record.truth.leg
@@ -218,7 +218,7 @@ class _Judge:
         self.false_stops += begins
         return begins
 
-    def at_rest(self, record: Record) -> bool:
+    def at_rest(self, record: TrialRecord) -> bool:
         """Of the record seen last."""
         return _lasted(self._rest_since, record)
 
@@ -234,12 +234,12 @@ class _Judge:
 @dataclass(slots=True)
 class _Trial:
     name: str
-    rest: list[Record] = field(default_factory=list)
+    rest: list[TrialRecord] = field(default_factory=list)
     false_stops: int = 0
     waited_s: float | None = None
     _known_ns: int = 0
 
-    def stand(self, record: Record) -> None:
+    def stand(self, record: TrialRecord) -> None:
         """Take one record at rest in."""
         if self.rest and self.rest[-1].d is not None and record.d is not None:
             self._known_ns += record.t_ns - self.rest[-1].t_ns
@@ -270,13 +270,13 @@ class _Trial:
         )
 
 
-def _since(since: int | None, record: Record, holds: bool) -> int | None:
+def _since(since: int | None, record: TrialRecord, holds: bool) -> int | None:
     if not holds:
         return None
     return record.t_ns if since is None else since
 
 
-def _lasted(since: int | None, record: Record) -> bool:
+def _lasted(since: int | None, record: TrialRecord) -> bool:
     return since is not None and record.t_ns - since >= SETTLE_S * NS_PER_S
 
 
@@ -285,7 +285,7 @@ def _median(values: Sequence[float | None]) -> float | None:
     return median(known) if known else None
 
 
-def _span(figures: Figures) -> str:
+def _span(figures: TrialFigures) -> str:
     if figures.nearest_mm is None or figures.farthest_mm is None:
         return "none"
     return f"{figures.nearest_mm / 10:.1f}-{figures.farthest_mm / 10:.1f} cm"

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from gateway.sim.scenario import Camera, FaultKind, Leg, Scenario, Vibration
 
-SPOUT_S = 2.0  # the spout needs so long to move down, and to move up
+SPOUT_S = 2.0  # the spout needs this long to move down, and to move up
 SPOUT_MM = 200.0  # from the ranger to the spout, which hangs on the camera's axis: nearer than any truck in place
 SPOUT_HALF_MM = 75.0
 SINES = 4  # per axis of the vibration

@@ -4,8 +4,8 @@ import logging
 import ssl
 from datetime import UTC, datetime, timedelta
 
-from gateway.clock import NS_PER_S
 from gateway.config.sections.common import ClientTls
+from gateway.durations import NS_PER_S
 from gateway.net.tls import WARN_DAYS, ends, stamps
 from gateway.sinks.contract import SettingError
 from gateway.sinks.credentials import client_context

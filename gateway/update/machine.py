@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from gateway import status_file
-from gateway.clock import NS_PER_S, SystemClock
+from gateway.clock import SystemClock
+from gateway.durations import NS_PER_S
 from gateway.errors import GatewayError, LinkError, ProtocolError
 from gateway.files import sync_folder
 from gateway.modbus import client
@@ -108,7 +109,7 @@ class InstallPaths:
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class ProgramResult:
     """What a program has returned and written."""
 
     code: int
@@ -156,7 +157,7 @@ class Machine:
 
     # Programs.
 
-    def command(self, *words: str | Path, user: str = "", timeout_s: float = COMMAND_S) -> Answer:
+    def command(self, *words: str | Path, user: str = "", timeout_s: float = COMMAND_S) -> ProgramResult:
         """Run a program to its end. `user`: as whom, where this process is root. Raises UpdateError where it can't be
         started or does not end in time."""
         name, *rest = map(str, words)
@@ -173,7 +174,7 @@ class Machine:
             raise UpdateError(f"{name}: has not ended within {timeout_s:.0f} s") from error
         except (OSError, LookupError, ValueError) as error:
             raise UpdateError(f"{name}: can't be started: {error}") from error
-        return Answer(done.returncode, done.stdout, done.stderr)
+        return ProgramResult(done.returncode, done.stdout, done.stderr)
 
     def service(self) -> Service:
         answer = self.command("systemctl", "show", UNIT, "-p", "ActiveState", "-p", "MainPID", "-p", "InvocationID")

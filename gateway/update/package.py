@@ -5,7 +5,7 @@ import re
 import stat
 from pathlib import Path
 
-from gateway.update.machine import Answer, Machine, UpdateError
+from gateway.update.machine import Machine, ProgramResult, UpdateError
 from gateway.update.state import Report
 
 NAME = "loading-gateway"
@@ -86,12 +86,12 @@ def _opened(keyring: Path) -> int:
         raise UpdateError(f"{keyring}: {why}") from error
 
 
-def _status_lines(answer: Answer) -> list[tuple[str, str]]:
+def _status_lines(answer: ProgramResult) -> list[tuple[str, str]]:
     lines = [line.removeprefix(_GNUPG) for line in answer.out.splitlines() if line.startswith(_GNUPG)]
     return [(word, rest) for word, _, rest in (line.partition(" ") for line in lines)]
 
 
-def _fault(told: dict[str, str], answer: Answer, package: Path, keyrings: list[Path]) -> str:
+def _fault(told: dict[str, str], answer: ProgramResult, package: Path, keyrings: list[Path]) -> str:
     names = ", ".join(map(str, keyrings))
     if "BADSIG" in told:
         return f"does not fit {package.name}: the file was changed or damaged after it was signed; copy it again"
@@ -119,21 +119,21 @@ def version_of(machine: Machine, package: Path) -> str:
     return version
 
 
-def run_dpkg(machine: Machine) -> Answer:
+def run_dpkg(machine: Machine) -> ProgramResult:
     """Install the copy. The plant's own configuration files stay as they are, without a question."""
     words = ("dpkg", "--force-confdef", "--force-confold", "--install", machine.paths.package)
     return machine.command(*words, timeout_s=INSTALL_S)
 
 
-def configure(machine: Machine) -> Answer:
+def configure(machine: Machine) -> ProgramResult:
     """Complete a package that is unpacked."""
     return machine.command("dpkg", "--configure", NAME, timeout_s=INSTALL_S)
 
 
-def dpkg_fault(answer: Answer) -> str:
+def dpkg_fault(answer: ProgramResult) -> str:
     """dpkg's own error, and what the package's script wrote before it; not the list of packages at its end."""
     own = answer.err.partition("Errors were encountered while processing:")[0]
-    return Answer(answer.code, err=own).last_lines if own.strip() else answer.last_lines
+    return ProgramResult(answer.code, err=own).last_lines if own.strip() else answer.last_lines
 
 
 def is_installed(machine: Machine) -> bool:

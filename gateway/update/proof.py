@@ -12,7 +12,7 @@ _CAMERA_RUNS = frozenset(quality.name.lower() for quality in FRESH_FRAME)
 _RANGER_DEAD = frozenset(quality.name.lower() for quality in DEAD) | {"waiting"}
 
 
-class Verdict(StrEnum):
+class ProofState(StrEnum):
     PENDING = "pending"
     PROVEN = "proven"
     FAILED = "failed"
@@ -72,15 +72,15 @@ class Proof:
     _started: str = ""
     _last: Status | None = None
 
-    def evaluate(self, observation: Observation) -> Verdict:
+    def evaluate(self, observation: Observation) -> ProofState:
         if self._began_s is None:
             self._began_s = observation.t_s
         if self._restarted(observation.service):
             self.failure = "it was started again by itself: its process has ended"
-            return Verdict.FAILED
+            return ProofState.FAILED
         if observation.wrong:
             self.failure = observation.wrong
-            return Verdict.FAILED
+            return ProofState.FAILED
         self.failed_checks = self._failed(observation)
         if observation.status is not None and (self._last is None or observation.status.t_ns != self._last.t_ns):
             self._last = observation.status
@@ -88,11 +88,11 @@ class Proof:
             self._since_s = None
             if observation.t_s - self._began_s >= self.within_s:
                 self.failure = f"not proven within {self.within_s:.0f} s: {'; '.join(self.failed_checks)}"
-                return Verdict.FAILED
-            return Verdict.PENDING
+                return ProofState.FAILED
+            return ProofState.PENDING
         if self._since_s is None:
             self._since_s = observation.t_s
-        return Verdict.PROVEN if observation.t_s - self._since_s >= self.steady_s else Verdict.PENDING
+        return ProofState.PROVEN if observation.t_s - self._since_s >= self.steady_s else ProofState.PENDING
 
     def _restarted(self, service: Service) -> bool:
         if service.invocation in ("", self.invocation):

@@ -13,7 +13,7 @@ from gateway.update import images
 from gateway.update import state as states
 from gateway.update.finish import abandon, clean, content, digest, returned, tidy, undo_files
 from gateway.update.machine import Machine
-from gateway.update.proof import Observation, Proof, Verdict, is_free, phases_in_words
+from gateway.update.proof import Observation, Proof, ProofState, is_free, phases_in_words
 from gateway.update.state import BEFORE_SWITCH, Report, Stage, UpdateState
 
 LOOK_S = 1.0
@@ -22,8 +22,8 @@ AGAIN_S = 0.1
 REMIND_S = 300.0  # between two lines about what it waits for
 FREE_LOOKS = 3  # one after another
 MAX_RESUMED = 1  # a proof that was cut off twice is a failure
-RETURN_S = 120.0  # the old version has so long at least: there is nothing behind it to return to
-RESUMED_S = 600.0  # after a power cut the plant starts, too: the proof may take at least so long
+RETURN_S = 120.0  # the old version has this long at least: there is nothing behind it to return to
+RESUMED_S = 600.0  # after a power cut the plant starts, too: the proof may take at least this long
 
 
 def resume(machine: Machine, report: Report, ready: Callable[[], None] = lambda: None) -> UpdateState | None:
@@ -170,12 +170,12 @@ def _fault(machine: Machine, state: UpdateState, version: str, report: Report) -
     """Why `version` is not proven; empty: it is."""
     proof = Proof(version, state.before, state.invocation, state.within_s, state.steady_s, state.accepted)
     said: list[str] = []
-    while (verdict := proof.evaluate(_observed(machine, state, version))) is Verdict.PENDING:
+    while (verdict := proof.evaluate(_observed(machine, state, version))) is ProofState.PENDING:
         if proof.failed_checks != said:
             said = list(proof.failed_checks)
             report(f"  {'; '.join(said) or 'everything is there again'}")
         machine.sleep(LOOK_S)
-    return proof.failure if verdict is Verdict.FAILED else ""
+    return proof.failure if verdict is ProofState.FAILED else ""
 
 
 def _observed(machine: Machine, state: UpdateState, version: str) -> Observation:

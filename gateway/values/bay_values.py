@@ -22,9 +22,9 @@ from gateway.core.state import (
     StateVector,
     VisitPhase,
 )
+from gateway.durations import NS_PER_MS
 from gateway.values.value import Value, by_name
 
-NS_PER_MS = 1_000_000
 Part = TypeVar("Part")
 Read = Callable[[StateVector], Any]
 TEXTS: dict[type[Enum], Any] = {Reason: REASON_MEANING, GuidanceCode: GUIDANCE_MEANING}

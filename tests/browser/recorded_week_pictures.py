@@ -18,7 +18,7 @@ from gateway.sim.render import Painter
 from gateway.sim.world import World
 from tests.unit.web.history import config
 
-AFTER_MS = 60_000  # a picture was taken so long after a truck has arrived
+AFTER_MS = 60_000  # a picture was taken this long after a truck has arrived
 MARKS = (  # share of a visit after which it was, kind, sensor, quality, detail
     (3, 0.2, "sensor_fault", "range", "NO_ECHO", "nothing in front of it"),
     (9, 0.5, "sensor_fault", "vision", "LINK_DOWN", "no frame within 1 s"),

@@ -41,7 +41,7 @@ def with_trend(decision: str, why: str = "") -> Callable[[Page], None]:
             page.wait_for_timeout(1500)  # until events and visit are shown, too
             if so():
                 return
-        raise AssertionError(f"{decision}, {why}: never for so long")
+        raise AssertionError(f"{decision}, {why}: never for this time")
 
     return moment
 

@@ -37,7 +37,7 @@ from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.hub import Hub
 from gateway.sinks.mqtt.publisher import MqttPublisher
 from gateway.sinks.outbox.durable import DurableOutbox
-from gateway.sinks.outbox.outbox import Entry, Limits, Outbox
+from gateway.sinks.outbox.outbox import Outbox, OutboxEntry, OutboxLimits
 from gateway.supervisor import Supervisor, Task
 from tests.e2e.brokers import Mosquitto
 from tests.e2e.mqtt_packets import Stream
@@ -57,7 +57,7 @@ ROOT = Path(__file__).resolve().parents[2]
 class ReportingOutbox(DurableOutbox):
     """Tells of an entry once it has been taken, in one write that the system keeps whole."""
 
-    def put(self, entry: Entry) -> None:
+    def put(self, entry: OutboxEntry) -> None:
         super().put(entry)
         os.write(1, f"{entry.id} {entry.topic.split('/')[2]} {int(entry.drop_last)}\n".encode())
 
@@ -69,7 +69,7 @@ async def child(deliver_of: SinkOf, name: str, file: str, per_s: float) -> None:
     clock, hub, reconnect = SystemClock(), Hub(BAYS), Reconnect(min_s=0.02, max_s=0.1)
     plain = FusionConfig(decision="plain")  # a stop at every step
     whole = GatewayConfig(bays=tuple(BayConfig(name=bay, unit_id=n + 1, fusion=plain) for n, bay in enumerate(BAYS)))
-    with ReportingOutbox(name, Path(file), Limits(100_000)) as outbox:
+    with ReportingOutbox(name, Path(file), OutboxLimits(100_000)) as outbox:
         deliver = deliver_of(hub, clock, outbox, reconnect)
         controls = [BayControl(bay, hub, clock, (), whole) for bay in whole.bays]
 
@@ -170,7 +170,7 @@ class RecordingSubscriber:
         self._client.on_disconnect = lambda *_: self._next_host()
         self._client.on_subscribe = lambda *_: self.connected.set()
         self._client.on_message = self._on_message
-        self._client.reconnect_delay_set(0.02, 0.05)  # type: ignore[arg-type]  # it only sleeps so long
+        self._client.reconnect_delay_set(0.02, 0.05)  # type: ignore[arg-type]  # it only sleeps this long
         self._next_host()
         self._client.loop_start()
 

@@ -3,9 +3,10 @@
 import asyncio
 from collections.abc import Callable
 
-from gateway.clock import NS_PER_S, SystemClock
+from gateway.clock import SystemClock
 from gateway.config import CameraConfig, ControlsConfig, VisionConfig
 from gateway.core.readings import VisionReading
+from gateway.durations import NS_PER_S
 from gateway.sim.camera import SimCameraSpec
 from gateway.sim.scenario import parse
 from gateway.vision.process.service import VisionService

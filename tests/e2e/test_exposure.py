@@ -4,9 +4,10 @@ import asyncio
 
 import pytest
 
-from gateway.clock import NS_PER_S, SystemClock
+from gateway.clock import SystemClock
 from gateway.config import CameraConfig, VisionConfig
 from gateway.core.readings import CameraExposure, ExposureState, VisionReading
+from gateway.durations import NS_PER_S
 from gateway.sim.camera import SimCameraSpec
 from gateway.sim.scenario import parse
 from gateway.vision.process.service import VisionService

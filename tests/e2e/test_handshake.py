@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from gateway.core.events import EventKind
-from gateway.core.plc import Control, Outcome, RecipeVerdict, ResetVerdict
+from gateway.core.plc import Control, RecipeVerdict, ResetVerdict, TriggerOutcome
 from gateway.core.state import GuidanceCode, Reason
 from gateway.modbus.registers.handshake import HANDSHAKE_STATUS
 from tests.e2e.brokers import Mosquitto, Subscriber
@@ -89,7 +89,7 @@ def test_a_real_gateway(plant: Plant, tmp_path: Path) -> None:
             plc.control = 1 << Control.TRIGGER
             held = plc.wait_for(lambda image: bit(image, "results_valid"))
             assert (held["acquisition_id"], held["result_id"]) == (1, 1)
-            assert held["result_outcome"] == Outcome.NOT_IN_PLACE
+            assert held["result_outcome"] == TriggerOutcome.NOT_IN_PLACE
             assert 550 < held["result_distance"] < 650
             # Its program stops, its communication does not.
             plc.stand_still()
@@ -160,7 +160,7 @@ def test_neither_reset_nor_recipe_ends_a_stop(plant: Plant) -> None:
             for number in (1, 2):
                 held = pulse(Control.TRIGGER, lambda image: bit(image, "results_valid"))
                 assert (held["acquisition_id"], held["result_id"]) == (number, number)
-                assert (held["result_outcome"], held["result_distance"]) == (Outcome.IN_PLACE, 250)
+                assert (held["result_outcome"], held["result_distance"]) == (TriggerOutcome.IN_PLACE, 250)
                 pulse(Control.RESULTS_ACK, lambda image: not bit(image, "results_valid"))
             plc.control = 0
             plc.wait_for(lambda image: bit(image, "trigger_ready"))

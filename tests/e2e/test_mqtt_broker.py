@@ -26,7 +26,7 @@ from gateway.core.events import EventKind
 from gateway.core.state import Reason
 from gateway.errors import LinkError
 from gateway.sinks.mqtt import broker_link
-from gateway.sinks.mqtt.topics import Message
+from gateway.sinks.mqtt.topics import MqttMessage
 from tests.e2e.brokers import Mosquitto, Received, Subscriber, program
 from tests.e2e.mqtt_plant import Plant
 from tests.mqtt_endpoints import at
@@ -299,7 +299,7 @@ def test_a_cancelled_delivery_makes_the_broker_say_offline(mosquitto: Mosquitto)
 
 @contextlib.asynccontextmanager
 async def linked(url: str) -> AsyncIterator[broker_link.BrokerLink]:
-    will = Message("w", b"", retain=False)
+    will = MqttMessage("w", b"", retain=False)
     async with broker_link.connect(at(url), client_id="c", will=will, keepalive_s=5, acknowledge_s=5, tls=None) as live:
         yield live
 
@@ -314,7 +314,7 @@ def watched() -> int:
 def test_a_cancellation_that_comes_with_the_acknowledgement_is_not_lost(mosquitto: Mosquitto) -> None:
     async def scenario() -> None:
         async with linked(mosquitto.url) as live:
-            task = asyncio.get_running_loop().create_task(live.publish(Message("t", b"x", retain=False)))
+            task = asyncio.get_running_loop().create_task(live.publish(MqttMessage("t", b"x", retain=False)))
             paho = live._client._client
             told = paho.on_publish
             assert told is not None
@@ -350,7 +350,7 @@ def test_a_socket_that_closes_under_a_message_leaves_nothing_in_the_loop(mosquit
                 paho = live._client._client
                 paho.publish("t", b"x", 1)
                 paho._sock_close()  # as the library does when it reads the end, in the same step of the loop
-                await live.publish(Message("t", b"x", retain=False))
+                await live.publish(MqttMessage("t", b"x", retain=False))
         await asyncio.sleep(0)
         await asyncio.sleep(0)
         assert watched() == 0

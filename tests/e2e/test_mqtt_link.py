@@ -7,7 +7,7 @@ import pytest
 
 from gateway import event_loop
 from gateway.sinks.mqtt.broker_link import MAX_IN_FLIGHT, connect
-from gateway.sinks.mqtt.topics import Message
+from gateway.sinks.mqtt.topics import MqttMessage
 from tests.mqtt_endpoints import at
 
 PUBLISH, DISCONNECT = 3, 14
@@ -62,7 +62,7 @@ def test_never_more_messages_are_on_their_way_than_the_broker_receive_maximum(re
             connect(
                 at(f"mqtt://127.0.0.1:{port}"),
                 client_id="gateway",
-                will=Message("will", b"", retain=False),
+                will=MqttMessage("will", b"", retain=False),
                 keepalive_s=30,
                 acknowledge_s=30,
                 tls=None,
@@ -71,7 +71,7 @@ def test_never_more_messages_are_on_their_way_than_the_broker_receive_maximum(re
             asyncio.TaskGroup() as group,
         ):
             for _ in range(20):
-                group.create_task(link.publish(Message("t", b"", retain=False)))
+                group.create_task(link.publish(MqttMessage("t", b"", retain=False)))
 
     event_loop.run(scenario())
     assert broker.taken == 20

@@ -13,7 +13,7 @@ from gateway.config import parse
 from gateway.core import interlock
 from gateway.core.fusion import Observation
 from gateway.core.interlock import Rules
-from gateway.core.plc import Outcome, PlcWrite, Writer
+from gateway.core.plc import PlcWrite, TriggerOutcome, Writer
 from gateway.core.readings import Quality
 from gateway.core.shown import shown
 from gateway.core.state import GuidanceCode, Tick
@@ -177,7 +177,7 @@ def test_each_trigger_brings_its_own_result(loop: Loop) -> None:
     loop.put(Trigger=True)
     loop.play(FAR, until=lambda: bool(loop.block["ResultReady"]))
     data = loop.block["Data"]
-    assert (data["result_outcome"], data["result_distance"], data["result_id"]) == (Outcome.NOT_IN_PLACE, 900, 1)
+    assert (data["result_outcome"], data["result_distance"], data["result_id"]) == (TriggerOutcome.NOT_IN_PLACE, 900, 1)
     loop.play(DRIVING)
     assert loop.block["ResultReady"]
     assert loop.block["Data"]["result_distance"] == 900  # held, though the truck has moved
@@ -192,7 +192,7 @@ def test_each_trigger_brings_its_own_result(loop: Loop) -> None:
         return bool(results) and bool(loop.block["TriggerReady"])
 
     loop.play(STANDING, until=read)
-    assert set(results) == {(Outcome.IN_PLACE, 2)}
+    assert set(results) == {(TriggerOutcome.IN_PLACE, 2)}
     assert loop.block["TriggerFailed"] is False
     edges = [now for before, now in zip(loop.written, loop.written[1:], strict=False) if now & ~before & 24]
     assert edges == [8, 16, 8, 16]  # asked once, acknowledged once, for each

@@ -31,7 +31,7 @@ from gateway.files import write_file
 from gateway.hub import Hub
 from gateway.records.service import folder_of as recordings_of
 from gateway.sinks.outbox.durable import opened_outbox
-from gateway.sinks.outbox.outbox import Entry
+from gateway.sinks.outbox.outbox import OutboxEntry
 from gateway.supervisor import Supervisor, Task
 from tests.virtual_time import LoopClock, run
 
@@ -381,7 +381,7 @@ class TestFile:
         monkeypatch.setattr(Path, "home", lambda: Path("/nonexistent"))
         monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
         with opened_outbox(MqttConfig(url="mqtt://x"), f"test-{os.getpid()}", "outbox.sqlite") as outbox:
-            outbox.put(Entry("1", "topic", b"payload", drop_last=False))
+            outbox.put(OutboxEntry("1", "topic", b"payload", drop_last=False))
         assert (tmp_path / "outbox.sqlite").stat().st_size > 0
 
     def test_the_old_file_or_the_new_one_and_never_a_part(

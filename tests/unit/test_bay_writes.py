@@ -8,7 +8,7 @@ from gateway.bay import BayControl
 from gateway.config import parse
 from gateway.core.detection import Circle
 from gateway.core.events import Event, EventKind
-from gateway.core.plc import Change, Control, PlcConnection, PlcLink, PlcWrite, Writer, WriteVerdict
+from gateway.core.plc import Control, PlcConnection, PlcLink, PlcWrite, RegisterChange, Writer, WriteVerdict
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import FunctionCheck, Reason, StateVector, Tick
 from gateway.hub import EventQueue, Hub
@@ -50,7 +50,7 @@ def test_who_wrote_what() -> None:
     bench = Bench()
     bench.bay.on_write(PlcWrite(WHO, 1, 3, 0))
     first, second = bench.events.drain()
-    assert (first.kind, first.writer, first.change) == (EventKind.PLC_WRITE, WHO, Change("plc_control", 0, 3))
+    assert (first.kind, first.writer, first.change) == (EventKind.PLC_WRITE, WHO, RegisterChange("plc_control", 0, 3))
     assert first.detail == "10.0.0.9 (plc1, role operator): plc_control 0 -> 3"
     assert (second.kind, second.detail) == (EventKind.PLC_RETURNED, "plc_heartbeat is 1")
 

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.clock import NS_PER_MS, NS_PER_S, SystemClock, machine_ns, suspended_ns
+from gateway.clock import SystemClock, machine_ns, suspended_ns
+from gateway.durations import NS_PER_MS, NS_PER_S
 from gateway.processes.codec import record_of, record_packed
 from tests import virtual_time
 

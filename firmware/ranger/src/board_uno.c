@@ -18,7 +18,7 @@
 /* -- why we are here ------------------------------------------------------------------------------------------- */
 
 #define ALIVE_MARK 0x52414E47ul
-#define STALL_OVERFLOWS 6u /* of Timer1, 33 ms each: only a watchdog lets the firmware be unfed for so long */
+#define STALL_OVERFLOWS 6u /* of Timer1, 33 ms each: only a watchdog lets the firmware be unfed for this time */
 
 static uint8_t saved_mcusr __attribute__((section(".noinit")));
 static uint32_t alive_mark __attribute__((section(".noinit")));

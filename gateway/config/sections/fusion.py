@@ -16,7 +16,7 @@ class CrossCheck(Section):
     camera_offset_mm: float = Field(0.0, ge=-5000, le=5000, description="camera behind the ranger (+) or before it (-)")
     tolerance_mm: float = Field(50.0, ge=1, le=5000, description="largest difference taken for agreement")
     tolerance_share: float = Field(0.1, ge=0, le=1, description="added to it, as a share of the ranger's Z")
-    lasting_s: float = Field(1.0, ge=0, le=60, description="a disagreement must last so long to be a fault")
+    lasting_s: float = Field(1.0, ge=0, le=60, description="a disagreement must last for this time to be a fault")
 
 
 class FusionConfig(Section):
@@ -47,10 +47,10 @@ class FusionConfig(Section):
     )
     away_mm: float = Field(15.0, ge=0, le=1000, description="held: and Z larger by this; only then D = 1 ends")
     clear_hold_s: float = Field(
-        0.3, ge=0, le=60, description="held: every cause of a stop must have ended for so long before stop ends"
+        0.3, ge=0, le=60, description="held: every cause of a stop must have ended for this time before stop ends"
     )
     recovery_s: float = Field(
-        1.0, ge=0, le=60, description="a sensor that was dead must be good for so long before its values count again"
+        1.0, ge=0, le=60, description="a sensor that was dead must be good for this time before its values count again"
     )
     scale_tolerance: float = Field(
         0.35,
@@ -59,13 +59,15 @@ class FusionConfig(Section):
         description="R x Z of one marker and lens is constant: a larger relative change is a contradiction, and a disc "
         "that differs still more is no marker; 0: not checked; only with decision = held and without cross_check",
     )
-    scale_lasting_s: float = Field(0.3, ge=0, le=60, description="such a change must last so long to be a fault")
+    scale_lasting_s: float = Field(0.3, ge=0, le=60, description="such a change must last for this time to be a fault")
     arrive_by_camera: bool = Field(
         True,
         description="a truck beyond the ranger's range may move, if R alone shows that it is; false: it waits",
     )
-    raise_debounce_s: float = Field(0.0, ge=0, le=5, description="D must be 1 for so long before stop: it delays stop")
-    clear_debounce_s: float = Field(0.0, ge=0, le=60, description="D must be 0 for so long before a stop by D ends")
+    raise_debounce_s: float = Field(
+        0.0, ge=0, le=5, description="D must be 1 for this time before stop: it delays stop"
+    )
+    clear_debounce_s: float = Field(0.0, ge=0, le=60, description="D must be 0 for this time before a stop by D ends")
     latch_stop: bool = Field(
         False, description="a stop by D stays until a reset, a release, or the truck has left; on at every start"
     )
@@ -73,7 +75,7 @@ class FusionConfig(Section):
         5.0,
         ge=0,
         le=600,
-        description="no marker, and nothing within visit.leave_distance_mm, for so long: the latch ends; 0: never",
+        description="no marker, and nothing within visit.leave_distance_mm, for this time: the latch ends; 0: never",
     )
     cross_check: CrossCheck | None = Field(None, description="absent: R x Z is compared with itself (scale_tolerance)")
 
@@ -89,7 +91,7 @@ class VisitConfig(Section):
     """A truck's visit after D = 1: in place, held while the marker is covered, moved, gone (docs/visit.md)."""
 
     settle_s: float = Field(
-        1.0, ge=0.1, le=60, description="in_place needs D = 1 and a standing truck (guidance.still_mm_s) for so long"
+        1.0, ge=0.1, le=60, description="in_place needs D = 1 and a standing truck (guidance.still_mm_s) for this time"
     )
     band_mm: float = Field(
         40.0, ge=5, le=1000, description="a Z that differs more from its value when in place began: moved"
@@ -107,15 +109,20 @@ class VisitConfig(Section):
         description="in place, an R that differs by so much of itself, or a centre by twice as much: it rolls",
     )
     hold_limit_s: float = Field(
-        1800.0, ge=0, le=86_400, description="in_place is held by the ranger alone for so long at most; 0: never"
+        1800.0, ge=0, le=86_400, description="in_place is held by the ranger alone for this time at most; 0: never"
     )
     hold_grace_s: float = Field(
-        0.5, ge=0, le=5, description="a contradiction, or a live ranger without a distance, ends in_place after so long"
+        0.5,
+        ge=0,
+        le=5,
+        description="a contradiction, or a live ranger without a distance, ends in_place after this time",
     )
     leave_distance_mm: float | None = Field(
         None, ge=100, le=4000, description="a truck farther away than this has left; default: 700 mm beyond Z_th"
     )
-    leave_s: float = Field(2.0, ge=0.1, le=600, description="the bay must be clear for so long before a visit is over")
+    leave_s: float = Field(
+        2.0, ge=0.1, le=600, description="the bay must be clear for this time before a visit is over"
+    )
 
 
 class GuidanceConfig(Section):

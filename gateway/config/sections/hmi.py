@@ -95,8 +95,8 @@ class HmiConfig(Section):
         description="technicians may change every key of this file and restart the gateway on the page /setup; false: "
         "only who may write the file (docs/technician.md#change-any-other-setting)",
     )
-    session_hours: float = Field(12.0, ge=0.1, le=168, description="a login ends after so long in any case")
-    session_idle_minutes: float = Field(60.0, ge=1, le=10_080, description="and after so long without an open page")
+    session_hours: float = Field(12.0, ge=0.1, le=168, description="a login ends after this time in any case")
+    session_idle_minutes: float = Field(60.0, ge=1, le=10_080, description="and after this time without an open page")
     max_viewers: int = Field(64, ge=1, le=1000, description="live pages at the same time")
     viewers_per_address: int = Field(
         16, ge=1, le=1000, description="of max_viewers, for one address; more where all connect through one proxy"

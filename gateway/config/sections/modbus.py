@@ -29,7 +29,7 @@ class HandshakeConfig(Section):
     spout_up_required: bool = Field(
         False, description="a release needs the PLC's spout_up bit, and ends when that goes off at the mark"
     )
-    trigger_timeout_s: float = Field(1.0, ge=0.05, le=60, description="a triggered measurement may take so long")
+    trigger_timeout_s: float = Field(1.0, ge=0.05, le=60, description="a triggered measurement may take this long")
 
     @model_validator(mode="after")
     def _watched(self) -> Self:
@@ -49,7 +49,7 @@ class TlsConfig(Section):
     crl: str | None = Field(None, min_length=1, description="PEM file: certificates that were taken back")
     read_roles: tuple[str, ...] = Field(("viewer",), description="roles that may read")
     write_roles: tuple[str, ...] = Field(("operator",), description="roles that may read and write")
-    handshake_deadline_s: float = Field(5.0, ge=0.5, le=60, description="a TLS handshake may take so long")
+    handshake_deadline_s: float = Field(5.0, ge=0.5, le=60, description="a TLS handshake may take this long")
     handshakes_per_address: int = Field(
         8,
         ge=1,
@@ -77,10 +77,10 @@ class ModbusConfig(Section):
         (), max_length=256, description="addresses or networks that may connect; plc_addresses always may; empty: all"
     )
     idle_timeout_s: float = Field(
-        120.0, ge=1, le=86_400, description="without a request for so long: closed; not one of plc_addresses"
+        120.0, ge=1, le=86_400, description="without a request for this time: closed; not one of plc_addresses"
     )
     frame_timeout_s: float = Field(2.0, ge=0.1, le=60, description="a request begun must be complete within this")
-    send_timeout_s: float = Field(5.0, ge=0.1, le=60, description="answers not taken for so long: closed")
+    send_timeout_s: float = Field(5.0, ge=0.1, le=60, description="answers not taken for this time: closed")
     keepalive_s: int = Field(10, ge=1, le=3600, description="a peer that vanished is noticed after about twice this")
     writes: bool = Field(
         False,

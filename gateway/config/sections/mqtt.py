@@ -71,14 +71,14 @@ class MqttConfig(Section):
     )
     protocol: Literal["auto", "5", "3.1.1"] = Field("auto", description="auto: MQTT 5, and 3.1.1 where 5 is refused")
     event_expiry_h: float = Field(
-        168.0, ge=0.01, le=87600, description="MQTT 5: the broker drops an event not fetched for so long"
+        168.0, ge=0.01, le=87600, description="MQTT 5: the broker drops an event not fetched for this time"
     )
     unsubscribed_h: float = Field(
         24.0,
         ge=0,
         le=87600,
-        description="MQTT 5: an event that nobody had subscribed to is kept, and sent again, for so long; 0: it counts "
-        "as delivered",
+        description="MQTT 5: an event that nobody had subscribed to is kept, and sent again, for this time; 0: it "
+        "counts as delivered",
     )
     plain_topics: bool = Field(
         True, description="publish the JSON topics of docs/mqtt.md; false: Sparkplug alone, which must be configured"

@@ -23,8 +23,8 @@ class RecordsConfig(Section):
         730,
         ge=0,
         le=36_500,
-        description="visits and the figures of each minute are kept so long, also when their records are deleted, in "
-        "a tenth of max_mb at most; 0: only that counts",
+        description="visits and the figures of each minute are kept for this time, also when their records are "
+        "deleted, in a tenth of max_mb at most; 0: only that counts",
     )
     min_free_percent: float = Field(
         10,
@@ -48,5 +48,5 @@ class RecordsConfig(Section):
         500, ge=1, le=1_000_000, description="for each bay; when it is used up, one picture a time, then none"
     )
     picture_hz: float = Field(2.0, ge=0.2, le=30, description="pictures a second")
-    picture_before_s: float = Field(3.0, ge=0, le=30, description="pictures from so long before; they wait in memory")
-    picture_after_s: float = Field(2.0, ge=0, le=60, description="to so long after")
+    picture_before_s: float = Field(3.0, ge=0, le=30, description="pictures from this time before; they wait in memory")
+    picture_after_s: float = Field(2.0, ge=0, le=60, description="to this time after")

@@ -90,10 +90,12 @@ class PictureConfig(Section):
     )
     shift_max_px: float = Field(8.0, ge=0, le=1000, description="how far the fixed background may move; 0: off")
     blind_s: float = Field(
-        5.0, ge=1, le=3600, description="dark, over-exposed or flat for so long: a fault, and cleared likewise"
+        5.0, ge=1, le=3600, description="dark, over-exposed or flat for this time: a fault, and cleared likewise"
     )
     lasting_s: float = Field(60.0, ge=1, le=3600, description="the same for blurred and shifted")
-    dusty_s: float = Field(900.0, ge=1, le=86_400, description="the same for dusty; a cloud while loading is none")
+    dusty_s: float = Field(
+        900.0, ge=1, le=86_400, description="the same for dusty; a cloud while loading is not counted"
+    )
 
 
 class RawConfig(Section):
@@ -165,12 +167,12 @@ class CameraConfig(Section):
         False,
         description="files: begin again at the end; default: the end is a lost source until the gateway starts again",
     )
-    deadline_s: float = Field(1.0, ge=0.05, le=60, description="no frame for so long: the source has stalled")
+    deadline_s: float = Field(1.0, ge=0.05, le=60, description="no frame for this time: the source has stalled")
     frozen_s: float = Field(
         2.0,
         ge=0,
         le=60,
-        description="cameras and streams: a picture that repeats itself for so long is a lost source; "
+        description="cameras and streams: a picture that repeats itself for this time is a lost source; "
         "until then it only ages; "
         "0: equal pictures are not checked for",
     )
@@ -197,7 +199,7 @@ class CameraConfig(Section):
         description="/dev/video*: what the driver's least and greatest gain amount to, dB, from the data sheet or "
         "measured; default: the gain is not controlled",
     )
-    open_deadline_s: float = Field(10.0, ge=0.5, le=120, description="opening a source may take so long")
+    open_deadline_s: float = Field(10.0, ge=0.5, le=120, description="opening a source may take this long")
     max_megapixels: float = Field(25.0, ge=0.01, le=100, description="a larger frame is refused")
     confined: bool = Field(
         True,
@@ -269,7 +271,7 @@ class VisionConfig(Section):
         0.3,
         ge=0,
         le=10,
-        description="a followed marker that is not seen is predicted for so long, then lost; stop is on",
+        description="a followed marker that is not seen is predicted for this time, then lost; stop is on",
     )
     gaussian_kernel_px: int = Field(5, ge=1, le=31, description="paper: side of the Gaussian kernel, odd; 1: off")
     gaussian_sigma_px: float = Field(0.0, ge=0, le=20, description="paper: 0: derived from the kernel, as OpenCV does")
@@ -304,7 +306,9 @@ class VisionConfig(Section):
     intrinsics: Intrinsics | None = Field(None, description="for equation 11")
     workers: int = Field(1, ge=1, le=16, description="threads that OpenCV may use in the bay's vision process")
     affinity: Cpus | None = Field(None, description="CPUs the vision process may use")
-    deadline_s: float = Field(2.0, ge=0.01, le=60, description="a frame may take so long, then the process is replaced")
+    deadline_s: float = Field(
+        2.0, ge=0.01, le=60, description="a frame may take this long, then the process is replaced"
+    )
 
     @field_validator("gaussian_kernel_px", "morph_kernel_px")
     @classmethod

@@ -32,7 +32,7 @@ class FieldError(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
+class ConfigFault:
     """One fault of a file; as text its line of an error. `where`: the file's name, or the command line; `line` is
     1-based, None: not known. `place`: where it is written. `message`: what is wrong and what is allowed."""
 
@@ -50,7 +50,7 @@ class Fault:
 class FaultsError(ConfigError):
     """All faults that were found in a file, one line each."""
 
-    def __init__(self, faults: Sequence[Fault]) -> None:
+    def __init__(self, faults: Sequence[ConfigFault]) -> None:
         super().__init__("\n".join(map(str, faults)))
         self.faults = tuple(faults)
 
@@ -64,14 +64,14 @@ def explain(
 
 def faults_of(
     error: ValidationError, *, source: str, text: str, model: type[BaseModel], shared: tuple[str, ...] = ()
-) -> list[Fault]:
+) -> list[ConfigFault]:
     """The faults in the terms of the file rather than of the checker.
 
     `model` is what was checked; `shared` are sections at the top of the file, which hold for every bay.
     """
     document = tomllib.loads(text)
     faults = error.errors()
-    found: list[Fault] = []
+    found: list[ConfigFault] = []
     for fault in faults:
         place, value = fault["loc"], fault["input"]
         message = _MESSAGES.get(fault["type"], fault["msg"].removeprefix("Value error, "))
@@ -90,7 +90,7 @@ def faults_of(
             where, number = (source, number) if same else ("command line", None)  # merged over the file
         key = ".".join(str(part) for part in path)
         shown = "" if _is_table(value) else f" = {'***' if is_secret(key) else _shown(value)}"
-        one = Fault(where, number, path, shown, f"{message}{_allowed(place, model, shared)}")
+        one = ConfigFault(where, number, path, shown, f"{message}{_allowed(place, model, shared)}")
         if one not in found:  # a fault in a shared section shows up once per bay
             found.append(one)
     return found
@@ -98,13 +98,13 @@ def faults_of(
 
 def located(
     place: tuple[str | int, ...], message: str, *, source: str, text: str, shared: tuple[str, ...] = ()
-) -> Fault:
+) -> ConfigFault:
     """The same for a fault that a part of the gateway, and not the checker, found in the value at `place`."""
     document = tomllib.loads(text)
     path = _written_at(document, place, shared)
     if _follow(document, path)[0] < len(path):
-        return Fault("command line", None, tuple(part for part in place if part != "bays"), "", message)
-    return Fault(source, line_of(text, path), path, "", message)
+        return ConfigFault("command line", None, tuple(part for part in place if part != "bays"), "", message)
+    return ConfigFault(source, line_of(text, path), path, "", message)
 
 
 def _follow(tree: Any, place: Sequence[str | int]) -> tuple[int, object]:

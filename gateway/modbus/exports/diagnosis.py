@@ -42,7 +42,7 @@ class Diagnosis(IntEnum):
     NO_ECHO = 14
 
 
-class Needs(Enum):
+class NeededOutput(Enum):
     """Which output needs a check to pass; the value is what makes the check count, in the common language."""
 
     BOTH = ""
@@ -63,7 +63,7 @@ class Check:
     fails: str
     meaning: str
     action: str
-    needs: Needs = Needs.BOTH
+    needs: NeededOutput = NeededOutput.BOTH
 
     @property
     def condition(self) -> str:
@@ -189,14 +189,14 @@ VALUES: tuple[Check, ...] = (
         "#Raw.stop <> 0",
         "stop is on, and the truck is not in place",
         "the cause is in register reason",
-        Needs.MAY_MOVE,
+        NeededOutput.MAY_MOVE,
     ),
     Check(
         Diagnosis.VISION,
         f"(#Raw.vision_quality <> 0) AND ({NOT_RELEASED_COVERED})",
         "the camera's measurement is not good (of a released truck the marker may be covered)",
         "the cause is in register vision_quality",
-        Needs.MAY_MOVE,
+        NeededOutput.MAY_MOVE,
     ),
     Check(
         Diagnosis.RANGER,
@@ -209,14 +209,14 @@ VALUES: tuple[Check, ...] = (
         "#Raw.may_move <> 1",
         "the truck may not move, and it is not in place",
         "a function check (ne107_active), or a bit of plc_control that is required; with fail_safe off a fault",
-        Needs.MAY_MOVE,
+        NeededOutput.MAY_MOVE,
     ),
     Check(
         Diagnosis.CAMERA,
         _none_of("vision_quality", FRESH_FRAME),
         "in_place without a live camera; a covered marker (no_target, coasted) does not count",
         "the cause is in register vision_quality",
-        Needs.IN_PLACE,
+        NeededOutput.IN_PLACE,
     ),
 )
 

@@ -21,7 +21,7 @@ MAX_FRAME_BYTES = HEADER_BYTES + MAX_PDU_BYTES  # 260
 MIN_LENGTH, MAX_LENGTH = 2, 1 + MAX_PDU_BYTES  # of the length field: at least a unit id and a function code
 
 
-class Fault(Enum):
+class FrameFault(Enum):
     """Why a frame has no PDU."""
 
     BAD_PROTOCOL = "another protocol id than 0"
@@ -68,7 +68,7 @@ class Framer:
         self._bytes = self._bytes[self._at :] + data
         self._at = 0
 
-    def next(self) -> bytes | Fault | None:
+    def next(self) -> bytes | FrameFault | None:
         """The next complete frame with its header, or its fault; None: it is not complete yet.
 
         After BAD_LENGTH all bytes are dropped, and the connection must end.
@@ -78,12 +78,12 @@ class Framer:
         protocol, length = _PROTOCOL_AND_LENGTH.unpack_from(self._bytes, self._at + 2)
         if not MIN_LENGTH <= length <= MAX_LENGTH:
             self._bytes, self._at = b"", 0
-            return Fault.BAD_LENGTH
+            return FrameFault.BAD_LENGTH
         end = self._at + 6 + length
         if len(self._bytes) < end:
             return None
         frame, self._at = self._bytes[self._at : end], end
-        return Fault.BAD_PROTOCOL if protocol != 0 else frame
+        return FrameFault.BAD_PROTOCOL if protocol != 0 else frame
 
     @property
     def complete(self) -> bool:

@@ -78,7 +78,7 @@ class Unit:
     words: int | None = None  # of each image; None: it must be read to know
 
 
-class RefusedError(Exception):
+class ExceptionResponseError(Exception):
     """Carries the exception code of a request that is not granted from where it is found out to `answer`."""
 
     def __init__(self, code: ModbusException) -> None:
@@ -96,9 +96,9 @@ def answer(unit: Unit, pdu: bytes, peer: Peer) -> bytes:
         if function is None or peer.access < function.access or (function.writes and unit.write is None):
             if function is not None and function.writes:
                 unit.refused(peer, "writes are off" if unit.write is None else MAY_NOT_WRITE)
-            raise RefusedError(ModbusException.ILLEGAL_FUNCTION)
+            raise ExceptionResponseError(ModbusException.ILLEGAL_FUNCTION)
         return function.work(unit, pdu, peer)
-    except RefusedError as refused:
+    except ExceptionResponseError as refused:
         return exception(pdu[0], refused.code)
 
 
@@ -178,7 +178,7 @@ def _encapsulated(unit: Unit, pdu: bytes, _: Peer) -> bytes:
     _check(len(pdu) == 4, ModbusException.ILLEGAL_VALUE)
     found = identity.answer(unit.identity, pdu[2], pdu[3])
     if isinstance(found, ModbusException):
-        raise RefusedError(found)
+        raise ExceptionResponseError(found)
     return pdu[:2] + found
 
 
@@ -217,7 +217,7 @@ FUNCTIONS: dict[int, Function] = {
 
 def _check(valid: bool, otherwise: ModbusException) -> None:
     if not valid:
-        raise RefusedError(otherwise)
+        raise ExceptionResponseError(otherwise)
 
 
 def _fields(layout: str, pdu: bytes) -> tuple[int, ...]:
@@ -251,7 +251,7 @@ def _write_bits(unit: Unit, address: int, count: int, bits: int, peer: Peer) -> 
     found = masked(address, count, bits)
     if found is None:
         unit.refused(peer, f"coils {address} to {address + count - 1} are not of one register")
-        raise RefusedError(ModbusException.ILLEGAL_ADDRESS)
+        raise ExceptionResponseError(ModbusException.ILLEGAL_ADDRESS)
     register, word, mask = found
     _write(unit, register, (word,), peer, mask)
 
@@ -260,4 +260,4 @@ def _write(unit: Unit, address: int, words: Sequence[int], peer: Peer, mask: int
     assert unit.write is not None  # `answer` has checked it
     _check(address + len(words) <= _size(unit), ModbusException.ILLEGAL_ADDRESS)
     if (refusal := unit.write(address, words, peer, mask)) is not None:
-        raise RefusedError(refusal)
+        raise ExceptionResponseError(refusal)

@@ -10,6 +10,7 @@ from gateway.core.plc import (
     TriggerPhase,
 )
 from gateway.core.state import StateVector
+from gateway.durations import NS_PER_MS
 from gateway.modbus.registers.register import (
     MEASURED_INT16,
     MEASURED_UINT16,
@@ -21,8 +22,6 @@ from gateway.modbus.registers.register import (
     part,
     shown,
 )
-
-NS_PER_MS = 1_000_000
 
 
 def _used(state: StateVector) -> bool:

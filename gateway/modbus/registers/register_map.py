@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from gateway.core.detection import TRACKING_MEANING
 from gateway.core.readings import QUALITY_MEANING, RANGE_FINE, VISION_FINE, Quality
 from gateway.core.state import REASON_MEANING, Reason, StateVector
+from gateway.durations import NS_PER_MS
 from gateway.errors import ProtocolError
 from gateway.modbus.registers.bay_identity import NO_BAY, BayIdentity
 from gateway.modbus.registers.handshake import HANDSHAKE
@@ -44,7 +45,6 @@ BLOCK_WORDS = 110  # a request takes 125 at most, some clients 120
 KNOWN_UINT32 = 0x12345678  # 305419896; four different bytes, so every wrong order reads as another number
 _KNOWN_WORDS = (KNOWN_UINT32 >> 16, KNOWN_UINT32 & 0xFFFF)
 KNOWN_FLOAT32 = 123456.0  # 0x47F12000
-NS_PER_MS = 1_000_000
 
 Image = tuple[int, ...]
 

@@ -9,7 +9,7 @@ import asyncio
 from collections.abc import Callable
 from typing import Protocol, cast
 
-from gateway.modbus.protocol.adu import Fault, Framer
+from gateway.modbus.protocol.adu import FrameFault, Framer
 from gateway.modbus.protocol.answers import Access, Peer
 from gateway.modbus.protocol.request_handler import READ_FRAME_BYTES, READ_FRAME_HEAD, RequestHandler
 from gateway.modbus.server.limits import ConnectionInfo, Refusal
@@ -24,16 +24,16 @@ class ConnectionOwner(Protocol):
     request_handler: RequestHandler
     peer_of: Callable[[asyncio.Transport], Peer | None]
 
-    def admit(self, connection: "Connection") -> bool:
+    def admit(self, connection: "ModbusConnection") -> bool:
         """A new one. False: it was refused, counted, and must be aborted."""
 
     def opened(self, transport: asyncio.Transport) -> None: ...
-    def closed(self, transport: asyncio.Transport, connection: "Connection") -> None: ...
+    def closed(self, transport: asyncio.Transport, connection: "ModbusConnection") -> None: ...
     def refused(self, address: str, why: Refusal) -> None:
         """For the counters and the log."""
 
 
-class Connection(ConnectionInfo, asyncio.Protocol):
+class ModbusConnection(ConnectionInfo, asyncio.Protocol):
     """The data path."""
 
     answered = 0  # requests; the sweep sees by it who is active
@@ -119,7 +119,7 @@ class Connection(ConnectionInfo, asyncio.Protocol):
                 self.half_since_s = None  # an incomplete frame from now on is another one
             if isinstance(frame, bytes):
                 answers.append(self._owner.request_handler.answer(frame, self.peer))
-            elif frame is Fault.BAD_PROTOCOL:
+            elif frame is FrameFault.BAD_PROTOCOL:
                 self._owner.refused(self.address, Refusal.BAD_PROTOCOL)
             else:
                 lost = True

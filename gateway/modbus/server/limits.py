@@ -15,7 +15,7 @@ from ipaddress import IPv4Network, IPv6Network, ip_address, ip_network
 from gateway.config import ModbusConfig
 from gateway.modbus.protocol.answers import Access, Peer, Unit
 
-QUIET_S = 5.0  # a connection outside of plc_addresses without a request for so long is closed for a new one
+QUIET_S = 5.0  # a connection outside of plc_addresses without a request for this time is closed for a new one
 
 
 class Refusal(Enum):
@@ -48,14 +48,14 @@ class ConnectionInfo:
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class ConnectionVerdict:
     """On a new connection. `refusal` None: accepted; `instead_of`: and close that one for it."""
 
     refusal: Refusal | None = None
     instead_of: ConnectionInfo | None = None
 
 
-class Limits:
+class ConnectionLimits:
     def __init__(self, config: ModbusConfig) -> None:
         self._config = config
         self._allow = tuple(map(ip_network, config.allow))
@@ -64,11 +64,11 @@ class Limits:
     def is_plc(self, address: str) -> bool:
         return _within(address, self._plcs)
 
-    def judge(self, address: str, connections: Collection[ConnectionInfo], now_s: float) -> Verdict:
+    def judge(self, address: str, connections: Collection[ConnectionInfo], now_s: float) -> ConnectionVerdict:
         """May a connection from `address` join `connections`?"""
         is_plc = self.is_plc(address)
         if self._allow and not is_plc and not _within(address, self._allow):
-            return Verdict(Refusal.NOT_ALLOWED)
+            return ConnectionVerdict(Refusal.NOT_ALLOWED)
         if is_plc:
             return self._judge_plc(address, connections)
         others = [connection for connection in connections if not connection.is_plc]
@@ -76,17 +76,17 @@ class Limits:
         if len(same) >= self._config.connections_per_address:
             return _instead_of_quietest(same, now_s, Refusal.SHARE)
         if len(others) < self.room_for_others and len(connections) < self._config.max_connections:
-            return Verdict()
+            return ConnectionVerdict()
         return _instead_of_quietest(others, now_s, Refusal.FULL)
 
-    def _judge_plc(self, address: str, connections: Collection[ConnectionInfo]) -> Verdict:
+    def _judge_plc(self, address: str, connections: Collection[ConnectionInfo]) -> ConnectionVerdict:
         """A PLC that reconnects after a power failure finds its old connections still open: they make room."""
         if len(connections) < self._config.max_connections:
-            return Verdict()
+            return ConnectionVerdict()
         candidates = [connection for connection in connections if not connection.is_plc]
         candidates = candidates or [connection for connection in connections if connection.address == address]
         quietest = _quietest(candidates)
-        return Verdict(Refusal.FULL) if quietest is None else Verdict(instead_of=quietest)
+        return ConnectionVerdict(Refusal.FULL) if quietest is None else ConnectionVerdict(instead_of=quietest)
 
     @property
     def room_for_others(self) -> int:
@@ -130,11 +130,13 @@ class ConnectedWriters:
             del self._open[key]
 
 
-def _instead_of_quietest(connections: Collection[ConnectionInfo], now_s: float, otherwise: Refusal) -> Verdict:
+def _instead_of_quietest(
+    connections: Collection[ConnectionInfo], now_s: float, otherwise: Refusal
+) -> ConnectionVerdict:
     quietest = _quietest(connections)
     if quietest is None or now_s - quietest.active_s < QUIET_S:
-        return Verdict(otherwise)
-    return Verdict(instead_of=quietest)
+        return ConnectionVerdict(otherwise)
+    return ConnectionVerdict(instead_of=quietest)
 
 
 def _quietest(connections: Collection[ConnectionInfo]) -> ConnectionInfo | None:

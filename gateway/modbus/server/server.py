@@ -17,8 +17,8 @@ from typing import Self, cast
 from gateway.config import ModbusConfig
 from gateway.modbus.protocol.answers import Peer, Unit
 from gateway.modbus.protocol.request_handler import RequestHandler, RequestStats
-from gateway.modbus.server.connection import Connection
-from gateway.modbus.server.limits import ConnectedWriters, Limits, Refusal
+from gateway.modbus.server.connection import ModbusConnection
+from gateway.modbus.server.limits import ConnectedWriters, ConnectionLimits, Refusal
 from gateway.modbus.server.tls import ModbusTls
 from gateway.modbus.server.tls_handshake_limiter import TlsHandshakeLimiter
 from gateway.modbus.server.tls_stream import TlsStream
@@ -89,12 +89,12 @@ class ModbusServer:
         self._config = config
         self._port = config.port if port is None else port
         self._tls = tls
-        self._limits = Limits(config)
+        self._limits = ConnectionLimits(config)
         self._writers = ConnectedWriters(units.values())
         self._log_throttle = LogThrottle()
         self._logged_faults: set[type[Exception]] = set()
         self._servers: list[asyncio.Server] = []
-        self._connections: dict[Connection, int] = {}  # -> how many answers it had at the last sweep
+        self._connections: dict[ModbusConnection, int] = {}  # -> how many answers it had at the last sweep
         self._transports: set[asyncio.Transport] = set()  # those refused too, until they are closed
         self._all_closed = asyncio.Event()
         self._sweeping: asyncio.TimerHandle | None = None
@@ -149,7 +149,7 @@ class ModbusServer:
         await self._shut_down()
 
     async def _listen(self, sockets: tuple[socket.socket, ...]) -> None:
-        protocol: Callable[[], asyncio.Protocol] = partial(Connection, self)
+        protocol: Callable[[], asyncio.Protocol] = partial(ModbusConnection, self)
         if self._tls is not None:
             deadline_s, share = self._tls.config.handshake_deadline_s, self._tls.config.handshakes_per_address
             limiter = TlsHandshakeLimiter(self._tls.context, deadline_s, share, self, protocol)
@@ -165,14 +165,14 @@ class ModbusServer:
     def is_plc(self, address: str) -> bool:
         return self._limits.is_plc(address)
 
-    def admit(self, connection: Connection) -> bool:
+    def admit(self, connection: ModbusConnection) -> bool:
         address = connection.address
         verdict = self._limits.judge(address, self._connections, self._loop.time())
         if verdict.refusal is not None:
             self.refused(address, verdict.refusal)
             return False
         if verdict.instead_of is not None:
-            leaving = cast(Connection, verdict.instead_of)
+            leaving = cast(ModbusConnection, verdict.instead_of)
             leaving.end(Refusal.MADE_ROOM)
             self._forget(leaving)  # its place is free now, not when the event loop closes it
         connection.is_plc = self._limits.is_plc(address)
@@ -194,14 +194,14 @@ class ModbusServer:
         self._transports.add(transport)
         self._all_closed.clear()
 
-    def closed(self, transport: asyncio.Transport, connection: Connection | None = None) -> None:
+    def closed(self, transport: asyncio.Transport, connection: ModbusConnection | None = None) -> None:
         if connection is not None:
             self._forget(connection)
         self._transports.discard(transport)
         if not self._transports:
             self._all_closed.set()
 
-    def _forget(self, connection: Connection) -> None:
+    def _forget(self, connection: ModbusConnection) -> None:
         if self._connections.pop(connection, None) is not None:
             self._writers.closed(connection.peer)
             self.stats.open -= 1

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from gateway.clock import Clock
 from gateway.config import ModbusConfig
 from gateway.modbus.protocol.answers import Access, Peer, Unit
-from gateway.modbus.server.limits import Limits
+from gateway.modbus.server.limits import ConnectionLimits
 from gateway.modbus.server.server import ModbusServer, PeerOf, plain_peer
 from gateway.modbus.server.tls import ModbusTls
 from gateway.modbus.server.traffic import ServerNow
@@ -83,7 +83,7 @@ async def serving(config: ModbusConfig, units: Mapping[int, Unit], clock: Clock)
 
 def plain_peers(config: ModbusConfig) -> PeerOf:
     """Identification on plain TCP: a client that may connect reads, and where there is no TLS, plc_addresses write."""
-    limits = Limits(config)
+    limits = ConnectionLimits(config)
 
     def peer_of(transport: Transport) -> Peer | None:
         peer = plain_peer(transport)

@@ -12,9 +12,10 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Protocol
 
+from gateway.durations import NS_PER_S
 from gateway.modbus.server.limits import Refusal
 from gateway.modbus.server.tls import failure_reason
-from gateway.net.rate_limit import NS_PER_S, KeyedBuckets, Rate, plain_address
+from gateway.net.rate_limit import KeyedBuckets, Rate, plain_address
 
 AT_ONCE = 16  # unfinished handshakes of unknown addresses
 BURST = 20  # of unknown addresses, at once
@@ -36,7 +37,7 @@ class HandshakeOwner(Protocol):
     def closed(self, transport: asyncio.Transport) -> None: ...
 
 
-class Handshake:
+class PendingHandshake:
     """What the limiter notes of a connection."""
 
     address = ""
@@ -68,7 +69,7 @@ class TlsHandshakeLimiter:
         """For the next connection."""
         return self._contexts()
 
-    def admit(self, stream: Handshake, tcp: asyncio.Transport) -> bool:
+    def admit(self, stream: PendingHandshake, tcp: asyncio.Transport) -> bool:
         """A TCP connection has been made. False: it was refused, and must be aborted."""
         name = tcp.get_extra_info("peername")
         if not name:
@@ -83,20 +84,20 @@ class TlsHandshakeLimiter:
         self._owner.opened(tcp)
         return True
 
-    def established(self, stream: Handshake) -> asyncio.Protocol:
+    def established(self, stream: PendingHandshake) -> asyncio.Protocol:
         """Its handshake is done: the protocol that handles its bytes from now on."""
         self._done(stream)
         return self._make()
 
-    def failed(self, stream: Handshake, error: Exception) -> None:
+    def failed(self, stream: PendingHandshake, error: Exception) -> None:
         self._done(stream)
         self._owner.refused(stream.address, Refusal.TLS_FAILED, failure_reason(error))
 
-    def closed(self, stream: Handshake, tcp: asyncio.Transport) -> None:
+    def closed(self, stream: PendingHandshake, tcp: asyncio.Transport) -> None:
         self._done(stream)
         self._owner.closed(tcp)
 
-    def _done(self, stream: Handshake) -> None:
+    def _done(self, stream: PendingHandshake) -> None:
         if stream.counted:
             stream.counted = False
             self._waiting[stream.address] -= 1

@@ -11,12 +11,12 @@ import ssl
 from collections.abc import Callable
 from typing import Any, cast
 
-from gateway.modbus.server.tls_handshake_limiter import Handshake, TlsHandshakeLimiter
+from gateway.modbus.server.tls_handshake_limiter import PendingHandshake, TlsHandshakeLimiter
 
 READ_BYTES = 16 * 1024  # the largest TLS record
 
 
-class TlsStream(Handshake, asyncio.Protocol):
+class TlsStream(PendingHandshake, asyncio.Protocol):
     """The protocol of the TCP connection."""
 
     def __init__(self, owner: TlsHandshakeLimiter) -> None:

@@ -29,9 +29,9 @@ MS = 1_000_000
 S = 1000 * MS
 
 BOOT_NS = 2 * S
-"""Opening the port pulls DTR, which resets an Uno: its boot loader listens for so long before the sketch runs."""
+"""Opening the port pulls DTR, which resets an Uno: its boot loader listens for this time before the sketch runs."""
 SILENCE_NS = 1 * S
-"""No measurement for so long: reported, and a hello is requested from the ranger."""
+"""No measurement for this time: reported, and a hello is requested from the ranger."""
 ASK_NS = 1 * S
 HELLO_DEADLINE_NS = (HELLO_PERIOD_S + 1) * S
 LINK_LATENCY_NS = 1 * MS

@@ -45,7 +45,7 @@ class AlarmsPayload(BaseModel):
     timestamp_ms: Count = Field(description="when this was made, Unix time, ms")
     timestamp: str = Field(description="the same, ISO 8601, UTC", json_schema_extra={"format": "date-time"})
     status_topic: str = Field(description="topic with the status of this bay's gateway")
-    stale_after_ms: Count = Field(description="no newer message for so long: the alarms are not known")
+    stale_after_ms: Count = Field(description="no newer message for this time: the alarms are not known")
     evaluated: bool = Field(description="false: nothing evaluates the alarms now; all that follows is null")
     active: Count | None = Field(description="alarms of bay and gateway whose cause holds")
     unacknowledged: Count | None = Field(description="alarms of bay and gateway that wait for an operator")

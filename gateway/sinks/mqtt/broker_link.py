@@ -35,7 +35,7 @@ from gateway.sinks.mqtt.broker import Broker
 from gateway.sinks.mqtt.broker_socket import fault_of, open_socket
 from gateway.sinks.mqtt.endpoints import Endpoint, Version
 from gateway.sinks.mqtt.takeovers import End
-from gateway.sinks.mqtt.topics import Message
+from gateway.sinks.mqtt.topics import MqttMessage
 from gateway.sinks.mqtt.web_socket import WebSocket
 
 CONNECT_S = 5.0  # for the socket, and again for the CONNACK
@@ -72,7 +72,7 @@ class NotAcceptedError(LinkError):
         self.certain = certain
 
 
-class RefusedError(LinkError):
+class PublishRefusedError(LinkError):
     """The broker did not take one message. It may take others: who handles this may go on with the link.
     `fault`: why."""
 
@@ -117,7 +117,7 @@ class BrokerLink:
             self._turns.release()
         self._limit = self.in_flight
 
-    async def publish(self, message: Message) -> bool:
+    async def publish(self, message: MqttMessage) -> bool:
         """Returns when the broker has acknowledged it (QoS 1), or when it is sent (QoS 0). False: nobody subscribes to
         its topic, which only an MQTT 5 broker reports, and not each.
 
@@ -127,7 +127,7 @@ class BrokerLink:
         size, accepted = _packet_bytes(message, properties), self._client.maximum_packet_bytes
         if size > accepted:
             fault = f"{size} bytes; the broker accepts {accepted} (0x{PACKET_TOO_LARGE:02x})"
-            raise RefusedError(self._broker, message.topic, fault)
+            raise PublishRefusedError(self._broker, message.topic, fault)
         try:
             async with self._turns, asyncio.timeout(self._acknowledge_s):
                 reason = await self._client.send(message, properties)
@@ -136,7 +136,7 @@ class BrokerLink:
         except aiomqtt.MqttError as error:
             raise LinkError(f"{self._broker}: cannot publish: {self._why(error)}") from error
         if reason is not None and reason.is_failure:
-            raise RefusedError(self._broker, message.topic, _named(reason))
+            raise PublishRefusedError(self._broker, message.topic, _named(reason))
         return reason is None or reason.value != NO_SUBSCRIBERS
 
     async def quiet(self) -> None:
@@ -156,12 +156,12 @@ class BrokerLink:
         if any(int(code if isinstance(code, int) else code.value) >= REFUSED_SUBSCRIPTION for code in granted):
             raise LinkError(f"{self._broker}: refuses a subscription to {', '.join(topic for topic, _ in topics)}")
 
-    async def incoming(self) -> AsyncIterator[Message]:
+    async def incoming(self) -> AsyncIterator[MqttMessage]:
         """Messages received, until the connection is lost: then LinkError. What is not fetched in time is dropped."""
         try:
             async for message in self._client.messages:
                 payload = message.payload if isinstance(message.payload, bytes) else str(message.payload).encode()
-                yield Message(str(message.topic), payload)
+                yield MqttMessage(str(message.topic), payload)
         except aiomqtt.MqttError as error:
             raise LinkError(f"{self._broker}: connection lost: {self._why(error)}") from error
         raise LinkError(f"{self._broker}: connection lost")
@@ -174,7 +174,7 @@ def _code(error: MqttConnectError) -> int | None:
     return error.rc.value if isinstance(error.rc, ReasonCode) else error.rc
 
 
-def _properties(message: Message) -> Properties:
+def _properties(message: MqttMessage) -> Properties:
     properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]
     if message.text:
         properties.PayloadFormatIndicator = 1  # UTF-8
@@ -188,7 +188,7 @@ def _named(reason: ReasonCode) -> str:
     return f"{reason} (0x{reason.value:02x})"
 
 
-def _packet_bytes(message: Message, properties: Properties | None) -> int:
+def _packet_bytes(message: MqttMessage, properties: Properties | None) -> int:
     """Of the PUBLISH: MQTT 5, 3.3."""
     packed = len(properties.pack()) if properties is not None else 0  # type: ignore[no-untyped-call]
     remaining = 2 + len(message.topic.encode()) + 2 * bool(message.qos) + packed + len(message.payload)
@@ -243,7 +243,7 @@ async def connect(
     endpoint: Endpoint,
     *,
     client_id: str,
-    will: Message | None,
+    will: MqttMessage | None,
     keepalive_s: int,
     acknowledge_s: float,
     tls: ssl.SSLContext | None,
@@ -290,7 +290,7 @@ class _Client(aiomqtt.Client):
         broker: Broker,
         *,
         client_id: str,
-        will: Message | None,
+        will: MqttMessage | None,
         keepalive_s: int,
         version: Version,
     ) -> None:
@@ -383,7 +383,7 @@ class _Client(aiomqtt.Client):
             if pending is None or pending() == 0:
                 break
 
-    async def send(self, message: Message, properties: Properties | None) -> ReasonCode | None:
+    async def send(self, message: MqttMessage, properties: Properties | None) -> ReasonCode | None:
         """Returns the broker's answer; None at QoS 0. Raises MqttError."""
         sent = self._client.publish(message.topic, message.payload, message.qos, message.retain, properties)
         if sent.rc != MQTT_ERR_SUCCESS:

@@ -10,24 +10,24 @@ import contextlib
 import logging
 from collections.abc import Awaitable, Callable
 
-from gateway.clock import NS_PER_S, Clock
-from gateway.sinks.mqtt.broker_link import BrokerLink, RefusedError
+from gateway.clock import Clock
+from gateway.durations import NS_PER_MS, NS_PER_S
+from gateway.sinks.mqtt.broker_link import BrokerLink, PublishRefusedError
 from gateway.sinks.mqtt.topic_answers import TopicAnswers
-from gateway.sinks.mqtt.topics import Message
-from gateway.sinks.outbox.outbox import Entry, Outbox
+from gateway.sinks.mqtt.topics import MqttMessage
+from gateway.sinks.outbox.outbox import Outbox, OutboxEntry
 
-NS_PER_MS = 1_000_000
 EXPIRED_AT_ONCE = 100  # before others on the event loop have their turn
 LATE_S = 0.001  # a timer may end a moment too soon, and its topic is held then
 SHARE = 0.75  # of what may be on its way at once: states must not wait for events
 
 log = logging.getLogger(__name__)
 
-Send = Callable[[BrokerLink, Message], Awaitable[bool]]
+Send = Callable[[BrokerLink, MqttMessage], Awaitable[bool]]
 
 
 class Window:
-    """How many events may be on their way at once. `slow_ns`: an acknowledgement that takes so long comes late."""
+    """How many events may be on their way at once. `slow_ns`: an acknowledgement that takes this long comes late."""
 
     def __init__(self, limit: int, slow_ns: int) -> None:
         self._limit = max(1, limit)
@@ -40,7 +40,7 @@ class Window:
 
 class EventDelivery:
     """`send` publishes; it returns whether anybody subscribes, and raises as `BrokerLink.publish`. `expiry_s`: for how
-    long the broker keeps an event. `unsubscribed_s`: an event that nobody subscribed to is kept for so long; 0: it
+    long the broker keeps an event. `unsubscribed_s`: an event that nobody subscribed to is kept for this time; 0: it
     counts as delivered. `slow_s`: see `Window`."""
 
     def __init__(
@@ -65,7 +65,7 @@ class EventDelivery:
         self._changed = asyncio.Event()
         self._ending = False
 
-    def put(self, entry: Entry) -> None:
+    def put(self, entry: OutboxEntry) -> None:
         """Never waits."""
         self._outbox.put(entry)
         self._changed.set()
@@ -94,15 +94,15 @@ class EventDelivery:
                     return
                 await self._wait()
 
-    def _next(self, size: int) -> list[Entry]:
+    def _next(self, size: int) -> list[OutboxEntry]:
         """What is to be sent now, in order; it counts as on its way."""
-        found: list[Entry] = []
+        found: list[OutboxEntry] = []
         while len(self._on_its_way) < size and (entry := self._following()) is not None:
             self._on_its_way[entry.id] = entry.topic
             found.append(entry)
         return found
 
-    def _following(self) -> Entry | None:
+    def _following(self) -> OutboxEntry | None:
         busy = {topic for topic in self._on_its_way.values() if not self._answers.pipelined(topic)}
         without = busy | self._answers.held(self._clock.now_ns())
         for entry in self._outbox.batch(len(self._on_its_way) + 1, without):
@@ -110,10 +110,10 @@ class EventDelivery:
                 return entry
         return None
 
-    async def _deliver(self, link: BrokerLink, entry: Entry, window: Window) -> None:
+    async def _deliver(self, link: BrokerLink, entry: OutboxEntry, window: Window) -> None:
         begun_ns = self._clock.now_ns()
         try:
-            subscribed = await self._send(link, Message(entry.topic, entry.payload, False, self._expiry_s))
+            subscribed = await self._send(link, MqttMessage(entry.topic, entry.payload, False, self._expiry_s))
             window.acknowledged(self._clock.now_ns() - begun_ns)
             if subscribed or not self._unsubscribed_ns:
                 self._answers.taken(entry.topic)
@@ -121,7 +121,7 @@ class EventDelivery:
                 self._outbox.acknowledge(entry.id)
             else:
                 await self._passed_to_nobody(entry.topic)
-        except RefusedError as error:
+        except PublishRefusedError as error:
             self._answers.refused(entry.topic, error.fault, self._clock.now_ns())
         finally:
             self._on_its_way.pop(entry.id, None)

@@ -219,7 +219,7 @@ class StatePayload(Measured):
     """`<root>/<site>/<bay>/state`, retained. Valid only while the status topic is online and it keeps arriving."""
 
     status_topic: str = Field(description="topic with the status of this bay's gateway")
-    stale_after_ms: Count = Field(description="no newer state for so long: treat the bay as dead, stop on")
+    stale_after_ms: Count = Field(description="no newer state for this time: treat the bay as dead, stop on")
     heartbeat: Count
     frame_id: Count
     x_n: float | None

@@ -11,6 +11,7 @@ from pydantic import BaseModel
 from gateway.core import fusion
 from gateway.core.events import Event, EventKind
 from gateway.core.state import Reason, StateVector
+from gateway.durations import NS_PER_MS
 from gateway.sinks.contract import StoreStatus
 from gateway.sinks.mqtt.messages import (
     SCHEMA_VERSION,
@@ -31,8 +32,6 @@ from gateway.sinks.mqtt.visit_payload import visit_payload
 from gateway.values.bay_values import BAY_VALUES
 from gateway.values.models import Filler
 
-NS_PER_S = 1_000_000_000
-NS_PER_MS = 1_000_000
 MAX_DETAIL = 500
 # A change of stop is what the plant's records are kept for: dropped last.
 DROPPED_LAST = frozenset({EventKind.STOP_RAISED, EventKind.STOP_CLEARED})

@@ -6,7 +6,7 @@ import secrets
 from gateway.config import MqttConfig
 from gateway.errors import LinkError
 from gateway.sinks.mqtt.session import BrokerSession
-from gateway.sinks.mqtt.topics import Message, Topics
+from gateway.sinks.mqtt.topics import MqttMessage, Topics
 
 ANSWER_S = 3.0
 TOPIC = "doctor"  # last level, in the place of `status`
@@ -18,16 +18,16 @@ async def probe(config: MqttConfig, site: str, instance: str, url: str) -> str:
     alone = config.model_copy(update={"url": url, "urls": ()})
     topic = Topics.of_config(config, site, instance).of(instance, TOPIC)
     payload = secrets.token_hex(8).encode()
-    nothing = Message(topic, b"", retain=True)  # which deletes the retained message
+    nothing = MqttMessage(topic, b"", retain=True)  # which deletes the retained message
     session = BrokerSession(alone, f"gateway-{site}-{instance}-doctor")
     returned = asyncio.Event()
 
-    async def received(_: object, message: Message) -> None:
+    async def received(_: object, message: MqttMessage) -> None:
         if (message.topic, message.payload) == (topic, payload):
             returned.set()
 
     async with session.connection(nothing, received) as link:
-        await link.publish(Message(topic, payload, retain=True))
+        await link.publish(MqttMessage(topic, payload, retain=True))
         await link.subscribe([(topic, 1)])
         try:
             async with asyncio.timeout(ANSWER_S):

@@ -16,25 +16,26 @@ from functools import partial
 from typing import NoReturn
 
 from gateway import __version__
-from gateway.clock import NS_PER_S, Clock
+from gateway.clock import Clock
 from gateway.config import GatewayConfig, MqttConfig
 from gateway.core.events import Event
 from gateway.core.readings import Quality
 from gateway.core.state import Moved, Reason, StateVector
+from gateway.durations import NS_PER_S
 from gateway.errors import LinkError
 from gateway.sinks.contract import AlarmSource, BayAlarms, Bays, LinkStatus, SinkContext, SinkType, no_alarms
 from gateway.sinks.mqtt import home_assistant, messages, payloads
 from gateway.sinks.mqtt.alarm_topic import alarms_payload
 from gateway.sinks.mqtt.broker import brokers_of, certificates_of
-from gateway.sinks.mqtt.broker_link import BrokerLink, RefusedError, UnansweredError
+from gateway.sinks.mqtt.broker_link import BrokerLink, PublishRefusedError, UnansweredError
 from gateway.sinks.mqtt.event_delivery import EventDelivery
 from gateway.sinks.mqtt.session import ACKNOWLEDGE_SHARE, BrokerSession, Connect
 from gateway.sinks.mqtt.topic_answers import TopicAnswers
 from gateway.sinks.mqtt.topic_plan import ALARMS, PLAN, STATE, TopicKind
-from gateway.sinks.mqtt.topics import Gateway, Message, Topics
+from gateway.sinks.mqtt.topics import Gateway, MqttMessage, Topics
 from gateway.sinks.mqtt.value_topics import ValueTopics
 from gateway.sinks.outbox.durable import limits, opened_outbox
-from gateway.sinks.outbox.outbox import Entry, MemoryOutbox, Outbox
+from gateway.sinks.outbox.outbox import MemoryOutbox, Outbox, OutboxEntry
 
 log = logging.getLogger(__name__)
 
@@ -91,7 +92,7 @@ class MqttPublisher:
             config, config.client_id or f"gateway-{site}-{instance}", connect=connect, clock=clock
         )
         will = payloads.status_payload(self._gateway, "connection lost")
-        self._will = Message(self._topics.status, payloads.encode(will), retain=True)
+        self._will = MqttMessage(self._topics.status, payloads.encode(will), retain=True)
         self._stale_after_ms = round(1000 * (3 * config.state_period_s + 1))
         self._outbox = outbox if outbox is not None else MemoryOutbox(limits(config))
         self._numbered = 0
@@ -265,7 +266,7 @@ class MqttPublisher:
         await self._publish_all(link, self._state_messages(state))
         return published
 
-    def _state_messages(self, state: StateVector) -> list[Message]:
+    def _state_messages(self, state: StateVector) -> list[MqttMessage]:
         """One for each topic of a bay. The broker drops a live state (MQTT 5) once it is too old; the final one
         stays."""
         expiry_s = None if state.reason is Reason.SHUTDOWN else math.ceil(self._stale_after_ms / 1000)
@@ -273,12 +274,12 @@ class MqttPublisher:
         for kind, build in self._state_topics:
             built = build(state, self._gateway, self._offset_ns(), self._stale_after_ms)
             topic = self._topics.of(state.bay, kind.name)
-            found.append(Message(topic, payloads.encode(built), kind.retained, expiry_s, kind.qos))
+            found.append(MqttMessage(topic, payloads.encode(built), kind.retained, expiry_s, kind.qos))
             if kind is STATE and self._config.values:
                 found += self._values[state.bay].messages(built, self._clock.now_ns())
         return found
 
-    async def _publish_all(self, link: BrokerLink, found: Sequence[Message]) -> None:
+    async def _publish_all(self, link: BrokerLink, found: Sequence[MqttMessage]) -> None:
         for message in found:
             await self._publish(link, message)
 
@@ -293,11 +294,11 @@ class MqttPublisher:
                 sent, sent_ns = known, now_ns
                 await self._publish(link, self._alarms_message(bay, known))
 
-    def _alarms_message(self, bay: str, known: BayAlarms) -> Message:
+    def _alarms_message(self, bay: str, known: BayAlarms) -> MqttMessage:
         stale_after_ms = round(1000 * (3 * ALARMS_PERIOD_S + 1))
         payload = alarms_payload(known, bay, self._gateway, self._clock.now_ns(), self._offset_ns(), stale_after_ms)
         expiry_s = math.ceil(stale_after_ms / 1000) if known.evaluated else None
-        return Message(self._topics.of(bay, ALARMS.name), payloads.encode(payload), ALARMS.retained, expiry_s)
+        return MqttMessage(self._topics.of(bay, ALARMS.name), payloads.encode(payload), ALARMS.retained, expiry_s)
 
     async def _publish_status(self, link: BrokerLink) -> NoReturn:
         """`online`, again and again: it proves the link, and heals a late will of an older connection of ours."""
@@ -315,7 +316,7 @@ class MqttPublisher:
         await self._publish(link, self._status_message("shutdown"))
         self._final_published = True
 
-    async def _publish(self, link: BrokerLink, message: Message) -> None:
+    async def _publish(self, link: BrokerLink, message: MqttMessage) -> None:
         """A state, a status or an announcement. What the broker does not take is dropped, and counted: there will be a
         newer one."""
         if message.topic in self._answers.held(self._clock.now_ns()):
@@ -323,13 +324,13 @@ class MqttPublisher:
             return
         try:
             await self._send(link, message)
-        except RefusedError as error:
+        except PublishRefusedError as error:
             self._refused += 1
             self._answers.refused(message.topic, error.fault, self._clock.now_ns())
         else:
             self._answers.taken(message.topic)
 
-    async def _send(self, link: BrokerLink, message: Message) -> bool:
+    async def _send(self, link: BrokerLink, message: MqttMessage) -> bool:
         """See `BrokerLink.publish`."""
         try:
             subscribed = await link.publish(message)
@@ -344,18 +345,18 @@ class MqttPublisher:
         payload = payloads.event_payload(event, self._numbered, self._gateway, self._offset_ns())
         topic = self._topics.event(event.bay)
         drop_last = event.kind in payloads.DROPPED_LAST
-        self._events.put(Entry(payload.id, topic, payloads.encode(payload), drop_last, payload.timestamp_ms))
+        self._events.put(OutboxEntry(payload.id, topic, payloads.encode(payload), drop_last, payload.timestamp_ms))
 
     def _shown(self, bay: str) -> StateVector:
         return self._hub.shown(bay, self._clock.now_ns())
 
-    def _discovery_message(self, bay: str) -> Message:
+    def _discovery_message(self, bay: str) -> MqttMessage:
         topic = home_assistant.topic(self._config.home_assistant_prefix, self._gateway, bay)
-        return Message(topic, home_assistant.discovery(self._gateway, bay, self._stale_after_ms), retain=True)
+        return MqttMessage(topic, home_assistant.discovery(self._gateway, bay, self._stale_after_ms), retain=True)
 
-    def _status_message(self, cause: messages.Cause) -> Message:
+    def _status_message(self, cause: messages.Cause) -> MqttMessage:
         payload = payloads.status_payload(self._gateway, cause, self._clock.wall_ns(), self.stats)
-        return Message(self._topics.status, payloads.encode(payload), retain=True)
+        return MqttMessage(self._topics.status, payloads.encode(payload), retain=True)
 
     def _offset_ns(self) -> int:
         return self._clock.wall_ns() - self._clock.now_ns()

@@ -23,8 +23,9 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, aclosing
 from typing import NoReturn
 
-from gateway.clock import NS_PER_S, Clock, SystemClock
+from gateway.clock import Clock, SystemClock
 from gateway.config import MqttConfig
+from gateway.durations import NS_PER_S
 from gateway.errors import LinkError
 from gateway.sinks.mqtt import broker_link
 from gateway.sinks.mqtt.broker import brokers_of, certificates_of
@@ -32,7 +33,7 @@ from gateway.sinks.mqtt.broker_link import BrokerLink, NotAcceptedError
 from gateway.sinks.mqtt.endpoints import Endpoint, Endpoints, ReturnPace
 from gateway.sinks.mqtt.lookup import Lookup, in_daemon_thread
 from gateway.sinks.mqtt.takeovers import Takeovers
-from gateway.sinks.mqtt.topics import Message
+from gateway.sinks.mqtt.topics import MqttMessage
 
 log = logging.getLogger(__name__)
 
@@ -41,7 +42,7 @@ READ_S = 5.0  # for reading them, from a disk that may hang
 # A hung broker is noticed within 1.25 keepalives: a message every half, three quarters for its acknowledgement.
 ACKNOWLEDGE_SHARE = 0.75
 Connect = Callable[..., AbstractAsyncContextManager[BrokerLink]]  # parameters: see broker_link.connect
-Received = Callable[[BrokerLink, Message], Awaitable[None]]
+Received = Callable[[BrokerLink, MqttMessage], Awaitable[None]]
 
 
 class BrokerSession:
@@ -105,7 +106,7 @@ class BrokerSession:
         return {alarm: detail for alarm, detail in found.items() if detail}
 
     @contextlib.asynccontextmanager
-    async def connection(self, will: Message, received: Received | None = None) -> AsyncIterator[BrokerLink]:
+    async def connection(self, will: MqttMessage, received: Received | None = None) -> AsyncIterator[BrokerLink]:
         """A connection with this last will. `received` is awaited for each message of a subscribed topic.
 
         When the connection is lost, the body ends at once, and all that failed with it is one LinkError. A body that
@@ -127,7 +128,7 @@ class BrokerSession:
             pass
 
     @contextlib.asynccontextmanager
-    async def _opened(self, will: Message) -> AsyncIterator[tuple[Endpoint, BrokerLink]]:
+    async def _opened(self, will: MqttMessage) -> AsyncIterator[tuple[Endpoint, BrokerLink]]:
         async with AsyncExitStack() as stack:
             endpoint, link = await self._first_that_accepts(stack, will)
             begun_ns = self._clock.now_ns()
@@ -158,7 +159,7 @@ class BrokerSession:
         self._pace.connected(endpoint.rank)
         log.info("%s: connected as %s", endpoint, self._client_id)
 
-    async def _first_that_accepts(self, stack: AsyncExitStack, will: Message) -> tuple[Endpoint, BrokerLink]:
+    async def _first_that_accepts(self, stack: AsyncExitStack, will: MqttMessage) -> tuple[Endpoint, BrokerLink]:
         """One round. The connection is left with `stack`. Raises LinkError with what each has failed with."""
         faults: list[LinkError] = []
         tls = await self._tls()
@@ -182,7 +183,7 @@ class BrokerSession:
         endpoint: Endpoint,
         tls: ssl.SSLContext | None,
         client_id: str,
-        will: Message | None,
+        will: MqttMessage | None,
     ) -> BrokerLink:
         """A refusal decides which version is tried next time; that of a version, which is tried at once."""
         versions = self._endpoints.versions(endpoint)

@@ -6,7 +6,7 @@ was accepted, again and again without a refusal in between, is taken for it.
 
 from dataclasses import dataclass
 
-from gateway.clock import NS_PER_S
+from gateway.durations import NS_PER_S
 
 SHORT_NS = 30 * NS_PER_S
 ENOUGH = 3

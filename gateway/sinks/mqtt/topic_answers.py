@@ -9,7 +9,7 @@ minutes.
 from collections.abc import Set
 from dataclasses import dataclass
 
-from gateway.clock import NS_PER_S
+from gateway.durations import NS_PER_S
 
 RETRY_S = 1.0, 30.0  # the first wait, and the longest
 CUT_RETRY_S = 60.0, 600.0
@@ -76,7 +76,7 @@ class TopicAnswers:
             self._hold(topic, now_ns, CUT_RETRY_S, fault=fault)
 
     def unused(self, topic: str) -> None:
-        """Nobody has subscribed to it for so long that nobody is expected to."""
+        """Nobody has subscribed to it for this time that nobody is expected to."""
         self._topics[topic].used = False
 
     def pipelined(self, topic: str) -> bool:

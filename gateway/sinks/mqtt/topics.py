@@ -15,10 +15,10 @@ MAX_ROOT_BYTES = 1000  # MQTT allows 65,535 bytes for a complete topic
 
 
 @dataclass(frozen=True, slots=True)
-class Message:
+class MqttMessage:
     """To be sent, or received; of one received only topic and payload are known.
 
-    `expiry_s` (MQTT 5): the broker drops it after so long, retained or not; None: never. `text`: JSON in UTF-8.
+    `expiry_s` (MQTT 5): the broker drops it after this time, retained or not; None: never. `text`: JSON in UTF-8.
     """
 
     topic: str

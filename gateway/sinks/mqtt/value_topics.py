@@ -11,9 +11,9 @@ from typing import Any, get_args
 
 from pydantic import BaseModel
 
-from gateway.clock import NS_PER_S
+from gateway.durations import NS_PER_S
 from gateway.sinks.mqtt.messages import StatePayload
-from gateway.sinks.mqtt.topics import Message, Topics
+from gateway.sinks.mqtt.topics import MqttMessage, Topics
 
 LEVEL = "value"
 TIME = "timestamp_ms"  # the last one of what is published together
@@ -40,7 +40,7 @@ class ValueTopics:
         self._sent: dict[str, str] = {}
         self._all_ns: int | None = None  # when all were published last
 
-    def messages(self, payload: BaseModel, now_ns: int) -> list[Message]:
+    def messages(self, payload: BaseModel, now_ns: int) -> list[MqttMessage]:
         """What is to be published of this state. A value that is not there any more is null."""
         every = self._all_ns is None or now_ns - self._all_ns >= self._period_ns
         values = dict.fromkeys(self._sent, "null") | dict(_flat(payload.model_dump(mode="json")))
@@ -56,7 +56,8 @@ class ValueTopics:
             return []
         self._sent |= chosen
         return [
-            Message(f"{self._prefix}/{path}", value.encode(), qos=0) for path, value in (chosen | {TIME: time}).items()
+            MqttMessage(f"{self._prefix}/{path}", value.encode(), qos=0)
+            for path, value in (chosen | {TIME: time}).items()
         ]
 
 

@@ -21,11 +21,12 @@ from types import TracebackType
 from typing import Protocol, Self
 
 from gateway.bay_file import default_folder
-from gateway.clock import NS_PER_S, machine_ns
+from gateway.clock import machine_ns
+from gateway.durations import NS_PER_S
 from gateway.errors import ConfigError
 from gateway.shared_state import folder
 from gateway.sinks.contract import StoreStatus
-from gateway.sinks.outbox.outbox import Entry, Limits, MemoryOutbox, Outbox, in_order
+from gateway.sinks.outbox.outbox import MemoryOutbox, Outbox, OutboxEntry, OutboxLimits, in_order
 from gateway.sinks.outbox.pace import AT_ONCE, WritePace
 from gateway.sinks.outbox.store import EventFile, StoreError, put_aside
 
@@ -54,9 +55,11 @@ class OutboxSettings(Protocol):
     def outbox_file(self) -> str: ...
 
 
-def limits(settings: OutboxSettings) -> Limits:
+def limits(settings: OutboxSettings) -> OutboxLimits:
     """What may wait in the outbox."""
-    return Limits(settings.outbox_events, settings.outbox_mb * 1_000_000, round(settings.outbox_days * 86_400_000))
+    return OutboxLimits(
+        settings.outbox_events, settings.outbox_mb * 1_000_000, round(settings.outbox_days * 86_400_000)
+    )
 
 
 @contextlib.contextmanager
@@ -71,7 +74,7 @@ def opened_outbox(settings: OutboxSettings, journal: str, file: str) -> Iterator
         yield outbox
 
 
-class Journal:
+class OutboxJournal:
     """The events that the file on disk does not have yet, in shared memory. A context manager; nothing in it waits.
 
     Entering raises ConfigError where another gateway of this name runs. A journal that can't be written costs nothing
@@ -112,7 +115,7 @@ class Journal:
             with contextlib.suppress(OSError):  # another gateway of this name may begin just now
                 self._path.parent.rmdir()
 
-    def recover(self) -> list[Entry]:
+    def recover(self) -> list[OutboxEntry]:
         """What an earlier gateway left, oldest first; it stays in the journal until it is released."""
         try:
             found = self._file.entries()
@@ -123,7 +126,7 @@ class Journal:
         self._held = {entry.id for entry in found}
         return found
 
-    def put(self, entry: Entry) -> None:
+    def put(self, entry: OutboxEntry) -> None:
         """Never waits, never raises; without room the entry is only counted."""
         if len(self._held) < self._events:
             with contextlib.suppress(StoreError):
@@ -158,7 +161,7 @@ class DurableOutbox:
         self,
         name: str,
         path: Path,
-        limits: Limits,
+        limits: OutboxLimits,
         *,
         open_file: Callable[[Path], EventFile] = EventFile,
     ) -> None:
@@ -166,9 +169,9 @@ class DurableOutbox:
         self._open_file = open_file
         self._limits = limits
         self._memory = MemoryOutbox(limits)
-        self._journal = Journal(name)
+        self._journal = OutboxJournal(name)
         self._changed = threading.Condition()  # guards everything below and the two above; held for microseconds
-        self._added: dict[str, tuple[int, Entry]] = {}  # and since when (monotonic ns), the oldest first
+        self._added: dict[str, tuple[int, OutboxEntry]] = {}  # and since when (monotonic ns), the oldest first
         self._journaled: set[str] = set()  # ids the journal had at the start; the file may have them, too
         self._removed: dict[str, int] = {}  # since when
         self._in_flight = 0  # of `added`, on their way to the disk
@@ -220,18 +223,18 @@ class DurableOutbox:
         unwritten = len(self._memory) if self._stale else len(self._added) + self._in_flight
         return StoreStatus(self._fault, self._faults, self._recovered, unwritten)
 
-    def put(self, entry: Entry) -> None:
+    def put(self, entry: OutboxEntry) -> None:
         with self._changed:
             self._journal.put(entry)
             self._to_write(entry)
             self._forget(self._memory.put(entry))
             self._changed.notify()
 
-    def oldest(self) -> Entry | None:
+    def oldest(self) -> OutboxEntry | None:
         with self._changed:
             return self._memory.oldest()
 
-    def batch(self, limit: int, without: Collection[str] = ()) -> list[Entry]:
+    def batch(self, limit: int, without: Collection[str] = ()) -> list[OutboxEntry]:
         with self._changed:
             return self._memory.batch(limit, without)
 
@@ -249,7 +252,7 @@ class DurableOutbox:
         with self._changed:
             self._memory.set_unused(topic, unused)
 
-    def expire(self, topic: str, age_ms: int, now_ms: int, limit: int) -> list[Entry]:
+    def expire(self, topic: str, age_ms: int, now_ms: int, limit: int) -> list[OutboxEntry]:
         with self._changed:
             if gone := self._memory.expire(topic, age_ms, now_ms, limit):
                 self._forget(gone)
@@ -261,11 +264,11 @@ class DurableOutbox:
 
     # Under the lock.
 
-    def _to_write(self, entry: Entry) -> None:
+    def _to_write(self, entry: OutboxEntry) -> None:
         if not self._stale:
             self._added[entry.id] = machine_ns(), entry
 
-    def _forget(self, entries: list[Entry]) -> None:
+    def _forget(self, entries: list[OutboxEntry]) -> None:
         self._journal.release(entry.id for entry in entries)
         for entry in entries:
             if not self._stale and self._added.pop(entry.id, None) is None:
@@ -315,7 +318,7 @@ class DurableOutbox:
             self._file = self._open_file(self._path)
             self._read = self._stale = True
 
-    def _take_over(self, found: list[Entry]) -> None:
+    def _take_over(self, found: list[OutboxEntry]) -> None:
         """Long work where much is found, so that the lock is held only for what was added meanwhile."""
         # What the journal had may have been delivered already, where the file could be opened only now.
         old = [entry for entry in found if entry.id not in self._journaled]

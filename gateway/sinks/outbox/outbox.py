@@ -18,7 +18,7 @@ OVERHEAD_BYTES = 200  # of an entry beyond its topic and payload, roughly
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class OutboxEntry:
     """One event, rendered once: a redelivery is the same bytes under the same id."""
 
     id: str
@@ -33,7 +33,7 @@ class Entry:
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class OutboxLimits:
     """How much may wait; what is over it is dropped, oldest first, changes of stop last, and counted."""
 
     events: int
@@ -61,13 +61,13 @@ class Outbox(Protocol):
     def store(self) -> StoreStatus | None:
         """The file behind it; None: in memory only."""
 
-    def put(self, entry: Entry) -> object:
+    def put(self, entry: OutboxEntry) -> object:
         """Take the newest entry; `unix_ms` of it is the time by which older ones age."""
 
-    def oldest(self) -> Entry | None:
+    def oldest(self) -> OutboxEntry | None:
         """The entry to deliver next; it stays until it is acknowledged."""
 
-    def batch(self, limit: int, without: Collection[str] = ()) -> list[Entry]:
+    def batch(self, limit: int, without: Collection[str] = ()) -> list[OutboxEntry]:
         """The oldest entries, at most `limit`, none of the topics `without`; they stay until they are acknowledged."""
 
     def acknowledge(self, entry_id: str) -> object:
@@ -87,7 +87,7 @@ class Outbox(Protocol):
     def __len__(self) -> int: ...
 
 
-Numbered = tuple[int, Entry]  # and its place in the order across all queues
+Numbered = tuple[int, OutboxEntry]  # and its place in the order across all queues
 Queue = OrderedDict[str, Numbered]  # by id, the oldest first; unlike a dict's, its first one is found at once
 
 
@@ -96,7 +96,7 @@ class MemoryOutbox:
 
     store = None
 
-    def __init__(self, limits: Limits) -> None:
+    def __init__(self, limits: OutboxLimits) -> None:
         self._limits = limits
         self._count = 0  # entries ever put
         self._kinds: tuple[Queue, Queue] = (OrderedDict(), OrderedDict())  # by drop_last: all entries are in one
@@ -114,13 +114,13 @@ class MemoryOutbox:
     def unused_dropped(self) -> int:
         return self._unused_dropped
 
-    def put(self, entry: Entry) -> list[Entry]:
+    def put(self, entry: OutboxEntry) -> list[OutboxEntry]:
         """Returns what had to be dropped for it; that may be the entry itself."""
         self._count += 1
         self._kinds[entry.drop_last][entry.id] = self._count, entry
         self._topics.setdefault(entry.topic, OrderedDict())[entry.id] = self._count, entry
         self._bytes += entry.size
-        gone: list[Entry] = []
+        gone: list[OutboxEntry] = []
         for queue in self._kinds:
             while queue and _expired(_first(queue), self._limits.age_ms, entry.unix_ms):
                 gone.append(self._drop(_first(queue)))
@@ -128,7 +128,7 @@ class MemoryOutbox:
             gone.append(self._drop(self._least_needed()))
         return gone
 
-    def prepend(self, entries: Iterable[Entry]) -> list[Entry]:
+    def prepend(self, entries: Iterable[OutboxEntry]) -> list[OutboxEntry]:
         """Entries, oldest first, that are older than all in here. Returns those dropped."""
         waiting = self.waiting()
         self._kinds = (OrderedDict(), OrderedDict())
@@ -136,21 +136,21 @@ class MemoryOutbox:
         self._bytes = 0
         return [lost for entry in (*entries, *waiting) for lost in self.put(entry)]
 
-    def append(self, other: "MemoryOutbox") -> list[Entry]:
+    def append(self, other: "MemoryOutbox") -> list[OutboxEntry]:
         """Append what waits in `other`; its drops and unused topics count here, too. Returns what was dropped."""
         self._dropped += other._dropped
         self._unused_dropped += other._unused_dropped
         self._unused |= other._unused
         return [lost for entry in other.waiting() for lost in self.put(entry)]
 
-    def oldest(self) -> Entry | None:
+    def oldest(self) -> OutboxEntry | None:
         return next(iter(self.batch(1)), None)
 
-    def batch(self, limit: int, without: Collection[str] = ()) -> list[Entry]:
+    def batch(self, limit: int, without: Collection[str] = ()) -> list[OutboxEntry]:
         queues = [queue for topic, queue in self._topics.items() if topic not in without] if without else self._kinds
         return list(islice(in_order(queue.values() for queue in queues), limit))
 
-    def acknowledge(self, entry_id: str) -> Entry | None:
+    def acknowledge(self, entry_id: str) -> OutboxEntry | None:
         """The entry; None where there is none of this id any more."""
         found = next((queue[entry_id][1] for queue in self._kinds if entry_id in queue), None)
         if found is not None:
@@ -163,7 +163,7 @@ class MemoryOutbox:
     def set_unused(self, topic: str, unused: bool) -> None:
         (self._unused.add if unused else self._unused.discard)(topic)
 
-    def expire(self, topic: str, age_ms: int, now_ms: int, limit: int) -> list[Entry]:
+    def expire(self, topic: str, age_ms: int, now_ms: int, limit: int) -> list[OutboxEntry]:
         """Returns what was dropped."""
         oldest = [entry for _, entry in islice(self._topics.get(topic, OrderedDict()).values(), limit)]
         return [self._drop(entry) for entry in oldest if _expired(entry, age_ms, now_ms)]
@@ -173,19 +173,19 @@ class MemoryOutbox:
         common, last = self._kinds
         return list(common.values()), list(last.values())
 
-    def waiting(self) -> list[Entry]:
+    def waiting(self) -> list[OutboxEntry]:
         """Everything, oldest first."""
         return list(in_order(self.numbered()))
 
     def __len__(self) -> int:
         return sum(map(len, self._kinds))
 
-    def _least_needed(self) -> Entry:
+    def _least_needed(self) -> OutboxEntry:
         """The oldest of the unused topics; else the oldest that is not to be dropped last; else the oldest."""
         unused = [next(iter(self._topics[topic].values())) for topic in self._unused if topic in self._topics]
         return min(unused)[1] if unused else _first(self._kinds[0] or self._kinds[1])
 
-    def _drop(self, entry: Entry) -> Entry:
+    def _drop(self, entry: OutboxEntry) -> OutboxEntry:
         if entry.topic in self._unused:
             self._unused_dropped += 1
         else:
@@ -193,7 +193,7 @@ class MemoryOutbox:
         self._remove(entry)
         return entry
 
-    def _remove(self, entry: Entry) -> None:
+    def _remove(self, entry: OutboxEntry) -> None:
         self._bytes -= entry.size
         del self._kinds[entry.drop_last][entry.id]
         queue = self._topics[entry.topic]
@@ -202,14 +202,14 @@ class MemoryOutbox:
             del self._topics[entry.topic]
 
 
-def in_order(queues: Iterable[Iterable[Numbered]]) -> Iterator[Entry]:
+def in_order(queues: Iterable[Iterable[Numbered]]) -> Iterator[OutboxEntry]:
     """The entries of queues that are in order each, oldest first."""
     return (entry for _, entry in heapq.merge(*queues, key=lambda item: item[0]))
 
 
-def _first(queue: Queue) -> Entry:
+def _first(queue: Queue) -> OutboxEntry:
     return next(iter(queue.values()))[1]
 
 
-def _expired(entry: Entry, age_ms: int, now_ms: int) -> bool:
+def _expired(entry: OutboxEntry, age_ms: int, now_ms: int) -> bool:
     return entry.unix_ms >= CLOCK_SET_MS and now_ms - entry.unix_ms > age_ms

@@ -7,7 +7,8 @@ while the broker is away), there is one in PERIOD_S, after WRITES of them.
 
 from dataclasses import dataclass
 
-NS_PER_S = 1_000_000_000
+from gateway.durations import NS_PER_S
+
 DELAY_S = 0.25
 PERIOD_S = 5.0
 WRITES = 40

@@ -11,7 +11,7 @@ import sqlite3
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from gateway.sinks.outbox.outbox import Entry
+from gateway.sinks.outbox.outbox import OutboxEntry
 
 LAYOUT = 1  # PRAGMA user_version
 SPARE_BYTES = 1_000_000  # empty room in the file that is left there
@@ -81,7 +81,7 @@ class EventFile:
         self._db.execute(_CREATE)
         self._db.execute(f"PRAGMA user_version = {LAYOUT}")
 
-    def entries(self) -> list[Entry]:
+    def entries(self) -> list[OutboxEntry]:
         """Everything in it, oldest first. A row that is no event makes the file a corrupt one."""
         with self._errors() as db:
             # Text as bytes: invalid UTF-8 must not look like a failing disk.
@@ -93,7 +93,7 @@ class EventFile:
         except ValueError as error:
             raise StoreError(f"{self.path}: {error}", corrupt=True) from error
 
-    def write(self, added: Iterable[Entry], removed: Iterable[str], *, instead: bool = False) -> None:
+    def write(self, added: Iterable[OutboxEntry], removed: Iterable[str], *, instead: bool = False) -> None:
         """One transaction, on disk when it returns. `instead`: `added` is all there shall be."""
         with self._errors() as db:
             db.execute("BEGIN IMMEDIATE")
@@ -152,11 +152,11 @@ class EventFile:
             self._lock = -1
 
 
-def _entry(name: object, topic: object, payload: object, drop_last: object, unix_ms: object) -> Entry:
+def _entry(name: object, topic: object, payload: object, drop_last: object, unix_ms: object) -> OutboxEntry:
     """SQLite keeps any type of a damaged row. Raises ValueError."""
     match name, topic, payload, drop_last, unix_ms:
         case bytes(), bytes(), bytes(), 0 | 1, int():
-            return Entry(name.decode(), topic.decode(), payload, bool(drop_last), unix_ms)
+            return OutboxEntry(name.decode(), topic.decode(), payload, bool(drop_last), unix_ms)
     raise ValueError("a row that is no event")
 
 

@@ -14,7 +14,7 @@ from gateway.sinks.postgresql.settings import PostgresqlConfig
 log = logging.getLogger(__name__)
 
 
-class RefusedError(Exception):
+class RowsRefusedError(Exception):
     """The server can't take this data, now or later; the connection can be used on."""
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import asyncpg
 
 from gateway.errors import LinkError
-from gateway.sinks.postgresql.database import Database, RefusedError
+from gateway.sinks.postgresql.database import Database, RowsRefusedError
 from gateway.sinks.postgresql.server import Server
 
 CLOSE_S = 0.2  # for the orderly end of a connection
@@ -59,7 +59,7 @@ class _Connection:
             with self._limited():
                 status: str = await self._connection.execute(sql, argument)
         except (asyncpg.DataError, asyncpg.ProgramLimitExceededError) as error:
-            raise RefusedError(str(error)) from error
+            raise RowsRefusedError(str(error)) from error
         return int(status.rsplit(maxsplit=1)[-1])
 
     async def value(self, sql: str) -> Any:

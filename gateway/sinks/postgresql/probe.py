@@ -2,7 +2,7 @@
 
 from gateway.errors import LinkError
 from gateway.sinks.postgresql import tables
-from gateway.sinks.postgresql.database import Connect, RefusedError, check_encoding, layout
+from gateway.sinks.postgresql.database import Connect, RowsRefusedError, check_encoding, layout
 from gateway.sinks.postgresql.server import server_of, tls_of
 from gateway.sinks.postgresql.settings import PostgresqlConfig
 
@@ -25,6 +25,6 @@ async def probe(settings: PostgresqlConfig, connect: Connect) -> str:
         try:
             for statement in (tables.write_events(schema), tables.write_states(schema)):
                 await database.write(statement, "[]")  # rights and columns are checked, and no row is written
-        except RefusedError as error:
+        except RowsRefusedError as error:
             raise LinkError(f"{server}: {error}") from error
         return f"logged in; the tables in schema {schema} have version {found}, and this user may insert"

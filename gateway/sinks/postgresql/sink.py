@@ -14,18 +14,19 @@ from dataclasses import dataclass
 from functools import partial
 
 from gateway import __version__
-from gateway.clock import NS_PER_S, Clock
+from gateway.clock import Clock
 from gateway.config import GatewayConfig
 from gateway.core.events import Event
 from gateway.core.state import StateVector
+from gateway.durations import NS_PER_S
 from gateway.errors import LinkError
 from gateway.sinks.contract import Bays, LinkStatus, SettingError, SinkContext, SinkType
 from gateway.sinks.mqtt import payloads
 from gateway.sinks.mqtt.topics import Gateway, Topics
 from gateway.sinks.outbox.durable import limits, opened_outbox
-from gateway.sinks.outbox.outbox import Entry, MemoryOutbox, Outbox
+from gateway.sinks.outbox.outbox import MemoryOutbox, Outbox, OutboxEntry
 from gateway.sinks.postgresql import tables
-from gateway.sinks.postgresql.database import Connect, Database, RefusedError, prepare
+from gateway.sinks.postgresql.database import Connect, Database, RowsRefusedError, prepare
 from gateway.sinks.postgresql.documents import array, storable
 from gateway.sinks.postgresql.server import SECTION, server_of, tls_of
 from gateway.sinks.postgresql.settings import PostgresqlConfig
@@ -40,7 +41,7 @@ EXTRA = "pip install 'plc-loading-gateway[postgresql]'"
 
 
 @dataclass(frozen=True, slots=True)
-class Written:
+class NewestRow:
     """The newest row of states of a bay: its outputs, and the number of its period."""
 
     outputs: tuple[object, ...] | None
@@ -82,7 +83,7 @@ class PostgresqlSink:
         self._connected = False
         self._all_written = False  # the final rows, too
         self._period_ns = round(settings.state_period_s * NS_PER_S)
-        self._states = {bay: Written(None, self._period()) for bay in bays.bays}
+        self._states = {bay: NewestRow(None, self._period()) for bay in bays.bays}
         self._figures = dict.fromkeys(
             ("connections", "events_written", "events_repeated", "events_refused", "states_written", "states_refused"),
             0,
@@ -164,7 +165,7 @@ class PostgresqlSink:
         drop_last = event.kind in payloads.DROPPED_LAST
         topic = self._gateway.topics.event(event.bay)
         document = storable(payloads.encode(payload))
-        self._outbox.put(Entry(payload.id, topic, document, drop_last, payload.timestamp_ms))
+        self._outbox.put(OutboxEntry(payload.id, topic, document, drop_last, payload.timestamp_ms))
         self._event_queued.set()
 
     async def _write_events(self, database: Database) -> bool:
@@ -172,17 +173,17 @@ class PostgresqlSink:
         entries = self._outbox.batch(EVENTS_AT_ONCE)
         try:
             await self._write_entries(database, entries)
-        except RefusedError:  # because of at least one of them
+        except RowsRefusedError:  # because of at least one of them
             for entry in entries:
                 try:
                     await self._write_entries(database, [entry])
-                except RefusedError as error:
+                except RowsRefusedError as error:
                     self._figures["events_refused"] += 1
                     log.error("%s: event %s refused, and given up: %s", self._server, entry.id, error)
                     self._outbox.acknowledge(entry.id)
         return bool(entries)
 
-    async def _write_entries(self, database: Database, entries: Sequence[Entry]) -> None:
+    async def _write_entries(self, database: Database, entries: Sequence[OutboxEntry]) -> None:
         if not entries:
             return
         count = await database.write(self._write_events_sql, array([entry.payload for entry in entries]))
@@ -199,7 +200,7 @@ class PostgresqlSink:
         """The bays whose outputs have changed since their newest row, or for which a new period has begun."""
         now_ns, period = self._clock.now_ns(), self._period()
         shown = {bay: self._bays.shown(bay, now_ns) for bay in self._bays.bays}
-        return {bay: state for bay, state in shown.items() if Written(_outputs(state), period) != self._states[bay]}
+        return {bay: state for bay, state in shown.items() if NewestRow(_outputs(state), period) != self._states[bay]}
 
     async def _write_states(self, database: Database, states: dict[str, StateVector]) -> None:
         if not states:
@@ -210,14 +211,14 @@ class PostgresqlSink:
             count = await database.write(
                 self._write_states_sql, array([storable(payloads.encode(payload)) for payload in made])
             )
-        except RefusedError as error:
+        except RowsRefusedError as error:
             self._figures["states_refused"] += len(states)
             log.error("%s: states refused: %s", self._server, error)
         else:
             self._figures["states_written"] += count
         for bay, state in states.items():
             self._skipped += max(0, period - self._states[bay].period - 1)
-            self._states[bay] = Written(_outputs(state), period)
+            self._states[bay] = NewestRow(_outputs(state), period)
 
     @property
     def _states_skipped(self) -> int:

@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 from gateway.sinks.contract import StoreStatus
-from gateway.sinks.outbox.outbox import Entry, Outbox
+from gateway.sinks.outbox.outbox import Outbox, OutboxEntry
 from gateway.sinks.sparkplug.metrics import KEPT, Reading
 from gateway.sinks.sparkplug.wire import QualityCode
 
@@ -66,7 +66,7 @@ class History:
         while self._sent and len(self._outbox) >= self._limit:  # has most likely arrived: makes room before the unsent
             self._forget_oldest_sent()
         self._unsent[change.id] = change
-        self._outbox.put(Entry(change.id, bay, _encoded(values), drop_last=True, unix_ms=timestamp_ms))
+        self._outbox.put(OutboxEntry(change.id, bay, _encoded(values), drop_last=True, unix_ms=timestamp_ms))
         while len(self._unsent) > self._limit:
             del self._unsent[next(iter(self._unsent))]
 
@@ -103,7 +103,7 @@ class History:
         del self._sent[oldest]
         self._outbox.acknowledge(oldest)
 
-    def _read(self, entry: Entry) -> BayChange | None:
+    def _read(self, entry: OutboxEntry) -> BayChange | None:
         """None: of a bay that is not configured any more, or not ours."""
         try:
             values = {

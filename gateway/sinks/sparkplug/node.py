@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from gateway.core.state import StateVector
 from gateway.core.visit_summary import VisitSummary
 from gateway.sinks.contract import BayAlarms
-from gateway.sinks.mqtt.topics import Message
+from gateway.sinks.mqtt.topics import MqttMessage
 from gateway.sinks.sparkplug import metrics
 from gateway.sinks.sparkplug.history import BayChange, History
 from gateway.sinks.sparkplug.metrics import BD_SEQ, HISTORY, NODE_REBIRTH, Reading, Surroundings
@@ -64,7 +64,7 @@ class EdgeNode:
     identity: Identity
     version: str
     history: History
-    doubt_ms: int = 20_000  # a lost connection may have been dead for so long before it was noticed
+    doubt_ms: int = 20_000  # a lost connection may have been dead for this time before it was noticed
     typed_data: bool = True  # data carry datatypes, as births do
     alarms: Callable[[str], BayAlarms] = lambda bay: BayAlarms()
     stats: Stats = field(default_factory=Stats)
@@ -83,7 +83,7 @@ class EdgeNode:
 
     # The connection.
 
-    def will(self, bd_seq: int, now_ms: int) -> Message:
+    def will(self, bd_seq: int, now_ms: int) -> MqttMessage:
         """The NDEATH for the next CONNECT; begins its session. `bd_seq`: 0 to 255, one more with every CONNECT."""
         self._bd_seq, self._seq = bd_seq % SEQ_MODULO, -1
         self._rebirth_ms, self._rebirth_due = None, False
@@ -92,13 +92,13 @@ class EdgeNode:
         self._sent_values.clear()
         return self.death(now_ms)
 
-    def death(self, now_ms: int) -> Message:
+    def death(self, now_ms: int) -> MqttMessage:
         """NDEATH: only the bdSeq, and no sequence number."""
         self._born = False
         metric = Metric(BD_SEQ, now_ms, DataType.INT64, self._bd_seq)
-        return Message(self.identity.topic("NDEATH"), encode(Payload(now_ms, (metric,))), text=False)
+        return MqttMessage(self.identity.topic("NDEATH"), encode(Payload(now_ms, (metric,))), text=False)
 
-    def connected(self, states: Mapping[str, StateVector | None], now_ms: int) -> list[Message]:
+    def connected(self, states: Mapping[str, StateVector | None], now_ms: int) -> list[MqttMessage]:
         """Connected and subscribed. Births, unless the primary host must be waited for."""
         return [] if self.identity.primary_host else self._birth(states, now_ms)
 
@@ -112,7 +112,7 @@ class EdgeNode:
 
     def received(
         self, topic: str, payload: bytes, states: Mapping[str, StateVector | None], now_ms: int
-    ) -> tuple[list[Message], bool]:
+    ) -> tuple[list[MqttMessage], bool]:
         """A received message: what to send, and whether this session must end (the primary host is offline)."""
         if self.identity.primary_host and topic == self.identity.state_topic:
             return self._host_state(payload, states, now_ms)
@@ -124,7 +124,7 @@ class EdgeNode:
 
     def _host_state(
         self, payload: bytes, states: Mapping[str, StateVector | None], now_ms: int
-    ) -> tuple[list[Message], bool]:
+    ) -> tuple[list[MqttMessage], bool]:
         try:
             message = json.loads(payload.decode())  # UTF-8 only: others are loaded from files that may not open
             online, timestamp_ms = message["online"], message["timestamp"]
@@ -144,7 +144,7 @@ class EdgeNode:
             return [], False
         return [self.death(now_ms)], True
 
-    def _requested_rebirth(self, states: Mapping[str, StateVector | None], now_ms: int) -> list[Message]:
+    def _requested_rebirth(self, states: Mapping[str, StateVector | None], now_ms: int) -> list[MqttMessage]:
         """At once, or by `states` where the last one was too short a time ago; data go on meanwhile."""
         if self._rebirth_may_wait(now_ms):
             self.stats.rebirths_deferred += 1
@@ -169,14 +169,14 @@ class EdgeNode:
 
     # From the bays.
 
-    def states(self, states: Mapping[str, StateVector | None], now_ms: int) -> list[Message]:
+    def states(self, states: Mapping[str, StateVector | None], now_ms: int) -> list[MqttMessage]:
         """What has changed since it was last sent; deaths and births of bays that died or are alive again."""
         if not self._born:
             return []
         self.history.arrived(now_ms - self.doubt_ms)
         if self.rebirth_due(now_ms):
             return self._requested_rebirth(states, now_ms)
-        out: list[Message] = []
+        out: list[MqttMessage] = []
         since = self.history.unsent(self._sent_values)
         self.history.sent(since, now_ms)
         for bay, state in states.items():
@@ -206,15 +206,15 @@ class EdgeNode:
         self._visits[bay] = visit
         self.history.put(bay, timestamp_ms, metrics.visit_readings(visit), in_session=self._born)
 
-    def _kept(self, now_ms: int) -> list[Message]:
+    def _kept(self, now_ms: int) -> list[MqttMessage]:
         """What was kept, oldest first, as historical values of devices that have a birth."""
         changes = self.history.unsent(self._sent_values)
         self.history.sent(changes, now_ms)  # this link, too, may be dead already
         return self._historical(changes, now_ms)
 
-    def _historical(self, changes: list[BayChange], now_ms: int) -> list[Message]:
+    def _historical(self, changes: list[BayChange], now_ms: int) -> list[MqttMessage]:
         """Changes of devices that have a birth, some to a message."""
-        out: list[Message] = []
+        out: list[MqttMessage] = []
         for bay in dict.fromkeys(change.bay for change in changes):
             found = [change for change in changes if change.bay == bay]
             for n in range(0, len(found), HISTORY_PER_MESSAGE):
@@ -228,7 +228,7 @@ class EdgeNode:
 
     # Messages.
 
-    def _birth(self, states: Mapping[str, StateVector | None], now_ms: int) -> list[Message]:
+    def _birth(self, states: Mapping[str, StateVector | None], now_ms: int) -> list[MqttMessage]:
         """NBIRTH with sequence number 0, then a DBIRTH for every bay that lives, then what was kept."""
         self._seq, self._born, self._rebirth_due = -1, True, False
         self._sent_values.clear()
@@ -244,7 +244,7 @@ class EdgeNode:
         out += [self._device_birth(bay, state, now_ms) for bay, state in states.items() if state is not None]
         return out + self._kept(now_ms)
 
-    def _device_birth(self, bay: str, state: StateVector, now_ms: int) -> Message:
+    def _device_birth(self, bay: str, state: StateVector, now_ms: int) -> MqttMessage:
         now = self._readings(bay, state)
         self._sent_values[bay] = now
         return self._sequenced("DBIRTH", bay, metrics.metrics(now, now_ms, birth=True), now_ms)
@@ -255,13 +255,13 @@ class EdgeNode:
         around = Surroundings(self.alarms(bay), len(self.history), self.history.dropped, file_ok)
         return metrics.readings(state, self._visits.get(bay), around)
 
-    def _data(self, bay: str, found: tuple[Metric, ...], now_ms: int) -> Message:
+    def _data(self, bay: str, found: tuple[Metric, ...], now_ms: int) -> MqttMessage:
         self.stats.data += 1
         return self._sequenced("DDATA", bay, found, now_ms)
 
-    def _sequenced(self, kind: str, bay: str, found: tuple[Metric, ...], now_ms: int) -> Message:
+    def _sequenced(self, kind: str, bay: str, found: tuple[Metric, ...], now_ms: int) -> MqttMessage:
         self._seq = (self._seq + 1) % SEQ_MODULO
         payload = Payload(now_ms, found, self._seq)
-        return Message(
+        return MqttMessage(
             self.identity.topic(kind, bay), encode(payload, typed=self.typed_data or kind != "DDATA"), qos=0, text=False
         )

@@ -14,16 +14,17 @@ from pathlib import Path
 from typing import NoReturn
 
 from gateway import __version__
-from gateway.clock import NS_PER_S, Clock
+from gateway.clock import Clock
 from gateway.config import MqttConfig
 from gateway.core.events import Event
 from gateway.core.state import Reason, StateVector
+from gateway.durations import NS_PER_MS, NS_PER_S
 from gateway.errors import LinkError
 from gateway.sinks.contract import AlarmSource, Bays, LinkStatus, SinkContext, SinkType, no_alarms
 from gateway.sinks.mqtt import payloads
 from gateway.sinks.mqtt.broker_link import BrokerLink
 from gateway.sinks.mqtt.session import BrokerSession, Connect
-from gateway.sinks.mqtt.topics import Message
+from gateway.sinks.mqtt.topics import MqttMessage
 from gateway.sinks.outbox.durable import limits, opened_outbox
 from gateway.sinks.outbox.outbox import MemoryOutbox, Outbox
 from gateway.sinks.sparkplug.bd_seq import BdSeq
@@ -32,7 +33,6 @@ from gateway.sinks.sparkplug.node import EdgeNode, Identity
 
 log = logging.getLogger(__name__)
 
-NS_PER_MS = 1_000_000
 POLL_S = 0.1  # how often changes other than of stop are checked for
 
 
@@ -148,10 +148,10 @@ class SparkplugPublisher:
             async with asyncio.timeout(timeout_s):
                 await self._session.close()
 
-    async def _received(self, link: BrokerLink, message: Message) -> None:
+    async def _received(self, link: BrokerLink, message: MqttMessage) -> None:
         """A command, or the primary host's state."""
 
-        def answer() -> list[Message]:
+        def answer() -> list[MqttMessage]:
             out, offline = self.node.received(message.topic, message.payload, self._states(), self._now_ms())
             if offline:
                 self._over.set()
@@ -179,7 +179,7 @@ class SparkplugPublisher:
         states = self._states().values()
         return [None if s is None else (s.stop, s.may_move, s.in_place, s.visit.moved, s.reason) for s in states]
 
-    async def _send(self, link: BrokerLink, make: Callable[[], list[Message]]) -> None:
+    async def _send(self, link: BrokerLink, make: Callable[[], list[MqttMessage]]) -> None:
         """Make and send under one lock: what is numbered first is sent first."""
         async with self._send_lock:
             for message in make():

@@ -72,7 +72,7 @@ class Search(Protocol):
         ...
 
 
-class Stage(NamedTuple):
+class MethodStage(NamedTuple):
     """A step of the method, timed in every frame."""
 
     name: str  # in `Detection.stage_ns`
@@ -135,7 +135,7 @@ class Method:
     """As `detector`, with the same result, for a single frame: nothing is prepared for further ones."""
     check: Callable[[VisionConfig], None] = _nothing_needed
     """Before anything starts. Raises ConfigError where the settings need a file of the method that is not usable."""
-    stages: tuple[Stage, ...]
+    stages: tuple[MethodStage, ...]
     rejections: Mapping[str, str] = field(default_factory=dict)
     """`Rejection.why` -> meaning."""
     keys: tuple[str, ...] = ()

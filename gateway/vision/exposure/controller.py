@@ -20,7 +20,7 @@ from collections import deque
 
 from gateway.core.readings import ExposureState
 from gateway.vision.exposure.effect import TELLING, EffectJudge
-from gateway.vision.exposure.light import CLIPPED, FrameLight, Light
+from gateway.vision.exposure.light import CLIPPED, FrameLight, RegionLight
 from gateway.vision.exposure.settings import Exposure, ExposureLimits
 
 SETTLE_FRAMES = 3
@@ -29,8 +29,8 @@ BAY_LEVELS = (25.0, 80.0)  # what may be learned for the bay
 DEAD_BAND, BAY_BAND = math.log(1.2), math.log(1.6)
 SHARE = 0.7  # of what is missing, a step
 MOST_UP, MOST_DOWN = 4.0, 8.0  # factors of one step
-RISING_NS, RISING_LEVEL = 700_000_000, 40.0  # after a darker step none brighter for so long, unless it is below this
-BRIGHTER_NS = 300_000_000  # for so long the frames must have been too dark
+RISING_NS, RISING_LEVEL = 700_000_000, 40.0  # after a darker step none brighter for this time, unless it is below this
+BRIGHTER_NS = 300_000_000  # for this time the frames must have been too dark
 FLICKER_NS = 700_000_000  # a beat of lamp and frames that is no slower than this is not followed
 LOST_DARK = 25.0  # grey level at the place of a marker that is not found any more
 
@@ -117,7 +117,7 @@ class ExposureController:
             return self._towards(light.marker, MARKER_LEVEL, DEAD_BAND, light.t_ns, self._marker)
         return self._now
 
-    def _towards(self, light: Light, level: float, band: float, t_ns: int, recent: "_Recent") -> Exposure:
+    def _towards(self, light: RegionLight, level: float, band: float, t_ns: int, recent: "_Recent") -> Exposure:
         clipped = light.level >= CLIPPED
         brightest = recent.brightest(light.level, t_ns)
         missing = math.log(level / max(light.level, 1.0))
@@ -145,7 +145,7 @@ class ExposureController:
         """The light may still be rising."""
         return self._darker_ns is not None and 0 <= t_ns - self._darker_ns < RISING_NS
 
-    def _learn(self, bay: Light, marker: Light) -> None:
+    def _learn(self, bay: RegionLight, marker: RegionLight) -> None:
         """The bay's level while the marker is well exposed."""
         if LOST_DARK <= marker.level < CLIPPED and TELLING[0] <= bay.level <= TELLING[1]:
             least, most = BAY_LEVELS

@@ -8,10 +8,10 @@ that rises as fast as the exposure is lowered looks the same, for as long as it 
 import math
 from dataclasses import dataclass
 
+from gateway.durations import NS_PER_S
 from gateway.vision.exposure.light import FrameLight
 from gateway.vision.exposure.settings import Exposure, ExposureLimits
 
-NS_PER_S = 1_000_000_000
 TELLING = (12.0, 240.0)  # grey levels of the bay at which an effect can be judged
 OBEYED, IGNORED = 0.3, 0.1  # share of the effect that was to be expected
 LEAST_ASKED, LEAST_NS = math.log(4), 5 * NS_PER_S  # of a run of changes without effect

@@ -9,17 +9,16 @@ from numpy.typing import NDArray
 from gateway.core.detection import Circle, Detection, Ellipse
 from gateway.vision.pixels import Image
 
-NS_PER_S = 1_000_000_000
 CLIPPED = 250  # grey level from which a pixel counts as clipped
 INSIDE = 0.88  # of the marker's semi-axes: the rim's mixed pixels are left out
 MARKER_PERCENTILE = 90  # the brighter part of the disc is kept inside the range, small highlights are not
 SAMPLES = 4096  # pixels of a region that are looked at, about
 LEAST_PX = 20  # fewer pixels of the marker in the picture say nothing
-HELD_NS = 1_500_000_000  # the place where the marker was last seen counts for so long
+HELD_NS = 1_500_000_000  # the place where the marker was last seen counts for this time
 
 
 @dataclass(frozen=True, slots=True)
-class Light:
+class RegionLight:
     """Of one region, in the brightest of the three channels. A red disc clips in its red first."""
 
     level: float  # grey level, 0 to 255: of the marker the 90th percentile, of the bay the median
@@ -32,8 +31,8 @@ class FrameLight:
 
     seq: int
     t_ns: int
-    bay: Light
-    marker: Light | None = None
+    bay: RegionLight
+    marker: RegionLight | None = None
     seen: bool = False  # the marker was found in this frame; else `marker` is the place where it was, or should be
 
 
@@ -56,7 +55,7 @@ class LightMeter:
         return FrameLight(seq, t_ns, bay_light(image), marker, seen=marker is not None and found.circle is not None)
 
 
-def marker_light(image: Image, place: Ellipse) -> Light | None:
+def marker_light(image: Image, place: Ellipse) -> RegionLight | None:
     """Inside the ellipse; None: hardly any of it is in the picture."""
     height, width = image.shape[:2]
     reach = INSIDE * place.semi_major_px
@@ -75,16 +74,16 @@ def marker_light(image: Image, place: Ellipse) -> Light | None:
     return None if levels.size < LEAST_PX else _light(levels, MARKER_PERCENTILE)
 
 
-def bay_light(image: Image) -> Light:
+def bay_light(image: Image) -> RegionLight:
     """Of the complete picture. Sky, lamps and the sun do not change a median while they fill less than half of it."""
     stride = _stride(image.shape[1], image.shape[0])
     return _light(image[stride // 2 :: stride, stride // 2 :: stride].max(axis=2).ravel(), 50)
 
 
-def _light(levels: NDArray[np.uint8], percentile: int) -> Light:
+def _light(levels: NDArray[np.uint8], percentile: int) -> RegionLight:
     counts = np.cumsum(np.bincount(levels, minlength=256))
     level = int(np.searchsorted(counts, percentile / 100 * levels.size))
-    return Light(float(level), 1 - float(counts[CLIPPED - 1]) / levels.size)
+    return RegionLight(float(level), 1 - float(counts[CLIPPED - 1]) / levels.size)
 
 
 def _stride(width: int, height: int) -> int:

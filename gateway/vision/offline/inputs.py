@@ -55,7 +55,7 @@ class InputError(GatewayError):
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class InputPicture:
     """One decoded picture; `frame` counts from 0 in files that hold several, and is None in those that hold one."""
 
     image: Image
@@ -85,7 +85,7 @@ def expand(arguments: Sequence[str]) -> list[Path]:
     return paths
 
 
-def read(path: Path) -> Iterator[Picture]:
+def read(path: Path) -> Iterator[InputPicture]:
     """Every picture in one file, in order, decoded one after the other. Raises InputError, perhaps after some."""
     try:
         info = path.stat()
@@ -129,8 +129,8 @@ def _decoded(data: bytes) -> NDArray[Any]:
     return picture
 
 
-def _picture(picture: NDArray[Any], frame: int | None = None) -> Picture:
-    return Picture(_image(picture), frame, deep_of(picture))
+def _picture(picture: NDArray[Any], frame: int | None = None) -> InputPicture:
+    return InputPicture(_image(picture), frame, deep_of(picture))
 
 
 def _image(picture: NDArray[Any]) -> Image:
@@ -152,7 +152,7 @@ def _holds_several(data: bytes) -> bool:
     return data.startswith((b"GIF8", b"II*\0", b"MM\0*")) or data[4:12] == b"ftypavis"
 
 
-def _frames(data: bytes) -> Iterator[Picture]:
+def _frames(data: bytes) -> Iterator[InputPicture]:
     """Every frame of an animation or page of a TIFF, some at a time; a single one is a plain picture."""
     first = _decoded(data)
     batch = max(1, _BATCH_PIXELS // (first.shape[0] * first.shape[1]))
@@ -190,7 +190,7 @@ def open_video(path: Path) -> cv2.VideoCapture:
     return ffmpeg.opened(str(path.absolute()), ffmpeg.FILE)
 
 
-def _video(path: Path) -> Iterator[Picture]:
+def _video(path: Path) -> Iterator[InputPicture]:
     capture = open_video(path)
     try:
         frame = 0
@@ -201,7 +201,7 @@ def _video(path: Path) -> Iterator[Picture]:
             if damaged:
                 log.warning("%s: %d frames from %d on can't be decoded; skipped", path, damaged, frame)
             frame += damaged
-            yield Picture(_image(image), frame)
+            yield InputPicture(_image(image), frame)
             frame += 1
     except cv2.error as error:
         raise InputError(_reason(error)) from error

@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-NS_PER_S = 1_000_000_000
+from gateway.durations import NS_PER_S
+
 PERIOD_NS = 2 * NS_PER_S
 PART_PX, LEAST_PX = 64, 24  # side of a part; a smaller picture gives no result
 LEAST_DEVIATION = 6.0  # grey levels: a picture that is dark, covered or full of dust gives no result
@@ -19,7 +20,7 @@ RECOGNISED = 0.4  # response of the phase correlation: another scene gives less,
 ENOUGH = 3  # of the six parts
 LEARNED_FROM, STILL_PX = 5, 1.0  # so many pictures running, of which none has moved farther
 FORGET_S = 60.0  # what was seen once and not again may have been a truck
-TRUSTED_S = 1800.0  # what has been recognised for so long, or again after a visit, was none
+TRUSTED_S = 1800.0  # what has been recognised for this time, or again after a visit, was none
 LOST_S = 3600.0
 
 Grey = NDArray[np.uint8]

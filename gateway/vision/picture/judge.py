@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 
 from gateway.config import PictureConfig
 from gateway.core.readings import PictureFault, PictureHealth
+from gateway.durations import NS_PER_S
 
-NS_PER_S = 1_000_000_000
 CLEARS = 0.1  # beyond its limit by this share of it, on the good side, a fault ends
 SET, CLEAR = 0.7, 0.3  # of the time, with an exponential memory
 LONGEST_STEP_S = 2.0  # a gap in the pictures is no time in which anything was seen

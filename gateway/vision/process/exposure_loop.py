@@ -6,9 +6,10 @@ replaced like one that hangs in a read. Each sees the other's newest record; not
 
 import logging
 
-from gateway.clock import NS_PER_S, Clock
+from gateway.clock import Clock
 from gateway.core.detection import Detection
 from gateway.core.readings import CameraExposure, ExposureState
+from gateway.durations import NS_PER_S
 from gateway.errors import LinkError
 from gateway.vision.exposure.controller import ExposureController
 from gateway.vision.exposure.light import FrameLight, LightMeter
@@ -18,7 +19,7 @@ from gateway.vision.source.contract import ExposureControlled, ExposureControls,
 
 log = logging.getLogger(__name__)
 
-REFUSED_NS = 10 * NS_PER_S  # after a refusal the camera is not asked again for so long
+REFUSED_NS = 10 * NS_PER_S  # after a refusal the camera is not asked again for this time
 WRONG = {
     ExposureState.IGNORED: "the camera accepts other settings, but its pictures do not follow them; tried every 10 s",
     ExposureState.REFUSED: "the camera refuses to be set; tried every 10 s",

@@ -4,10 +4,8 @@ from collections import deque
 from dataclasses import dataclass, field, replace
 
 from gateway.core.readings import VisionStats
+from gateway.durations import NS_PER_MS, NS_PER_S
 from gateway.vision.transport.messages import FrameResult
-
-NS_PER_S = 1_000_000_000
-NS_PER_MS = 1_000_000
 
 
 @dataclass(slots=True)

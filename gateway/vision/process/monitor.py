@@ -33,15 +33,15 @@ from enum import Enum, auto
 from gateway.config import CameraConfig, Reconnect, VisionConfig
 from gateway.core.detection import Detection
 from gateway.core.readings import PictureHealth, Quality, VisionReading, VisionStats
+from gateway.durations import NS_PER_S
 from gateway.processes.deadlines import StartDeadline
 from gateway.supervisor import delay_s
 from gateway.vision.picture.judge import PictureJudge
 from gateway.vision.process.frame_counts import FrameCounts
 from gateway.vision.transport.messages import FrameResult
-from gateway.vision.transport.progress import Progress
+from gateway.vision.transport.progress import FrameProgress
 
-NS_PER_S = 1_000_000_000
-PICTURE_NS = 3 * NS_PER_S  # a measurement of the picture itself is reported for so long
+PICTURE_NS = 3 * NS_PER_S  # a measurement of the picture itself is reported for this time
 MOST_SKIPPED = 1_000_000  # frames between two that are processed; a number beyond that is nonsense
 PROCESS_BACKOFF = Reconnect(min_s=0.1, max_s=2.0)  # from the second failure in a row on; the first is replaced at once
 
@@ -113,7 +113,7 @@ class ProcessMonitor:
     _film_begun: bool = False  # a finite source has given a frame
     _film_first_seq: int = 1  # of the film that has begun
     _over: bool = False  # the film is lost, and not begun again
-    _progress: Progress = field(default_factory=Progress)
+    _progress: FrameProgress = field(default_factory=FrameProgress)
     _judge: PictureJudge = field(init=False)
     _picture: PictureHealth | None = None
     _picture_ns: int = 0
@@ -198,7 +198,7 @@ class ProcessMonitor:
             )
         )
 
-    def progress(self, progress: Progress, now_ns: int) -> None:
+    def progress(self, progress: FrameProgress, now_ns: int) -> None:
         """What the process had noted by `now_ns`."""
         if self._is(progress.token) and self._can_be(progress, now_ns):
             self._progress = progress
@@ -309,7 +309,7 @@ class ProcessMonitor:
     def _is_new(self, seq: int) -> bool:
         return self._counts.last_seq < seq <= self._counts.last_seq + MOST_SKIPPED
 
-    def _can_be(self, noted: Progress, now_ns: int) -> bool:
+    def _can_be(self, noted: FrameProgress, now_ns: int) -> bool:
         seqs = (noted.captured_seq, noted.work_seq)
         times_ns = (noted.captured_ns, noted.work_t_capture_ns, noted.work_began_ns, noted.detector_ns)
         return (
@@ -396,7 +396,7 @@ class ProcessMonitor:
 
     def _count_out(self, *, lost: bool = False) -> None:
         """Of the process that ends: every frame that it has numbered and that has no result is lost or skipped."""
-        noted, self._progress = self._progress, Progress()
+        noted, self._progress = self._progress, FrameProgress()
         self._counts.process_ended(max(noted.work_seq, 0 if self._lossless else noted.captured_seq), lost=lost)
 
     def _emit_fault(self, quality: Quality, t_ns: int, seq: int, why: str, now_ns: int) -> None:

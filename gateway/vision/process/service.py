@@ -12,9 +12,10 @@ import random
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 
-from gateway.clock import NS_PER_S, SystemClock
+from gateway.clock import SystemClock
 from gateway.config import CameraConfig, ControlsConfig, VisionConfig
 from gateway.core.readings import VisionReading
+from gateway.durations import NS_PER_S
 from gateway.errors import ConfigError
 from gateway.processes.channel import Failed, Gone
 from gateway.processes.child import shown

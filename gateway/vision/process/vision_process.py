@@ -70,7 +70,7 @@ def run(channel: Channel[FromVision, MarkerRadii | ControlsRequest], job: Vision
     channel.send(Ready())
     newest, recent = NewestFrame(), RecentFrames()
     exposure = None if job.exposure is None else ExposureLoop(job.exposure, clock)
-    capture = Capture(channel, job, progress, newest, exposure, recent)
+    capture = CaptureThread(channel, job, progress, newest, exposure, recent)
     threading.excepthook = capture.crashed
     threading.Thread(target=capture.run, name="capture", daemon=True).start()
     while True:
@@ -125,7 +125,7 @@ class NewestFrame:
             self._changed.notify_all()
 
     def take(self, seconds: float) -> CheckedFrame | None:
-        """The newest frame; waits at most so long for one. The frame taken before is done with."""
+        """The newest frame; waits at most this long for one. The frame taken before is done with."""
         with self._changed:
             self._working = False
             self._changed.notify_all()
@@ -186,8 +186,8 @@ def detected(
     return detection, since_ns if oldest is frame else min(since_ns, oldest.t_capture_ns)
 
 
-class Capture:
-    """The capture thread: open the source, check and number its frames, hand them over. A hang is its to have."""
+class CaptureThread:
+    """The capture thread: open the source, check and number its frames, hand them over. It may hang."""
 
     def __init__(
         self,

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 import cv2
 from numpy.typing import NDArray
 
-from gateway.clock import NS_PER_S, Clock, suspended_ns
+from gateway.clock import Clock, suspended_ns
+from gateway.durations import NS_PER_S
 from gateway.errors import LinkError
 from gateway.vision.exposure.settings import ExposureRules
 from gateway.vision.pixels import bgr8, deep_of

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import cv2
 
-from gateway.clock import NS_PER_S, Clock
+from gateway.clock import Clock
+from gateway.durations import NS_PER_S
 from gateway.errors import LinkError
 from gateway.vision.offline import inputs
 from gateway.vision.pixels import PICTURE_SUFFIXES, bgr8, natural_key

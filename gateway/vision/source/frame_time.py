@@ -8,8 +8,8 @@ import math
 from collections.abc import Callable
 from typing import Protocol
 
-NS_PER_MS = 1_000_000
-NS_PER_S = 1_000_000_000
+from gateway.durations import NS_PER_MS, NS_PER_S
+
 SAME_CLOCK_NS = 10 * NS_PER_S  # a buffer's stamp that lies so near before its arrival is of CLOCK_MONOTONIC
 CLOCK_SET_NS = NS_PER_S  # arriving so much earlier than ever before: its clock was set, or its film began again
 DRIFT_WINDOW_NS = 20 * NS_PER_S

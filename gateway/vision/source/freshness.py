@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.core.detection import Circle
+from gateway.durations import NS_PER_S
 from gateway.vision.pixels import DeepImage, Image
 
 TILES = (12, 16)  # rows and columns of tiles
 ROWS = 5  # of pixels that are compared in each tile: 0.02 ms at VGA, 0.04 ms at 1080p
-NS_PER_S = 1_000_000_000
 
 Samples = NDArray[np.uint8] | NDArray[np.uint16]
 Changes = NDArray[np.int64]
@@ -31,7 +31,7 @@ class Freshness(Enum):
 
 
 class FrozenFrameDetector:
-    """One opened source, whose frames are in order and have one size. `frozen_s`: unchanged for so long is frozen.
+    """One opened source, whose frames are in order and have one size. `frozen_s`: unchanged for this time is frozen.
 
     It keeps the newest frame, which its source does not write into.
     """

@@ -11,9 +11,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from gateway.clock import NS_PER_S
 from gateway.config import ControlsConfig
 from gateway.config.sections.camera_controls import AUTOMATIC
+from gateway.durations import NS_PER_S
 from gateway.errors import LinkError
 from gateway.vision.source import v4l2_device as v4l2
 from gateway.vision.source.v4l2_device import Range, V4l2Device, device_path

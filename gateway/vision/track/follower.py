@@ -25,12 +25,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from gateway.core.detection import Circle, Detection, Rejection, Tracking
+from gateway.durations import NS_PER_S
 from gateway.vision.detect.geometry import same_circle
 from gateway.vision.detect.method import Search, Summing, TimedPicture
 from gateway.vision.detect.radii import WITHDRAWN, MarkerRadii
 from gateway.vision.pixels import Image
 from gateway.vision.track.distractors import HELD_NS, Distractors
-from gateway.vision.track.kalman_filter import NS_PER_S, Prediction, Track, usable
+from gateway.vision.track.kalman_filter import Prediction, Track, usable
 
 JUMP = "jump"  # the rejection code of a circle of a tentative track
 REPORTED = 5  # rejections, at most

@@ -16,8 +16,7 @@ import math
 from dataclasses import dataclass
 
 from gateway.core.detection import Circle
-
-NS_PER_S = 1_000_000_000
+from gateway.durations import NS_PER_S
 
 GATE = 16.27  # squared Mahalanobis distance: 99.9 % of a chi-square with three degrees of freedom
 JITTER_PX = 0.5  # standard deviation of a measurement against the model: this, and

@@ -17,7 +17,7 @@ FIELDS = 9
 
 
 @dataclass(frozen=True, slots=True)
-class Progress:
+class FrameProgress:
     """Of the process with this token; all zero: it has noted nothing yet."""
 
     token: int = 0
@@ -76,5 +76,5 @@ class ProgressPage:
 
     # The main process.
 
-    def read(self) -> Progress:
-        return Progress(*self._fields[:WIDTH].tolist())
+    def read(self) -> FrameProgress:
+        return FrameProgress(*self._fields[:WIDTH].tolist())

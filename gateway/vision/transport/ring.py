@@ -23,9 +23,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gateway.durations import NS_PER_S
 from gateway.vision.pixels import Image
 
-NS_PER_S = 1_000_000_000
 SLOTS = 3  # a viewer has the time of two further frames to copy one
 PAGE = mmap.PAGESIZE
 GENERATION, HEIGHT, WIDTH, SEQ, T_CAPTURE_NS = range(5)

@@ -9,7 +9,8 @@ lock its owner out.
 import math
 from collections.abc import Iterator
 
-from gateway.net.rate_limit import NS_PER_S, KeyedBuckets, Rate, plain_address
+from gateway.durations import NS_PER_S
+from gateway.net.rate_limit import KeyedBuckets, Rate, plain_address
 
 MAX_KEYS = 4096  # of each kind
 KNOWN_PER_NAME = 4

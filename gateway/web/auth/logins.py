@@ -8,8 +8,9 @@ from collections import Counter, OrderedDict
 from collections.abc import Callable
 from dataclasses import replace
 
-from gateway.clock import NS_PER_S, Clock
+from gateway.clock import Clock
 from gateway.config.sections.hmi import HmiConfig, HmiUser
+from gateway.durations import NS_PER_S
 from gateway.net import rate_limit
 from gateway.web.auth.access import Level, Rule
 from gateway.web.auth.audit_log import AuditKind, AuditRecord, printable
@@ -21,7 +22,7 @@ from gateway.web.auth.sessions import Caller, Session, Sessions
 
 MAX_COOKIES = 4096  # characters of the header
 MAX_BASIC = 1024
-BASIC_CACHE_S = 300  # so long a program that logged in by HTTP Basic is known without checking its password again
+BASIC_CACHE_S = 300  # this long a program that logged in by HTTP Basic is known without checking its password again
 MAX_BASIC_CACHE = 64
 CHALLENGE = {"WWW-Authenticate": 'Basic realm="gateway", charset="UTF-8"'}
 

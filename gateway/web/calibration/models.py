@@ -4,11 +4,11 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from gateway.vision.offline.calibration.boards import LEAST_MM, LEAST_POINTS, MOST_MM, MOST_POINTS, Kind
-from gateway.vision.offline.calibration.selection import Missing, ViewVerdict
+from gateway.vision.offline.calibration.boards import LEAST_MM, LEAST_POINTS, MOST_MM, MOST_POINTS, CalibrationBoardKind
+from gateway.vision.offline.calibration.selection import MissingView, ViewVerdict
 
 BoardKind = Literal["checkerboard", "circles", "asymmetric-circles"]
-assert set(Kind) == set(BoardKind.__args__)  # type: ignore[attr-defined]
+assert set(CalibrationBoardKind) == set(BoardKind.__args__)  # type: ignore[attr-defined]
 VERDICT_MEANING = {
     ViewVerdict.NOT_FOUND: "the board is not in the picture as a whole",
     ViewVerdict.TOO_FAR: "it is too small in the picture",
@@ -21,13 +21,13 @@ VERDICT_MEANING = {
     ViewVerdict.FULL: "no more views are kept: remove some",
 }
 MISSING_MEANING = {
-    Missing.VIEWS: "more views",
-    Missing.LEFT: "one with the left edge farther away",
-    Missing.RIGHT: "one with the right edge farther away",
-    Missing.TOP: "one with the upper edge farther away",
-    Missing.BOTTOM: "one with the lower edge farther away",
-    Missing.DISTANCE: "another distance",
-    Missing.COVERAGE: "more of the picture",
+    MissingView.VIEWS: "more views",
+    MissingView.LEFT: "one with the left edge farther away",
+    MissingView.RIGHT: "one with the right edge farther away",
+    MissingView.TOP: "one with the upper edge farther away",
+    MissingView.BOTTOM: "one with the lower edge farther away",
+    MissingView.DISTANCE: "another distance",
+    MissingView.COVERAGE: "more of the picture",
 }
 
 
@@ -65,13 +65,13 @@ class LookView(Model):
     number: int = Field(description="its picture is at look/{number}/picture for a moment")
     verdict: ViewVerdict = Field(description=_meanings(VERDICT_MEANING))
     points: list[list[float]] = Field(description="u, v of each corner or circle, px of the frame; empty: not found")
-    held_s: float = Field(description="so long the board has been held where it is")
-    hold_s: float = Field(description="so long it must be held")
+    held_s: float = Field(description="the board has been held where it is for this time")
+    hold_s: float = Field(description="it must be held for this time")
     width_px: int
     height_px: int
     frame_id: int | None = Field(description="null: there is no new frame")
     age_ms: float | None = Field(description="of the frame; of the one before where there is no new one")
-    work_ms: float = Field(description="so long this look took")
+    work_ms: float = Field(description="this look took this time")
     view: int | None = Field(description="number of the view that was taken")
     other_board: list[int] | None = Field(description="columns and rows of a checkerboard that is seen instead")
     revision: int = Field(description="of the session's views")
@@ -103,7 +103,7 @@ class CalibrationView(Model):
     coverage: list[list[int]] = Field([], description="rows of cells of the picture: points seen in each")
     covered: float = Field(0.0, description="share of the cells in which a point was seen")
     distances: float = Field(1.0, description="ratio of the largest to the smallest board in the picture")
-    missing: list[Missing] = Field([], description=_meanings(MISSING_MEANING))
+    missing: list[MissingView] = Field([], description=_meanings(MISSING_MEANING))
     wanted: int = Field(0, description="so many views are good")
     most: int = Field(0, description="so many views are kept")
 

@@ -11,9 +11,16 @@ import cv2
 from fastapi import Depends, Query
 from starlette.responses import Response, StreamingResponse
 
-from gateway.clock import NS_PER_MS
+from gateway.durations import NS_PER_MS
 from gateway.vision.offline.calibration import drawing, report
-from gateway.vision.offline.calibration.boards import LEAST_MM, LEAST_POINTS, MOST_MM, MOST_POINTS, Board, Kind
+from gateway.vision.offline.calibration.boards import (
+    LEAST_MM,
+    LEAST_POINTS,
+    MOST_MM,
+    MOST_POINTS,
+    Board,
+    CalibrationBoardKind,
+)
 from gateway.vision.offline.calibration.selection import HOLD_S, appearance, progress
 from gateway.vision.offline.calibration.solve import GOOD_VIEWS, Calibration
 from gateway.web.auth.access import Level
@@ -89,7 +96,7 @@ async def _state(calibrations: All, bay: Bay, who: Who) -> CalibrationView:
 
 @_post("", "begin", "begin to calibrate this bay's camera", CalibrationView)
 async def _begin(calibrations: All, bay: Bay, who: Who, body: BeginBody) -> CalibrationView:
-    board = Board(Kind(body.kind), body.columns, body.rows, body.pitch_mm)
+    board = Board(CalibrationBoardKind(body.kind), body.columns, body.rows, body.pitch_mm)
     coefficients = None if body.distortion == "auto" else int(body.distortion)
     return _view(await calibrations.begin(bay.name, board, coefficients, who), who)
 
@@ -179,7 +186,7 @@ async def _board(
     rows: Annotated[int, Query(ge=LEAST_POINTS, le=MOST_POINTS)],
     pitch_mm: Annotated[float, Query(ge=LEAST_MM, le=MOST_MM)],
 ) -> Response:
-    return Response(drawing.svg(Board(Kind(kind), columns, rows, pitch_mm)), media_type="image/svg+xml")
+    return Response(drawing.svg(Board(CalibrationBoardKind(kind), columns, rows, pitch_mm)), media_type="image/svg+xml")
 
 
 def _kept(session: CalibrationSession, number: int) -> KeptView:

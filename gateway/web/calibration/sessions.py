@@ -9,11 +9,12 @@ import itertools
 from collections import OrderedDict
 from dataclasses import dataclass, field
 
-from gateway.clock import NS_PER_MS, NS_PER_S, Clock
+from gateway.clock import Clock
+from gateway.durations import NS_PER_MS, NS_PER_S
 from gateway.errors import ConfigError, GatewayError, LinkError
 from gateway.vision.offline.calibration.boards import Board, Points, other_size
 from gateway.vision.offline.calibration.selection import Stillness, ViewVerdict
-from gateway.vision.offline.calibration.solve import Calibration, View, calibrate
+from gateway.vision.offline.calibration.solve import BoardView, Calibration, calibrate
 from gateway.vision.transport.ring import Snapshot
 from gateway.web.calibration.examine import Examined, examine
 from gateway.web.server.gateway_client import BayReport, GatewayClient
@@ -23,12 +24,12 @@ from gateway.web.tuning.trial_thread import TrialThread
 MAX_SESSIONS = 2  # each keeps pictures
 MAX_VIEWS = 40
 MAX_BYTES = 128 << 20  # of a session's pictures
-IDLE_S = 600.0  # a session that no page has asked about for so long is dropped
-NEWER_S = 1.0  # a look waits at most so long for a newer frame
+IDLE_S = 600.0  # a session that no page has asked about for this time is dropped
+NEWER_S = 1.0  # a look waits at most this long for a newer frame
 POLL_S = 0.02
 KEPT_LOOKS = 2  # whose pictures may still be fetched
 THUMBNAIL_PX = 240
-HINT_S = 3.0  # without a board for so long, and then so often, one of another size is searched
+HINT_S = 3.0  # without a board for this time, and then so often, one of another size is searched
 NO_FRAME = "there is no frame: the camera has given none"
 
 
@@ -193,7 +194,7 @@ class Calibrations:
         async with session.solving:
             while session.solved != session.revision:
                 revision = session.revision
-                views = [View(view.name, view.points) for view in session.views]
+                views = [BoardView(view.name, view.points) for view in session.views]
                 who = f"result of {session.bay}"
                 session.outcome = await self._worker.work(who, lambda _, views=views: _solved(session, views))  # type: ignore[misc]
                 session.solved = revision
@@ -267,7 +268,7 @@ def _hint(session: CalibrationSession, frame: Snapshot, found: Examined) -> None
         session.other = other_size(session.board, frame.image)
 
 
-def _solved(session: CalibrationSession, views: list[View]) -> Calibration | str:
+def _solved(session: CalibrationSession, views: list[BoardView]) -> Calibration | str:
     try:
         return calibrate(session.board, views, session.size_px, session.coefficients)
     except ConfigError as error:

@@ -10,10 +10,10 @@ from typing import Annotated, Literal
 from fastapi import Query
 from starlette.responses import Response
 
-from gateway.clock import NS_PER_MS, NS_PER_S
 from gateway.config import GatewayConfig
 from gateway.core.events import EventKind
 from gateway.core.visit_summary import VisitSummary
+from gateway.durations import NS_PER_MS, NS_PER_S
 from gateway.records import kept_pictures, picture_search, visits_csv
 from gateway.records.index_reader import IndexReader
 from gateway.records.kept_pictures import KeptPicture

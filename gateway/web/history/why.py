@@ -8,7 +8,7 @@ from fastapi import Query
 from starlette.requests import Request
 from starlette.responses import Response
 
-from gateway.clock import NS_PER_MS
+from gateway.durations import NS_PER_MS
 from gateway.records.moment import local_name
 from gateway.records.questions import Question, ValuesQuestion, WhyQuestion
 from gateway.web.auth.access import Level

@@ -17,11 +17,12 @@ from msgspec.structs import replace
 from gateway.alarms.monitor import AlarmMonitor
 from gateway.alarms.records import OperatorAction
 from gateway.bay import BayControl
-from gateway.clock import NS_PER_S, Clock
+from gateway.clock import Clock
 from gateway.config import ControlsConfig, VisionConfig
 from gateway.core.events import Event
 from gateway.core.plc import Writer
 from gateway.core.state import VISIT_PHASE_MEANING, FunctionCheck, VisitPhase
+from gateway.durations import NS_PER_S
 from gateway.errors import ConfigError, GatewayError
 from gateway.hub import Hub
 from gateway.modbus.protocol.answers import ReadImage
@@ -103,7 +104,7 @@ class BayParts:
     former: deque[VisionConfig] = field(default_factory=lambda: deque(maxlen=KEPT_FORMER))
 
 
-class RequestHandler:
+class PagesRequestHandler:
     """Answers the web process."""
 
     def __init__(

@@ -23,7 +23,7 @@ from gateway.processes.deadlines import LOOK_S, SignsOfLife, StartDeadline
 from gateway.processes.slot import ProcessSlot
 from gateway.processes.start import Role
 from gateway.web.host.config_file_requests import ConfigFileRequests
-from gateway.web.host.request_handler import RequestHandler, ends_function_check
+from gateway.web.host.request_handler import PagesRequestHandler, ends_function_check
 from gateway.web.host.settings_file import SettingsFile
 from gateway.web.ipc.messages import (
     FROM_WEB,
@@ -59,7 +59,7 @@ class WebProcessService:
 
     def __init__(
         self,
-        handler: RequestHandler,
+        handler: PagesRequestHandler,
         setup: WebSetup,
         sockets: tuple[socket.socket, ...],
         settings: SettingsFile | None = None,

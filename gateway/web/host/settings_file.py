@@ -15,7 +15,7 @@ from typing import Any
 from gateway.bay_file import begin_with_function_check
 from gateway.config import SHARED_SECTIONS, BayConfig, GatewayConfig, VisionConfig, decision, parse
 from gateway.config.live import changes
-from gateway.config.strict.errors import Fault, FaultsError
+from gateway.config.strict.errors import ConfigFault, FaultsError
 from gateway.config.strict.section import inner_model
 from gateway.config.strict.toml_file import merge
 from gateway.core.plc import Writer
@@ -278,7 +278,7 @@ def _values(settings: GatewayConfig, document: Mapping[str, Any]) -> dict[str, A
     return values
 
 
-def _shown_fault(fault: Fault, document: Mapping[str, Any]) -> FileFault:
+def _shown_fault(fault: ConfigFault, document: Mapping[str, Any]) -> FileFault:
     where = "" if fault.line or fault.where != "command line" else "set on the command line: "
     shown = f"{fault.shown.removeprefix(' = ')}: " if fault.shown else ""
     return FileFault(path_of(fault.place, document), fault.line, f"{where}{shown}{fault.message}")

@@ -4,7 +4,7 @@ from gateway.alarms.definition import AlarmDefinition, BayInputs, GatewayInputs
 from gateway.alarms.monitor import PERIOD_S, AlarmMonitor
 from gateway.alarms.records import Alarm
 from gateway.alarms.states import AlarmState
-from gateway.clock import NS_PER_S
+from gateway.durations import NS_PER_S
 from gateway.sinks.contract import BayAlarms, ShownAlarm
 
 VALID_NS = round(5 * PERIOD_S * NS_PER_S)  # after the last evaluation

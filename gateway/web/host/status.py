@@ -10,10 +10,10 @@ from gateway.alarms.definition import GatewayConditions
 from gateway.alarms.monitor import AlarmMonitor
 from gateway.alarms.states import AlarmState
 from gateway.bay_file import BayFiles
-from gateway.clock import NS_PER_S
 from gateway.config import GatewayConfig
 from gateway.core.readings import FRESH_FRAME, RangeReading, VisionReading
 from gateway.core.state import FunctionCheck, StateVector
+from gateway.durations import NS_PER_S
 from gateway.hub import Hub
 from gateway.logs.folding import LogCounts
 from gateway.modbus.server.traffic import ServerNow

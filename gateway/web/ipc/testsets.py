@@ -138,7 +138,7 @@ class BaySets(Message, frozen=True):
 BAY_SETS = Codec(BaySets)
 
 
-class AnswerKind(Enum):
+class SetAnswerKind(Enum):
     """The first byte of an answer. What follows is the answer itself, or a text for people."""
 
     ANSWER = b"+"

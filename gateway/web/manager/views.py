@@ -10,7 +10,7 @@ from gateway.config import BayConfig, GatewayConfig
 from gateway.core.state import REASON_MEANING, Reason
 from gateway.records.alarm_rates import BENCHMARKS, HOUR_S, AlarmFigures, Standing
 from gateway.records.days import LocalDay, machine_zone_name, shown
-from gateway.records.statistics import Cause, CauseKind, Distribution, Positions, Times
+from gateway.records.statistics import CauseKind, Distribution, Positions, StopCause, Times
 from gateway.web.manager.collected import DayFigures, Figures
 from gateway.web.manager.models import (
     AlarmsOfDaysView,
@@ -79,7 +79,7 @@ def _times_view(times: Times) -> TimesView:
     )
 
 
-def _cause_view(cause: Cause) -> CauseView:
+def _cause_view(cause: StopCause) -> CauseView:
     text = _TEXTS.get(cause.reason, "a reason of a later version")
     return CauseView(reason=cause.reason, text=text, kind=cause.kind, seconds=cause.seconds, times=cause.times)
 
@@ -136,7 +136,7 @@ def _row(bay: str, one: DayFigures, alarms: int) -> list[Any]:
     day: LocalDay = one.day
     times, positions = one.times, one.positions
     causes = {cause.reason: cause for cause in times.causes}
-    stops = [causes.get(reason, Cause(reason, 0.0, 0)) for reason in _REASONS]
+    stops = [causes.get(reason, StopCause(reason, 0.0, 0)) for reason in _REASONS]
     return [
         bay, day.date, shown(day.begin_ms), shown(day.end_ms),
         *(round(getattr(times, name), 3) for name in _SECONDS),

@@ -33,7 +33,7 @@ _UNITS = {"px": "px", "px2": "px²", "s": "s", "share": "of the diagonal"}
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
+class ParameterControl:
     """One control of the page."""
 
     name: str
@@ -54,7 +54,7 @@ class ProfileFile(Section):
     vision: VisionConfig = VisionConfig()
 
 
-def schema() -> tuple[Parameter, ...]:
+def schema() -> tuple[ParameterControl, ...]:
     return tuple(_key(name, VisionConfig.model_fields[name]) for name in TUNED)
 
 
@@ -86,11 +86,11 @@ def changes(old: VisionConfig, new: VisionConfig) -> dict[str, Any]:
     return {key: getattr(new, key) for key in TUNED if getattr(old, key) != getattr(new, key)}
 
 
-def _key(name: str, info: FieldInfo) -> Parameter:
+def _key(name: str, info: FieldInfo) -> ParameterControl:
     belongs, meaning = _meaning(info)
     kind, choices = _kind(info)
     low, high = _bounds(info)
-    return Parameter(
+    return ParameterControl(
         name=name,
         belongs=belongs,
         kind=kind,

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
-from gateway.clock import NS_PER_S
 from gateway.config import GatewayConfig, VisionConfig, parse
 from gateway.config.strict.toml_file import merge
+from gateway.durations import NS_PER_S
 from gateway.errors import ConfigError
 from gateway.web.profile import parameter_schema as tuned
 from gateway.web.profile.redact import Fields, redacted

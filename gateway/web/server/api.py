@@ -17,7 +17,7 @@ from gateway.alarms.gateway_alarms import GATEWAY_ALARMS
 from gateway.alarms.records import OperatorAction
 from gateway.alarms.states import AlarmEvent
 from gateway.alarms.table import alarm_id
-from gateway.clock import NS_PER_MS
+from gateway.durations import NS_PER_MS
 from gateway.errors import LinkError
 from gateway.web.auth.access import Level
 from gateway.web.auth.addresses import Addresses, Description, Endpoint, whole_number

@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 from gateway.alarms.records import OperatorAction
-from gateway.clock import NS_PER_MS, NS_PER_S, Clock
+from gateway.clock import Clock
 from gateway.core.plc import Writer
 from gateway.core.shown import shown
+from gateway.durations import NS_PER_MS, NS_PER_S
 from gateway.errors import ConfigError, GatewayError, LinkError
 from gateway.modbus.registers import register_map as registers
 from gateway.modbus.registers.bay_identity import identities
@@ -168,7 +169,7 @@ class GatewayClient:
                 counter.subtract(bays)
 
     async def newer(self, bay: str, number: int, seconds: float) -> BayReport | None:
-        """The newest of `bay` from an answer after `number`; waits at most so long. None: none arrived."""
+        """The newest of `bay` from an answer after `number`; waits at most this long. None: none arrived."""
 
         def found() -> BayReport | None:
             report = self.report(bay)
@@ -178,12 +179,12 @@ class GatewayClient:
         return found()
 
     async def next(self, number: int, seconds: float) -> int:
-        """The number of the newest answer, if possible one after `number`; waits at most so long for it."""
+        """The number of the newest answer, if possible one after `number`; waits at most this long for it."""
         await self._until(lambda: self.answers > number, seconds)
         return self.answers
 
     async def _until(self, holds: Callable[[], bool], seconds: float | None) -> None:
-        """Waits for answers until one makes it hold, at most so long (None: without limit)."""
+        """Waits for answers until one makes it hold, at most this long (None: without limit)."""
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(seconds):
                 while not holds():

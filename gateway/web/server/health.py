@@ -9,10 +9,10 @@ No login is needed, so an answer contains no address, no path and no detail.
 
 from collections.abc import Iterator
 
-from gateway.clock import NS_PER_S
 from gateway.core.ne107 import NE107_MEANING, Ne107, active
 from gateway.core.readings import DEAD, QUALITY_MEANING
 from gateway.core.state import Reason, StateVector
+from gateway.durations import NS_PER_S
 from gateway.web.ipc.messages import SystemStatus
 from gateway.web.server.gateway_client import SILENT_S, BayReport, GatewayClient
 from gateway.web.server.models import HealthReason, HealthStatus, HealthView

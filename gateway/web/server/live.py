@@ -14,9 +14,9 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from gateway.web.server.gateway_client import GatewayClient
 
-WAIT_S = 2.0  # nothing new for so long: the same is sent again, with the ages of now
+WAIT_S = 2.0  # nothing new for this time: the same is sent again, with the ages of now
 SHARED_NS = 10_000_000  # older than this, a text is made anew for the next page: the ages in it are those of its making
-ANSWER_S = 30.0  # a page that has not answered for so long is disconnected
+ANSWER_S = 30.0  # a page that has not answered for this time is disconnected
 TOO_MANY, UNKNOWN_BAY, BAD_ANSWER = 4429, 4404, 4400  # close codes of our own
 HELD_NONE = '{"held_ms":0.0,'  # as every text begins: what is put there is of one page
 MAX_ANSWER = 64  # characters: "next", or any other text as short

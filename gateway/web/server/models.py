@@ -44,7 +44,7 @@ class ThresholdsView(View):
     """Equation 14's thresholds as they are in force, a recipe's changes included."""
 
     radius_threshold_px: float = Field(description="R_th: D = 1 needs a marker at least so large")
-    distance_threshold_mm: float = Field(description="Z_th: D = 1 needs a distance at most so long")
+    distance_threshold_mm: float = Field(description="Z_th: D = 1 needs at most this distance")
     radius_hysteresis_px: float
     distance_hysteresis_mm: float
     recipe: Count = Field(description="id of the recipe in force; 0: the configuration as it is")

@@ -10,7 +10,7 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.websockets import WebSocket
 
-from gateway.clock import NS_PER_MS
+from gateway.durations import NS_PER_MS
 from gateway.web.auth.access import Level
 from gateway.web.auth.addresses import Addresses
 from gateway.web.server import views

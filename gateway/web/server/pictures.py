@@ -11,8 +11,9 @@ from dataclasses import dataclass, field
 
 import cv2
 
-from gateway.clock import NS_PER_S, Clock
+from gateway.clock import Clock
 from gateway.core.readings import VisionReading
+from gateway.durations import NS_PER_S
 from gateway.errors import GatewayError
 from gateway.vision.pixels import Image
 from gateway.vision.transport.ring import Snapshot

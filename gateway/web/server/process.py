@@ -13,7 +13,8 @@ import cv2
 import uvicorn
 
 from gateway import event_loop
-from gateway.clock import NS_PER_S, Clock, SystemClock
+from gateway.clock import Clock, SystemClock
+from gateway.durations import NS_PER_S
 from gateway.net.rate_limit import LogThrottle
 from gateway.net.tls import ReloadingContext, TlsFiles
 from gateway.processes import sandbox

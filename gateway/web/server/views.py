@@ -1,11 +1,11 @@
 """The live views, made from the gateway client's data: operator's page, driver's display, frame. Pure."""
 
 from gateway import __version__
-from gateway.clock import NS_PER_MS
 from gateway.config import BayConfig, GatewayConfig, RecipeConfig
 from gateway.core.interlock import Recipe
 from gateway.core.readings import VisionReading
 from gateway.core.state import Guidance, GuidanceCode, StateVector
+from gateway.durations import NS_PER_MS
 from gateway.sinks.mqtt import payloads
 from gateway.sinks.mqtt.topics import Gateway, Topics
 from gateway.web.server import lists

@@ -34,8 +34,8 @@ from gateway.web.ipc.devices import (
 ANSWER_S = 45.0  # real time: several brokers, each with its own time limits
 EXAMINED_S = 55.0  # the process gives it 60
 KEPT_S = 10.0  # an examination
-SILENT_S = 20.0  # a look whose device has given nothing for so long has ended
-NEWS_S = 5.0  # a page's question waits at most so long for something newer
+SILENT_S = 20.0  # a look whose device has given nothing for this time has ended
+NEWS_S = 5.0  # a page's question waits at most this long for something newer
 UNWATCHED_S = NEWS_S + 5.0  # a look that no page asks for ends
 MAX_WAITING = 4
 READ_BYTES = 256 * 1024

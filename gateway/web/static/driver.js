@@ -14,7 +14,7 @@ import { remember, remembered } from './lib/memory.js';
 import { Sound, pattern } from './lib/sound.js';
 import { PATHS } from './lib/symbols.js';
 
-// A sign that gave way to STOP for want of fresh data comes back only after data that was fresh for so long without a break:
+// A sign that gave way to STOP for want of fresh data comes back only after data that was fresh for this time without a break:
 // a display on the edge does not flash (WCAG 2.3.1). STOP by the decision is no such STOP, and none comes later for it.
 const UNBROKEN_MS = 1000;
 const FRAME_MS = 20; // the compositor may have shown STOP already

@@ -14,11 +14,11 @@ from gateway.web.ipc.testsets import (
     BAY_SETS,
     MAX_ANSWER_BYTES,
     AddPicture,
-    AnswerKind,
     BaySets,
     ListSets,
     PictureSet,
     ReadPicture,
+    SetAnswerKind,
     SetsQuestion,
 )
 
@@ -94,15 +94,15 @@ def _content(answer: bytes) -> bytes:
     if not answer:
         raise LinkError("the process that keeps test sets has failed; see the gateway's log")
     try:
-        kind = AnswerKind(answer[:1])
+        kind = SetAnswerKind(answer[:1])
     except ValueError:
         raise ProtocolError("another answer") from None
-    if kind is AnswerKind.ANSWER:
+    if kind is SetAnswerKind.ANSWER:
         return answer[1:]
     text = answer[1:].decode(errors="replace")
     status, code = {
-        AnswerKind.NOTHING: (404, "gone"),
-        AnswerKind.REFUSED: (409, "refused"),
-        AnswerKind.FAULT: (503, "test_sets"),
+        SetAnswerKind.NOTHING: (404, "gone"),
+        SetAnswerKind.REFUSED: (409, "refused"),
+        SetAnswerKind.FAULT: (503, "test_sets"),
     }[kind]
     raise RefusalError(status, code, text)

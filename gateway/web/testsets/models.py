@@ -6,7 +6,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from gateway.core.detection import Circle
-from gateway.vision.offline.evaluation.scoring import Outcome, Scores, scores
+from gateway.vision.offline.evaluation.scoring import ScoredPicture, Scores, scores
 from gateway.web.ipc.testsets import (
     MAX_FILE_BYTES,
     MAX_NAME,
@@ -235,7 +235,7 @@ def _figures(found: Scores) -> SetFiguresView:
     )
 
 
-def _row(ours: Outcome, theirs: Outcome) -> ScoreRowView:
+def _row(ours: ScoredPicture, theirs: ScoredPicture) -> ScoreRowView:
     width, height = ours.size_px
     return ScoreRowView(
         file=ours.label.file,
@@ -248,7 +248,7 @@ def _row(ours: Outcome, theirs: Outcome) -> ScoreRowView:
     )
 
 
-def _outcome(one: Outcome) -> OutcomeView:
+def _outcome(one: ScoredPicture) -> OutcomeView:
     return OutcomeView(
         verdict=one.verdict.value,
         marker=MarkerView.of(one.detection.circle),

@@ -24,7 +24,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
-class Proposal:
+class CircleProposal:
     """`circle` None: no marker that the robust method is sure of."""
 
     width_px: int
@@ -66,13 +66,13 @@ class ShownPictures:
         async with self._turn:
             return await _worked(self._thread, lambda _: encoded(uploads.image_of(data), width_px))
 
-    async def proposal(self, data: bytes, lens: VisionConfig) -> Proposal:
+    async def proposal(self, data: bytes, lens: VisionConfig) -> CircleProposal:
         """`lens`: whose intrinsics count. Raises UploadError, TrialsBusyError."""
 
-        def work(_: Callable[[], bool]) -> Proposal:
+        def work(_: Callable[[], bool]) -> CircleProposal:
             image = uploads.image_of(data)
             found = registry.once(trial.shipped(lens))(image)
-            return Proposal(image.shape[1], image.shape[0], found.circle, found.confidence)
+            return CircleProposal(image.shape[1], image.shape[0], found.circle, found.confidence)
 
         async with self._turn:
             return await _worked(self._thread, work)

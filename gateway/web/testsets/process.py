@@ -23,7 +23,6 @@ from gateway.web.ipc.testsets import (
     SETS_QUESTIONS,
     SETS_SETUP,
     AddPicture,
-    AnswerKind,
     BaySets,
     DeleteSet,
     ListSets,
@@ -31,11 +30,12 @@ from gateway.web.ipc.testsets import (
     ReadPicture,
     RemovePicture,
     RenameSet,
+    SetAnswerKind,
     SetLabel,
     SetsQuestion,
     SetsSetup,
 )
-from gateway.web.testsets.store import NothingError, RefusedError, Store
+from gateway.web.testsets.store import NothingError, SetRefusedError, SetStore
 
 CODEC = SETS_SETUP
 NICE = 15  # after the camera, the PLC and the pages
@@ -48,7 +48,7 @@ def run(channel: Channel[Failed, SetsSetup], setup: SetsSetup) -> None:
     os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     os.nice(NICE)
     questions: Channel[object, SetsQuestion] = Channel(socket.socket(fileno=setup.questions), SETS_QUESTIONS)
-    store = Store(Path(setup.folder), frozenset(setup.bays))
+    store = SetStore(Path(setup.folder), frozenset(setup.bays))
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)
     while True:
         readable, _, _ = select.select([questions.sock, channel.sock], [], [], IDLE_S)
@@ -57,7 +57,7 @@ def run(channel: Channel[Failed, SetsSetup], setup: SetsSetup) -> None:
         take(questions, store)
 
 
-def take(questions: Channel[object, SetsQuestion], store: Store) -> None:
+def take(questions: Channel[object, SetsQuestion], store: SetStore) -> None:
     """Take a question and answer it. One whose asker is gone changes nothing: its asker was told so, and may have asked
     once more."""
     question, fds = questions.receive_with_fds()
@@ -80,23 +80,23 @@ def _is_read(pipe: int) -> bool:
     return not watch.poll(0)
 
 
-def answer(store: Store, question: SetsQuestion, fds: Sequence[int] = ()) -> bytes:
+def answer(store: SetStore, question: SetsQuestion, fds: Sequence[int] = ()) -> bytes:
     """`fds`: what came with the question, but for the pipe. Never raises what the asker can cause."""
     try:
-        return AnswerKind.ANSWER.value + _content(store, question, fds)
+        return SetAnswerKind.ANSWER.value + _content(store, question, fds)
     except NothingError as error:
-        return AnswerKind.NOTHING.value + shown(str(error)).encode()
-    except RefusedError as error:
-        return AnswerKind.REFUSED.value + shown(str(error)).encode()
+        return SetAnswerKind.NOTHING.value + shown(str(error)).encode()
+    except SetRefusedError as error:
+        return SetAnswerKind.REFUSED.value + shown(str(error)).encode()
     except GatewayError as error:
-        return AnswerKind.FAULT.value + shown(str(error)).encode()
+        return SetAnswerKind.FAULT.value + shown(str(error)).encode()
     except OSError as error:
         where = error.filename or store.folder
         why = f"{os.fsdecode(where) if isinstance(where, bytes) else where}: {error.strerror or error}"
-        return AnswerKind.FAULT.value + shown(why).encode()
+        return SetAnswerKind.FAULT.value + shown(why).encode()
 
 
-def _content(store: Store, question: SetsQuestion, fds: Sequence[int]) -> bytes:
+def _content(store: SetStore, question: SetsQuestion, fds: Sequence[int]) -> bytes:
     added = ""
     match question:
         case ReadPicture(bay, name, file):
@@ -121,5 +121,5 @@ def _content(store: Store, question: SetsQuestion, fds: Sequence[int]) -> bytes:
 def _received(fds: Sequence[int]) -> bytes:
     """A copy of the memory that came with a question: its sender may still change it."""
     if len(fds) != 1:
-        raise RefusedError("no picture came with it")
+        raise SetRefusedError("no picture came with it")
     return os.pread(fds[0], MAX_FILE_BYTES + 1, 0)

@@ -10,7 +10,7 @@ import numpy as np
 
 from gateway.core.detection import Circle
 from gateway.vision.detect.geometry import distance_px
-from gateway.vision.offline.evaluation.scoring import CLOSE, Outcome, Scores, scores
+from gateway.vision.offline.evaluation.scoring import CLOSE, ScoredPicture, Scores, scores
 from gateway.web.ipc.testsets import PictureSet
 from gateway.web.tuning.standing_warnings import StandingWarning, warning_id
 
@@ -23,19 +23,19 @@ class SetScore:
     """Outcomes of both settings, picture by picture. `unread`: files that could not be scored, and why. `time_ratio`:
     of the tried to those in force; None: they did not run in turn."""
 
-    tried: tuple[Outcome, ...]
-    in_force: tuple[Outcome, ...]
+    tried: tuple[ScoredPicture, ...]
+    in_force: tuple[ScoredPicture, ...]
     unread: tuple[tuple[str, str], ...] = ()
     time_ratio: float | None = None
 
 
-def time_ratio(tried: Sequence[Outcome], in_force: Sequence[Outcome]) -> float | None:
+def time_ratio(tried: Sequence[ScoredPicture], in_force: Sequence[ScoredPicture]) -> float | None:
     """Median over pairs that ran one after the other: a busy machine slows both."""
     ratios = [a.took_ns / b.took_ns for a, b in zip(tried, in_force, strict=True) if b.took_ns > 0]
     return float(np.median(ratios)) if len(ratios) >= SEVERAL else None
 
 
-def differs(one: Outcome, other: Outcome) -> bool:
+def differs(one: ScoredPicture, other: ScoredPicture) -> bool:
     """Do two settings say different things of a picture: another verdict, or another place?"""
     if one.verdict is not other.verdict:
         return True

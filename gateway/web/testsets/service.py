@@ -18,7 +18,7 @@ from gateway.vision.detect import registry
 from gateway.vision.detect.method import Detector
 from gateway.vision.offline.evaluation import labels, runner
 from gateway.vision.offline.evaluation.labels import Label
-from gateway.vision.offline.evaluation.scoring import Outcome
+from gateway.vision.offline.evaluation.scoring import ScoredPicture
 from gateway.web.auth.refusals import RefusalError
 from gateway.web.ipc.testsets import PictureSet
 from gateway.web.testsets import scoring
@@ -34,7 +34,7 @@ from gateway.web.tuning.uploads import UploadError
 MAX_JOBS = 4  # that run at the same time
 KEPT_JOBS = 16
 KEPT_SIDES = 48  # outcomes of one setting on one set
-GATE_S = 5.0  # what is to go live waits so long for scores
+GATE_S = 5.0  # what is to go live waits this long for scores
 BUSY_S = 0.5  # until the next try where others fill the thread
 CANCELLED = "cancelled"
 
@@ -70,8 +70,8 @@ class ScoringJob:
 class _Sides:
     """The detectors of a job, made on the thread; outcomes so far."""
 
-    tried: list[Outcome] = field(default_factory=list)
-    in_force: list[Outcome] = field(default_factory=list)
+    tried: list[ScoredPicture] = field(default_factory=list)
+    in_force: list[ScoredPicture] = field(default_factory=list)
     unread: list[tuple[str, str]] = field(default_factory=list)
     detectors: tuple[Detector, Detector] | None = None
 
@@ -86,7 +86,7 @@ class ScoringService:
         self._pace = pace
         self._numbers = itertools.count(1)
         self._jobs: OrderedDict[tuple[str, str], ScoringJob] = OrderedDict()  # by bay and set
-        self._sides: OrderedDict[_Side, tuple[tuple[Outcome, ...], tuple[tuple[str, str], ...]]] = OrderedDict()
+        self._sides: OrderedDict[_Side, tuple[tuple[ScoredPicture, ...], tuple[tuple[str, str], ...]]] = OrderedDict()
 
     def close(self) -> None:
         for job in self._jobs.values():

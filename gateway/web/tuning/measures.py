@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.clock import NS_PER_MS, NS_PER_S
 from gateway.core.detection import Circle, Detection
+from gateway.durations import NS_PER_MS, NS_PER_S
 from gateway.vision.detect.stage_timer import total_ns
 
 FEWEST = 5  # frames that can be judged, for a spread

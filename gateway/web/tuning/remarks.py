@@ -4,21 +4,21 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from gateway.clock import NS_PER_MS
 from gateway.config import VisionConfig
+from gateway.durations import NS_PER_MS
 from gateway.vision.detect import registry
 from gateway.vision.detect.geometry import same_place
 from gateway.vision.detect.method import Remark
 from gateway.vision.transport.ring import Snapshot
 from gateway.web.profile.parameter_schema import changes
-from gateway.web.tuning.trial import TrialResult, spread
+from gateway.web.tuning.trial import PictureTrialResult, spread
 
 LOOKED_AT = 3  # frames of a recording, spread over it
 SLOWER = 1.25  # times the time in force is worth a remark
 
 
 def remarks(
-    frames: Sequence[Snapshot], tried: VisionConfig, in_force: VisionConfig, result: TrialResult
+    frames: Sequence[Snapshot], tried: VisionConfig, in_force: VisionConfig, result: PictureTrialResult
 ) -> list[Remark]:
     """The most telling first; at least one frame, those that `result` is about."""
     found = [*_against_others(result), *_idle(tried, in_force), *_speed(frames, result)]
@@ -29,7 +29,7 @@ def remarks(
     return sorted(first.values(), key=lambda remark: not remark.warning)
 
 
-def _against_others(result: TrialResult) -> Iterator[Remark]:
+def _against_others(result: PictureTrialResult) -> Iterator[Remark]:
     ours, theirs = result.tried.found_share, result.in_force.found_share
     if ours < theirs:
         yield Remark(f"finds the marker less often: in {100 * ours:.0f} % of the frames, in force {100 * theirs:.0f} %")
@@ -56,7 +56,7 @@ def _idle(tried: VisionConfig, in_force: VisionConfig) -> Iterator[Remark]:
             yield Remark("has no effect with this method", key, warning=False)
 
 
-def _speed(frames: Sequence[Snapshot], result: TrialResult) -> Iterator[Remark]:
+def _speed(frames: Sequence[Snapshot], result: PictureTrialResult) -> Iterator[Remark]:
     if result.timed and result.time_ratio > SLOWER:
         yield Remark(f"slower: {result.time_ratio:.1f} times the time a frame of the settings in force", warning=False)
     if len(frames) < 2:

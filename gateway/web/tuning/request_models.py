@@ -47,7 +47,7 @@ class UploadBody(Body):
 class RecordBody(Body):
     """Keep the frames of the next seconds."""
 
-    seconds: float = Field(3.0, ge=0.2, le=LONGEST_S, description="so long")
+    seconds: float = Field(3.0, ge=0.2, le=LONGEST_S, description="for this time")
 
 
 class FrameBody(Body):

@@ -291,7 +291,7 @@ class TeachInView(View):
 
     phase: Literal["none", "measuring", "done", "failed"]
     who: str = ""
-    seconds: float = Field(0, description="so long it measures")
+    seconds: float = Field(0, description="it measures for this time")
     elapsed_s: float = 0
     why: str = Field("", description="it has failed")
     spreads: SpreadsView | None = None

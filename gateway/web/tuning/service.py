@@ -11,14 +11,15 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
 
-from gateway.clock import NS_PER_S, Clock
+from gateway.clock import Clock
 from gateway.config import VisionConfig
 from gateway.core.plc import Writer
 from gateway.core.state import FunctionCheck
+from gateway.durations import NS_PER_S
 from gateway.errors import LinkError
 from gateway.vision.detect.method import Panel, Remark
 from gateway.vision.offline.tuning import exposure
-from gateway.vision.offline.tuning.exposure import Light
+from gateway.vision.offline.tuning.exposure import PictureLight
 from gateway.vision.transport.ring import Snapshot
 from gateway.web.auth.audit_log import printable
 from gateway.web.ipc.messages import ApplySettings, SetFunctionCheck, UndoSettings
@@ -28,9 +29,9 @@ from gateway.web.server.pictures import encoded as jpeg
 from gateway.web.tuning import eyedropper, stages, trial, uploads
 from gateway.web.tuning.eyedropper import ColourPick, Mode
 from gateway.web.tuning.remarks import remarks
-from gateway.web.tuning.snapshots import Capture, CaptureStore, Recorder
+from gateway.web.tuning.snapshots import Capture, CaptureStore, SnapshotRecorder
 from gateway.web.tuning.standing_warnings import LIVE, StandingWarning, WarningStore
-from gateway.web.tuning.trial import DetectionCache, TrialResult
+from gateway.web.tuning.trial import DetectionCache, PictureTrialResult
 from gateway.web.tuning.trial_thread import TrialsBusyError, TrialThread
 
 KEPT_TRIALS = 24  # whose pictures may still be fetched
@@ -54,11 +55,11 @@ class CompletedTrial:
     """A trial with all that the page shows of it."""
 
     number: int
-    result: TrialResult
+    result: PictureTrialResult
     in_force: VisionConfig  # what it was compared with
     remarks: tuple[Remark, ...]
     panels: tuple[Panel, ...]
-    lights: tuple[Light, ...]  # empty: not requested
+    lights: tuple[PictureLight, ...]  # empty: not requested
     shown: int  # the panels are of this frame of those that were given
     width_px: int
     height_px: int
@@ -139,7 +140,7 @@ class TuningService:
         if self._recorders >= RECORDERS:
             raise TrialsBusyError("others are recording just now; try again in a moment")
         self._recorders += 1
-        recorder = Recorder()
+        recorder = SnapshotRecorder()
         until_ns = self._pace.now_ns() + round(seconds * NS_PER_S)
         try:
             while self._pace.now_ns() < until_ns and not recorder.full:
@@ -288,6 +289,6 @@ class TuningService:
         return await asyncio.get_running_loop().run_in_executor(self._texts, read)
 
 
-def _lights(frames: Sequence[Snapshot], result: TrialResult) -> tuple[Light, ...]:
+def _lights(frames: Sequence[Snapshot], result: PictureTrialResult) -> tuple[PictureLight, ...]:
     chosen = trial.spread(result.frames, LIGHTS)
     return tuple(exposure.measure(frames[n].image, result.reference[n].circle) for n in chosen)

@@ -7,7 +7,7 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gateway.clock import NS_PER_S
+from gateway.durations import NS_PER_S
 from gateway.vision.transport.ring import Snapshot
 
 STILLS = 8  # of a bay
@@ -83,7 +83,7 @@ class CaptureStore:
         return capture
 
 
-class Recorder:
+class SnapshotRecorder:
     """Which frames of the running picture go into a recording: new ones, not too many a second, not too much memory."""
 
     def __init__(self, rate_hz: float = RATE_HZ, limit_bytes: int = RECORDING_BYTES) -> None:

@@ -8,19 +8,19 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from gateway.clock import NS_PER_S
 from gateway.config import BayConfig
 from gateway.core import teach_in
 from gateway.core.interlock import Recipe
 from gateway.core.readings import QUALITY_MEANING, Quality
 from gateway.core.state import StateVector
 from gateway.core.teach_in import Suggestion, TeachSample
+from gateway.durations import NS_PER_S
 from gateway.errors import GatewayError
 from gateway.web.server.gateway_client import BayReport, GatewayClient
 
 KEPT_S = 900.0
 NEWER_S = 3.0  # the main process reports the bay within this
-UNKNOWN_S = 5.0  # without R or Z for so long, it has failed
+UNKNOWN_S = 5.0  # without R or Z for this time, it has failed
 LATE_S = 10.0  # so much later than planned it is given up, whatever has arrived
 MAX_SAMPLES = 4000
 

@@ -6,8 +6,8 @@ from typing import Any
 
 from pydantic import Field
 
-from gateway.clock import NS_PER_S
 from gateway.core.teach_in import Suggestion, spreads_of, toml_lines
+from gateway.durations import NS_PER_S
 from gateway.web.auth.access import Level
 from gateway.web.auth.addresses import Addresses, Description
 from gateway.web.server.services import Bay, RequestCaller, WebServices
@@ -30,7 +30,7 @@ SECONDS = 60.0
 class TeachInBody(Body):
     """Begin a teach-in."""
 
-    seconds: float = Field(SECONDS, ge=20, le=300, description="so long it measures")
+    seconds: float = Field(SECONDS, ge=20, le=300, description="it measures for this time")
 
 
 _ERRORS = {404: "no such bay", 503: "the gateway has not reported the bay, or is busy"}

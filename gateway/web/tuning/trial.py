@@ -8,9 +8,9 @@ recording each follows the marker as it would live; a single frame is processed 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from gateway.clock import NS_PER_S
 from gateway.config import VisionConfig
 from gateway.core.detection import Detection
+from gateway.durations import NS_PER_S
 from gateway.errors import GatewayError
 from gateway.vision.detect import registry
 from gateway.vision.detect.method import NowNs
@@ -39,7 +39,7 @@ class SideResult:
 
 
 @dataclass(frozen=True, slots=True)
-class TrialResult:
+class PictureTrialResult:
     """`reference`: the robust method with its shipped gates; without a circle where it is not sure."""
 
     frames: int  # processed: fewer than given where the time ran out
@@ -99,7 +99,7 @@ def look(
     known: DetectionCache,
     now_ns: NowNs,
     wanted: Callable[[], bool] = lambda: True,
-) -> TrialResult:
+) -> PictureTrialResult:
     """One frame, once: for a slider that is being moved. Its times are those of single runs, perhaps old ones.
 
     Raises EndedError as soon as `wanted` is false.
@@ -122,7 +122,7 @@ def run(
     *,
     wanted: Callable[[], bool] = lambda: True,
     limit_s: float = LIMIT_S,
-) -> TrialResult:
+) -> PictureTrialResult:
     """At least one frame; a single one is processed REPEATS times. Raises EndedError as soon as `wanted` is false."""
     until_ns = now_ns() + round(limit_s * NS_PER_S)
     single = len(frames) == 1
@@ -156,9 +156,9 @@ def _result(
     *,
     timed: bool,
     cut_short: bool,
-) -> TrialResult:
+) -> PictureTrialResult:
     frames = len(references)
-    return TrialResult(
+    return PictureTrialResult(
         frames=frames,
         tried=_side(left, frames, times_ns),
         in_force=_side(right, frames, times_ns),

@@ -9,9 +9,9 @@ import pytest
 
 from gateway.cli import sim_trials
 from gateway.cli.sim_json import Bay
-from gateway.clock import NS_PER_S
 from gateway.config import FusionConfig
 from gateway.core.fusion import initial
+from gateway.durations import NS_PER_S
 from gateway.hub import Hub
 from gateway.sim.trials import WAIT_S, TrialReport, trial_legs, trial_scenario
 from gateway.sim.world import Motion, TruckHold, Truth
@@ -44,7 +44,7 @@ def run(folder: Path, known: Known) -> tuple[TrialReport, float]:
         clock, hub, stop = LoopClock(), Hub(["bay1"]), asyncio.Event()
         hold = TruckHold(str(folder / "bay1"), trial_legs(PLAN), WAIT_S)
         bay = Bay("bay1", 1, PLAN, FusionConfig(), clock.now_ns(), hold)
-        recorder = sim_trials.Recorder(bay)
+        recorder = sim_trials.TrialRecorder(bay)
 
         async def gateway() -> None:
             arrived_ns, state = clock.now_ns(), initial("bay1", clock.now_ns())

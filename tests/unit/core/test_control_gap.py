@@ -8,7 +8,7 @@ from gateway.core import interlock
 from gateway.core.detection import Circle
 from gateway.core.events import EventKind
 from gateway.core.interlock import Rules
-from gateway.core.plc import Control, Outcome, PlcWrite, TriggerPhase
+from gateway.core.plc import Control, PlcWrite, TriggerOutcome, TriggerPhase
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.shown import shown
 from gateway.core.state import FunctionCheck, Moved, Reason, StateVector, Tick
@@ -179,7 +179,7 @@ def test_a_triggered_measurement_and_a_held_result_are_gone() -> None:
     valid = stepped(waiting, t_ns, seen, heard, Tick(), Tick())
     assert (valid.plc.phase, valid.plc.result and valid.plc.result.outcome) == (
         TriggerPhase.VALID,
-        Outcome.NOT_IN_PLACE,
+        TriggerOutcome.NOT_IN_PLACE,
     )
     assert stepped(valid, 3 * S, Tick()).plc.result is None
 

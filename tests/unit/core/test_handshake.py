@@ -13,13 +13,13 @@ from gateway.core.detection import Circle
 from gateway.core.handshake import TRANSITIONS, Signal
 from gateway.core.plc import (
     Acquired,
-    Change,
     Control,
     Handshake,
-    Outcome,
     PlcLink,
     PlcWrite,
     RecipeVerdict,
+    RegisterChange,
+    TriggerOutcome,
     TriggerPhase,
     Writer,
 )
@@ -102,7 +102,7 @@ def test_one_complete_measurement() -> None:
 
     valid = play((None, state(T0 + 60 * MS)), start=waiting)
     assert valid.phase is TriggerPhase.VALID
-    assert valid.result == Acquired(1, T0 + 60 * MS, Outcome.NOT_IN_PLACE, 320, 240, 90, 900.0)
+    assert valid.result == Acquired(1, T0 + 60 * MS, TriggerOutcome.NOT_IN_PLACE, 320, 240, 90, 900.0)
 
     later = play((None, state(T0 + 900 * MS, rng=RangeReading(T0 + 900 * MS, Quality.GOOD, 500.0))), start=valid)
     assert later.result == valid.result, "it is held as it is"
@@ -201,15 +201,15 @@ def test_acquisition_ids_go_round_without_zero() -> None:
 @pytest.mark.parametrize(
     ("seen", "outcome"),
     [
-        (state(T0, d=True), Outcome.IN_PLACE),
-        (state(T0, d=False), Outcome.NOT_IN_PLACE),
-        (state(T0, d=None, vision=VisionReading(T0, Quality.NO_TARGET)), Outcome.NO_TARGET),
-        (state(T0, d=None, vision=VisionReading(T0, Quality.COASTED)), Outcome.SENSOR_FAULT),
-        (state(T0, d=None, rng=RangeReading(T0, Quality.NO_ECHO)), Outcome.SENSOR_FAULT),
-        (state(T0, d=True, memory=FusionMemory(disagree=True)), Outcome.SENSOR_FAULT),
+        (state(T0, d=True), TriggerOutcome.IN_PLACE),
+        (state(T0, d=False), TriggerOutcome.NOT_IN_PLACE),
+        (state(T0, d=None, vision=VisionReading(T0, Quality.NO_TARGET)), TriggerOutcome.NO_TARGET),
+        (state(T0, d=None, vision=VisionReading(T0, Quality.COASTED)), TriggerOutcome.SENSOR_FAULT),
+        (state(T0, d=None, rng=RangeReading(T0, Quality.NO_ECHO)), TriggerOutcome.SENSOR_FAULT),
+        (state(T0, d=True, memory=FusionMemory(disagree=True)), TriggerOutcome.SENSOR_FAULT),
     ],
 )
-def test_outcomes(seen: StateVector, outcome: Outcome) -> None:
+def test_outcomes(seen: StateVector, outcome: TriggerOutcome) -> None:
     result = handshake.acquired(replace(FRESH, phase=TriggerPhase.ACQUIRING, acquisition=5, trigger_ns=T0), seen)
     assert result is not None
     assert (result.number, result.outcome) == (5, outcome)
@@ -244,7 +244,7 @@ def test_no_echo_from_before_the_trigger_counts_in_a_median() -> None:
 
 
 def test_a_gateway_that_ends_holds_no_result_and_accepts_no_trigger() -> None:
-    held = replace(FRESH, phase=TriggerPhase.VALID, acquisition=3, result=Acquired(3, T0, Outcome.IN_PLACE))
+    held = replace(FRESH, phase=TriggerPhase.VALID, acquisition=3, result=Acquired(3, T0, TriggerOutcome.IN_PLACE))
     assert held.withdrawn() == replace(held, phase=TriggerPhase.CLEARING, result=None)
 
 
@@ -281,7 +281,7 @@ def test_where_it_is_not_required_it_is_never_missed() -> None:
 
 @pytest.mark.parametrize("phase", TriggerPhase)
 def test_a_lost_plc_finds_no_result_when_it_comes_back(phase: TriggerPhase) -> None:
-    held = Acquired(3, T0, Outcome.IN_PLACE) if phase is TriggerPhase.VALID else None
+    held = Acquired(3, T0, TriggerOutcome.IN_PLACE) if phase is TriggerPhase.VALID else None
     busy = replace(FRESH, link=PlcLink.ALIVE, beat_ns=T0, phase=phase, acquisition=3, trigger_ns=T0, result=held)
     lost = play((None, old(T0 + 2 * S)), start=busy)
     assert (lost.phase, lost.result) == (TriggerPhase.READY, None)
@@ -315,8 +315,8 @@ def test_what_a_write_changes() -> None:
     plc = replace(FRESH, control=1, recipe_asked=2, heartbeat=5)
     assert events.changes(plc, replace(plc, heartbeat=6, writes=1)) == []
     assert events.changes(plc, replace(plc, control=9, recipe_asked=3)) == [
-        Change("plc_control", 1, 9),
-        Change("recipe_select", 2, 3),
+        RegisterChange("plc_control", 1, 9),
+        RegisterChange("recipe_select", 2, 3),
     ]
 
 

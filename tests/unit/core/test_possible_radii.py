@@ -191,7 +191,7 @@ def test_a_frame_that_is_too_old_reports_it_no_more() -> None:
 
 
 def test_a_bay_with_a_red_disc_of_the_wrong_size_is_not_clear() -> None:
-    limits = visit.Limits(VisitConfig(leave_distance_mm=350), FusionConfig(), GuidanceConfig())
+    limits = visit.VisitLimits(VisitConfig(leave_distance_mm=350), FusionConfig(), GuidanceConfig())
     state = Fused(T0, range=RangeReading(T0, Quality.GOOD, 400.0))
     empty = replace(state, vision=VisionReading(T0, Quality.NO_TARGET))
     assert visit.clear(empty, limits)

@@ -19,7 +19,7 @@ AT = TruckPosition(280.0, Circle(320.0, 240.0, 193.0))
 
 
 def restarted(bench: Bench, off_s: float = 0.0, kept: RetainedState | None = None) -> float:
-    """The world time at which the gateway begins anew, after it was off for so long."""
+    """The world time at which the gateway begins anew, after it was off for this time."""
     kept = kept or RetainedState.of(bench.state)
     bench.run(bench.t_s + off_s)
     bench.events.clear()

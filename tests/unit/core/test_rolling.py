@@ -14,7 +14,7 @@ from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import Fused, GuidanceCode, ReferencePosition
 from tests.visit_bench import Bench, Levels, gateway, truck
 
-STANDS_S = 10.0  # so long the truck is in place before it moves, from world time 0
+STANDS_S = 10.0  # this long the truck is in place before it moves, from world time 0
 SETTLED = {"distance_cm": 27, "speed_cm_s": 30, "hold_s": STANDS_S}
 LATEST_S = {1: (0.9, 1.3), 5: (0.3, 0.5), 50: (0.3, 0.4)}
 """By speed in cm/s, from the first motion, at 100 cm/s^2: with the marker seen, and covered, s."""

@@ -49,7 +49,7 @@ NEARER = {
 
 
 def stands(*legs: Mapping[str, Any], at_cm: float = 28.0, for_s: float = 60.0, **more: Any) -> Scenario:
-    """A truck that stands at the mark for so long, and what comes then."""
+    """A truck that stands at the mark for this time, and what comes then."""
     stay = {"distance_cm": at_cm, "hold_s": for_s}
     return truck(stay, *legs, **({"start": {"distance_cm": at_cm}} | more))
 
@@ -1059,7 +1059,7 @@ def test_d_ends_a_release_wherever_the_new_recipe_puts_the_mark() -> None:
     bench = leaving()
     stay = bench.state.visit
     assert stay.farthest_mm is not None
-    limits = visit.Limits(bench.config.bays[0].visit, bench.config.bays[0].fusion, bench.config.bays[0].guidance)
+    limits = visit.VisitLimits(bench.config.bays[0].visit, bench.config.bays[0].fusion, bench.config.bays[0].guidance)
     state = bench.state
     here = Fused(state.t_ns, state.vision, state.range, True, memory=state.memory)
     after = visit.step(stay, here, 0.0, limits, released=True, release=False, function_check=False)
@@ -1265,7 +1265,7 @@ class TestOneStep:
     """The pure step by itself, at its limits. Times from 100 s on."""
 
     T_NS = 100_000_000_000
-    LIMITS = visit.Limits(VisitConfig(), FusionConfig(), GuidanceConfig())
+    LIMITS = visit.VisitLimits(VisitConfig(), FusionConfig(), GuidanceConfig())
     PLACE = TruckPosition(280.0, Circle(320.0, 240.0, 193.0))
 
     def state(self, circle: Circle | None, distance_mm: float | None, **more: Any) -> Fused:

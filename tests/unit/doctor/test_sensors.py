@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gateway.clock import NS_PER_MS, Clock, SystemClock
+from gateway.clock import Clock, SystemClock
 from gateway.config import BayConfig
 from gateway.core.readings import Quality
 from gateway.core.state import Moved, Reason
 from gateway.doctor import sensors
 from gateway.doctor.finding import Finding, Verdict
+from gateway.durations import NS_PER_MS
 from gateway.errors import LinkError
 from gateway.ranger.hcsr04.protocol import (
     NO_FLAGS,

@@ -3,7 +3,7 @@
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from gateway.modbus.protocol.adu import MAX_FRAME_BYTES, Fault, Framer, frame_bytes
+from gateway.modbus.protocol.adu import MAX_FRAME_BYTES, FrameFault, Framer, frame_bytes
 
 CALM = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])  # a busy machine is no finding
 
@@ -14,12 +14,12 @@ FOREIGN = st.builds(
 )
 
 
-def out_of(framer: Framer, data: bytes) -> list[bytes | Fault]:
+def out_of(framer: Framer, data: bytes) -> list[bytes | FrameFault]:
     framer.feed(data)
-    found: list[bytes | Fault] = []
+    found: list[bytes | FrameFault] = []
     while (frame := framer.next()) is not None:
         found.append(frame)
-        if frame is Fault.BAD_LENGTH:
+        if frame is FrameFault.BAD_LENGTH:
             break
     return found
 
@@ -32,9 +32,9 @@ def test_a_frame_byte_by_byte() -> None:
 @given(st.lists(FRAMES | FOREIGN, max_size=8), st.data())
 def test_any_cut_gives_the_same_frames(frames: list[bytes], data: st.DataObject) -> None:
     stream = b"".join(frames)
-    expected = [frame if frame[2:4] == b"\0\0" else Fault.BAD_PROTOCOL for frame in frames]
+    expected = [frame if frame[2:4] == b"\0\0" else FrameFault.BAD_PROTOCOL for frame in frames]
     framer = Framer()
-    found: list[bytes | Fault] = []
+    found: list[bytes | FrameFault] = []
     at = 0
     while at < len(stream):
         size = data.draw(st.integers(1, len(stream) - at))
@@ -52,7 +52,7 @@ def test_an_impossible_length_ends_it_with_the_frames_before_it(
 ) -> None:
     bad = transaction.to_bytes(2, "big") + b"\0\0" + length.to_bytes(2, "big") + rest
     framer = Framer()
-    assert out_of(framer, b"".join(frames) + bad) == [*frames, Fault.BAD_LENGTH]
+    assert out_of(framer, b"".join(frames) + bad) == [*frames, FrameFault.BAD_LENGTH]
     assert framer.held == 0
 
 
@@ -62,14 +62,14 @@ def test_an_impossible_length_is_detected_before_the_frame_is_complete() -> None
     assert (framer.next(), framer.complete) == (None, False)
     framer.feed(b"\xff")
     assert framer.complete
-    assert framer.next() is Fault.BAD_LENGTH
+    assert framer.next() is FrameFault.BAD_LENGTH
 
 
 def test_the_limits_of_length() -> None:
     for length, fine in [(1, False), (2, True), (254, True), (255, False)]:
         framer = Framer()
         found = out_of(framer, b"\0\1\0\0" + length.to_bytes(2, "big") + bytes(length))
-        assert (found != [Fault.BAD_LENGTH]) == fine
+        assert (found != [FrameFault.BAD_LENGTH]) == fine
     assert len(frame_bytes(0, 0, bytes(253))) == MAX_FRAME_BYTES
 
 
@@ -78,8 +78,8 @@ def test_the_limits_of_length() -> None:
 def test_random_bytes_are_frames_or_faults_and_nothing_is_kept_for_ever(data: bytes) -> None:
     framer = Framer()
     found = out_of(framer, data)
-    if Fault.BAD_LENGTH in found:
+    if FrameFault.BAD_LENGTH in found:
         assert framer.held == 0
     else:
         assert framer.held < MAX_FRAME_BYTES
-        assert b"".join(f for f in found if isinstance(f, bytes)) in data or Fault.BAD_PROTOCOL in found
+        assert b"".join(f for f in found if isinstance(f, bytes)) in data or FrameFault.BAD_PROTOCOL in found

@@ -10,7 +10,7 @@ import pytest
 from gateway.modbus.protocol.adu import frame_bytes
 from gateway.modbus.protocol.answers import Peer, Unit
 from gateway.modbus.protocol.request_handler import RequestHandler, RequestStats
-from gateway.modbus.server.connection import TURN_FRAMES, Connection
+from gateway.modbus.server.connection import TURN_FRAMES, ModbusConnection
 from gateway.modbus.server.limits import Refusal
 from tests.virtual_time import in_virtual_time
 
@@ -27,7 +27,7 @@ class Wire:
         self.reading = True
         self.ended = ""
         self.blocks = False  # the next write finds a full buffer
-        self.protocol: Connection | None = None
+        self.protocol: ModbusConnection | None = None
 
     def write(self, data: bytes) -> None:
         self.sent += data
@@ -67,18 +67,18 @@ class Owner:
         self.admits = True
         self.refusals: Counter[Refusal] = Counter()
 
-    def admit(self, connection: Connection) -> bool:
+    def admit(self, connection: ModbusConnection) -> bool:
         return self.admits
 
     def opened(self, transport: asyncio.Transport) -> None: ...
-    def closed(self, transport: asyncio.Transport, connection: Connection) -> None: ...
+    def closed(self, transport: asyncio.Transport, connection: ModbusConnection) -> None: ...
 
     def refused(self, address: str, why: Refusal) -> None:
         self.refusals[why] += 1
 
 
-def opened(owner: Owner) -> tuple[Connection, Wire]:
-    wire, connection = Wire(), Connection(owner)
+def opened(owner: Owner) -> tuple[ModbusConnection, Wire]:
+    wire, connection = Wire(), ModbusConnection(owner)
     wire.protocol = connection
     connection.connection_made(cast(asyncio.Transport, wire))
     return connection, wire

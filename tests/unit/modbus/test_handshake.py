@@ -11,11 +11,11 @@ from gateway.core.plc import (
     Acquired,
     Control,
     Handshake,
-    Outcome,
     PlcLink,
     PlcWrite,
     RecipeVerdict,
     ResetVerdict,
+    TriggerOutcome,
     TriggerPhase,
     Writer,
     WriteVerdict,
@@ -29,7 +29,7 @@ from gateway.modbus.registers.handshake import HANDSHAKE, HANDSHAKE_STATUS
 from gateway.modbus.registers.register_map import REGISTERS, decode, encode
 
 S = 1_000_000_000
-HELD = Acquired(41, 99 * S, Outcome.IN_PLACE, 640.27, -3.06, 181.26, 298.6)
+HELD = Acquired(41, 99 * S, TriggerOutcome.IN_PLACE, 640.27, -3.06, 181.26, 298.6)
 STATE = StateVector(
     "bay1",
     t_ns=100 * S,

@@ -8,7 +8,14 @@ import pytest
 from gateway.config import ModbusConfig, parse
 from gateway.errors import ConfigError
 from gateway.modbus.protocol.answers import Access, Peer, Unit
-from gateway.modbus.server.limits import QUIET_S, ConnectedWriters, ConnectionInfo, Limits, Refusal, Verdict
+from gateway.modbus.server.limits import (
+    QUIET_S,
+    ConnectedWriters,
+    ConnectionInfo,
+    ConnectionLimits,
+    ConnectionVerdict,
+    Refusal,
+)
 from gateway.modbus.server.server import ports_of
 from gateway.net.listener import allow_open_files
 from gateway.net.rate_limit import plain_address
@@ -16,8 +23,8 @@ from gateway.net.rate_limit import plain_address
 PLC, OTHER_PLC, SCADA, STRANGER = "10.0.0.7", "10.0.0.8", "10.0.1.5", "192.168.7.7"
 
 
-def limits(**keys: object) -> Limits:
-    return Limits(ModbusConfig.model_validate(keys))
+def limits(**keys: object) -> ConnectionLimits:
+    return ConnectionLimits(ModbusConfig.model_validate(keys))
 
 
 def connections(address: str, count: int, *, is_plc: bool = False, active_s: float = 0.0) -> list[ConnectionInfo]:
@@ -38,22 +45,22 @@ def connections(address: str, count: int, *, is_plc: bool = False, active_s: flo
 )
 def test_the_allow_list(allow: tuple[str, ...], plcs: tuple[str, ...], address: str, allowed: bool) -> None:
     verdict = limits(allow=allow, plc_addresses=plcs).judge(address, [], 0.0)
-    assert verdict == Verdict(None if allowed else Refusal.NOT_ALLOWED)
+    assert verdict == ConnectionVerdict(None if allowed else Refusal.NOT_ALLOWED)
 
 
 def test_without_plc_addresses_no_connection_is_reserved() -> None:
     rules = limits(max_connections=10, plc_connections=4)
-    assert rules.judge(SCADA, connections(STRANGER, 9), 1.0) == Verdict()
-    assert rules.judge(SCADA, connections(STRANGER, 10, active_s=1.0), 1.0) == Verdict(Refusal.FULL)
+    assert rules.judge(SCADA, connections(STRANGER, 9), 1.0) == ConnectionVerdict()
+    assert rules.judge(SCADA, connections(STRANGER, 10, active_s=1.0), 1.0) == ConnectionVerdict(Refusal.FULL)
 
 
 def test_connections_are_reserved_for_the_plc() -> None:
     rules = limits(max_connections=10, plc_connections=4, plc_addresses=(PLC,))
-    assert rules.judge(STRANGER, connections(STRANGER, 5), 1.0) == Verdict()
-    assert rules.judge(STRANGER, connections(STRANGER, 6, active_s=1.0), 1.0) == Verdict(Refusal.FULL)
+    assert rules.judge(STRANGER, connections(STRANGER, 5), 1.0) == ConnectionVerdict()
+    assert rules.judge(STRANGER, connections(STRANGER, 6, active_s=1.0), 1.0) == ConnectionVerdict(Refusal.FULL)
     for there in range(4):
         crowd = [*connections(STRANGER, 6), *connections(PLC, there, is_plc=True)]
-        assert rules.judge(PLC, crowd, 1.0) == Verdict()
+        assert rules.judge(PLC, crowd, 1.0) == ConnectionVerdict()
 
 
 def test_the_longest_idle_connection_is_replaced_when_it_is_idle_long_enough() -> None:
@@ -63,18 +70,18 @@ def test_the_longest_idle_connection_is_replaced_when_it_is_idle_long_enough() -
         ConnectionInfo(SCADA, active_s=40.0),
         ConnectionInfo(SCADA, active_s=60.0),
     ]
-    assert rules.judge(SCADA, crowd, 40.0 + QUIET_S - 0.01) == Verdict(Refusal.FULL)
+    assert rules.judge(SCADA, crowd, 40.0 + QUIET_S - 0.01) == ConnectionVerdict(Refusal.FULL)
     assert rules.judge(SCADA, crowd, 40.0 + QUIET_S).instead_of is crowd[1]
 
 
 def test_one_address_has_its_share_and_no_more() -> None:
     rules = limits()  # the defaults: 64 connections, 16 of them for one address
     there: list[ConnectionInfo] = []
-    while rules.judge(STRANGER, there, 1.0) == Verdict():
+    while rules.judge(STRANGER, there, 1.0) == ConnectionVerdict():
         there.append(ConnectionInfo(STRANGER, active_s=1.0))
     assert len(there) == 16
-    assert rules.judge(STRANGER, there, 1.0) == Verdict(Refusal.SHARE)
-    assert rules.judge(SCADA, there, 1.0) == Verdict(), "there is room for others"
+    assert rules.judge(STRANGER, there, 1.0) == ConnectionVerdict(Refusal.SHARE)
+    assert rules.judge(SCADA, there, 1.0) == ConnectionVerdict(), "there is room for others"
 
 
 def test_an_address_beyond_its_share_replaces_only_its_own_longest_idle_connection() -> None:
@@ -84,20 +91,20 @@ def test_an_address_beyond_its_share_replaces_only_its_own_longest_idle_connecti
         ConnectionInfo(STRANGER, active_s=9.0),
         ConnectionInfo(STRANGER, active_s=8.0),
     ]
-    assert rules.judge(STRANGER, crowd, 8.0 + QUIET_S - 0.01) == Verdict(Refusal.SHARE)
+    assert rules.judge(STRANGER, crowd, 8.0 + QUIET_S - 0.01) == ConnectionVerdict(Refusal.SHARE)
     assert rules.judge(STRANGER, crowd, 8.0 + QUIET_S).instead_of is crowd[2]
 
 
 def test_a_plc_needs_no_share() -> None:
     rules = limits(max_connections=8, connections_per_address=2, plc_addresses=(PLC,))
     for there in range(7):
-        assert rules.judge(PLC, connections(PLC, there, is_plc=True), 1.0) == Verdict()
+        assert rules.judge(PLC, connections(PLC, there, is_plc=True), 1.0) == ConnectionVerdict()
 
 
 def test_no_other_address_can_replace_a_plc() -> None:
     rules = limits(max_connections=4, plc_connections=2, plc_addresses=("10.0.0.0/24",))
     crowd = [*connections(PLC, 4, is_plc=True)]
-    assert rules.judge(STRANGER, crowd, 1e6) == Verdict(Refusal.FULL)
+    assert rules.judge(STRANGER, crowd, 1e6) == ConnectionVerdict(Refusal.FULL)
 
 
 def test_a_plc_replaces_another_client_even_a_busy_one() -> None:
@@ -110,7 +117,7 @@ def test_a_plc_that_reconnects_replaces_its_own_old_connection_and_no_other_plcs
     rules = limits(max_connections=4, plc_connections=4, plc_addresses=("10.0.0.0/24",))
     crowd = [ConnectionInfo(OTHER_PLC, True, 1.0), *connections(PLC, 3, is_plc=True, active_s=2.0)]
     assert rules.judge(PLC, crowd, 9.0).instead_of is crowd[1]
-    assert rules.judge("10.0.0.99", crowd, 9.0) == Verdict(Refusal.FULL)
+    assert rules.judge("10.0.0.99", crowd, 9.0) == ConnectionVerdict(Refusal.FULL)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from gateway.modbus.server.tls_handshake_limiter import (
     PER_S,
     PLC_AT_ONCE,
     REFILL_S,
-    Handshake,
+    PendingHandshake,
     TlsHandshakeLimiter,
 )
 from tests.virtual_time import in_virtual_time
@@ -21,7 +21,7 @@ PLC, SCADA, STRANGER = "10.0.0.7", "10.0.1.5", "192.168.7.7"
 SHARE = 8
 
 
-class Client(Handshake):
+class Client(PendingHandshake):
     """A stream and its TCP connection in one."""
 
     def __init__(self, address: str) -> None:

@@ -6,14 +6,14 @@ from hypothesis import strategies as st
 
 from gateway.config import RangerConfig
 from gateway.core.readings import Quality
-from gateway.ranger.conditioning import Conditioner, GlitchGate, MedianFilter, Verdict
+from gateway.ranger.conditioning import Conditioner, GlitchGate, MedianFilter, ReadingVerdict
 
 MS = 1_000_000
-P, H, U = Verdict.PASS, Verdict.HOLD, Verdict.UNSTABLE
+P, H, U = ReadingVerdict.PASS, ReadingVerdict.HOLD, ReadingVerdict.UNSTABLE
 FAULT = None
 
 
-def verdicts(readings: list[float | None], gate: GlitchGate | None = None, cycle_ms: int = 60) -> list[Verdict]:
+def verdicts(readings: list[float | None], gate: GlitchGate | None = None, cycle_ms: int = 60) -> list[ReadingVerdict]:
     gate = gate or GlitchGate(150.0, 300 * MS)
     out = []
     for n, mm in enumerate(readings):
@@ -42,7 +42,7 @@ def verdicts(readings: list[float | None], gate: GlitchGate | None = None, cycle
         ([500, FAULT, 500, FAULT], [H, P, H, P]),
     ],
 )
-def test_one_odd_reading_is_held_back(readings: list[float | None], expected: list[Verdict]) -> None:
+def test_one_odd_reading_is_held_back(readings: list[float | None], expected: list[ReadingVerdict]) -> None:
     assert expected == verdicts(readings)
 
 

@@ -34,7 +34,7 @@ from gateway.records.record import (
     VisitRecord,
     packed,
 )
-from gateway.records.retention import Limits
+from gateway.records.retention import RetentionLimits
 from gateway.records.segment import Head, records_block
 from gateway.records.store import SEGMENT_NS, Store
 from tests.unit.records.test_segment import HEAD
@@ -52,7 +52,7 @@ def store(folder: Path, boot: str = "a", t_ns: int = BEGUN_NS) -> Store:
     def head(number: int) -> Head:
         return msgspec.structs.replace(HEAD, number=number, boot=boot, t_ns=t_ns, unix_ns=t_ns + UNIX_NS)
 
-    return Store(folder, Limits(10**15, 0, 0), 0.0, head)
+    return Store(folder, RetentionLimits(10**15, 0, 0), 0.0, head)
 
 
 @cache

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 
 from gateway.records.names import PICTURES, SEGMENT, FileName, parsed
-from gateway.records.retention import DAY_S, Limits, StoredFile, surplus
+from gateway.records.retention import DAY_S, RetentionLimits, StoredFile, surplus
 
 NOW = 1_800_000_000
-UNLIMITED = Limits(10**12, 0, 0)
+UNLIMITED = RetentionLimits(10**12, 0, 0)
 
 
 def stored(number: int, *, days: float = 0, size: int = 100, kind: str = SEGMENT, pinned: bool = False) -> StoredFile:
@@ -39,39 +39,39 @@ def test_within_its_limits_nothing_goes() -> None:
 
 def test_the_oldest_go_until_it_fits() -> None:
     files = [stored(n) for n in (3, 1, 4, 2)]
-    assert numbers(surplus(files, Limits(250, 0, 0), NOW)) == [1, 2]
+    assert numbers(surplus(files, RetentionLimits(250, 0, 0), NOW)) == [1, 2]
     assert numbers(surplus(files, UNLIMITED, NOW, missing_bytes=101)) == [1, 2]
-    assert numbers(surplus(files, Limits(350, 0, 0), NOW, missing_bytes=201)) == [1, 2, 3]
+    assert numbers(surplus(files, RetentionLimits(350, 0, 0), NOW, missing_bytes=201)) == [1, 2, 3]
 
 
 def test_the_newest_is_being_written_and_stays() -> None:
-    assert numbers(surplus([stored(1, days=99), stored(2, days=99)], Limits(50, 1, 1), NOW)) == [1]
+    assert numbers(surplus([stored(1, days=99), stored(2, days=99)], RetentionLimits(50, 1, 1), NOW)) == [1]
 
 
 def test_an_open_segment_stays_behind_newer_pictures() -> None:
     files = [stored(1), stored(2), stored(3, kind=PICTURES)]
-    assert numbers(surplus(files, Limits(0, 0, 0), NOW, being_written=2)) == [1]
+    assert numbers(surplus(files, RetentionLimits(0, 0, 0), NOW, being_written=2)) == [1]
 
 
 def test_what_is_pinned_goes_last_and_never_for_its_age() -> None:
     files = [stored(1, days=99, pinned=True), stored(2), stored(3), stored(4)]
-    assert numbers(surplus(files, Limits(250, 10, 10), NOW)) == [2, 3]
-    assert numbers(surplus(files, Limits(100, 10, 10), NOW)) == [2, 3, 1]
-    assert surplus(files, Limits(10**6, 10, 10), NOW) == []
+    assert numbers(surplus(files, RetentionLimits(250, 10, 10), NOW)) == [2, 3]
+    assert numbers(surplus(files, RetentionLimits(100, 10, 10), NOW)) == [2, 3, 1]
+    assert surplus(files, RetentionLimits(10**6, 10, 10), NOW) == []
 
 
 def test_pictures_may_go_earlier_than_records() -> None:
     files = [stored(1, days=5), stored(2, days=5, kind=PICTURES), stored(3, days=11), stored(4)]
-    assert numbers(surplus(files, Limits(10**6, 10, 4), NOW)) == [2, 3]
-    assert numbers(surplus(files, Limits(10**6, 10, 0), NOW)) == [3]
-    assert numbers(surplus(files, Limits(10**6, 0, 4), NOW)) == [2]
+    assert numbers(surplus(files, RetentionLimits(10**6, 10, 4), NOW)) == [2, 3]
+    assert numbers(surplus(files, RetentionLimits(10**6, 10, 0), NOW)) == [3]
+    assert numbers(surplus(files, RetentionLimits(10**6, 0, 4), NOW)) == [2]
 
 
 def test_a_clock_that_is_not_believed_makes_nothing_old() -> None:
     files = [stored(1, days=99), stored(2)]
-    assert surplus(files, Limits(10**6, 10, 10), None) == []
-    assert numbers(surplus(files, Limits(100, 10, 10), None)) == [1]
-    assert surplus(files, Limits(10**6, 10, 10), 0) == []  # a clock that begins in 1970
+    assert surplus(files, RetentionLimits(10**6, 10, 10), None) == []
+    assert numbers(surplus(files, RetentionLimits(100, 10, 10), None)) == [1]
+    assert surplus(files, RetentionLimits(10**6, 10, 10), 0) == []  # a clock that begins in 1970
 
 
 @given(
@@ -83,7 +83,7 @@ def test_what_stays_is_within_the_limits_or_cannot_go(
     made: list[tuple[int, int, bool, float]], most: int, missing: int
 ) -> None:
     files = [stored(n, size=size, pinned=pin, days=days) for n, size, pin, days in made]
-    gone = surplus(files, Limits(most, 30, 30), NOW, missing)
+    gone = surplus(files, RetentionLimits(most, 30, 30), NOW, missing)
     kept = [file for file in files if file not in gone]
     newest = max((f.name.number for f in files), default=0)
     assert all(f.name.number != newest for f in gone)

@@ -18,7 +18,7 @@ from gateway.records.index_reader import IndexReader
 from gateway.records.index_rows import MINUTE_COLUMNS, Minute, MinuteRow
 from gateway.records.names import ROWS, FileName
 from gateway.records.record import RegisterImage, TickRecord, VisitRecord, packed
-from gateway.records.retention import DAY_S, Limits, StoredFile, surplus
+from gateway.records.retention import DAY_S, RetentionLimits, StoredFile, surplus
 from gateway.records.row_files import KeptRows
 from gateway.records.segment import MAGIC, BlockKind, Head, block, records_block
 from gateway.records.store import Store
@@ -64,7 +64,7 @@ def recorded(folder: Path, last: int, first: int = 1) -> None:
         def head(number: int, unix_ns: int = unix_ns) -> Head:
             return msgspec.structs.replace(HEAD, number=number, boot="a", t_ns=unix_ns, unix_ns=unix_ns)
 
-        store = Store(folder, Limits(10**15, 0, 0), 0.0, head)
+        store = Store(folder, RetentionLimits(10**15, 0, 0), 0.0, head)
         records = [TickRecord(t_ns=unix_ns), VisitRecord(t_ns=unix_ns + 1, visit=visit(n))]
         store.append(records_block(n, [packed(record) for record in records]), 0, begins=True)
         store.close()
@@ -292,7 +292,7 @@ def test_another_segment_of_the_same_number_is_kept_itself(tmp_path: Path) -> No
     other = replace(visit(1), begun_ms=visit(9).begun_ms)
     store = Store(
         tmp_path / "bay1",
-        Limits(10**15, 0, 0),
+        RetentionLimits(10**15, 0, 0),
         0.0,
         lambda _: msgspec.structs.replace(HEAD, number=1, t_ns=0, unix_ns=visit(9).begun_ms * 10**6),
     )
@@ -307,7 +307,10 @@ def test_an_image_of_registers_alone_is_a_minute(tmp_path: Path) -> None:
     assert row_files.newest_segment(tmp_path) == 0
     unix_ns = visit(1).begun_ms * 10**6
     store = Store(
-        tmp_path, Limits(10**15, 0, 0), 0.0, lambda n: msgspec.structs.replace(HEAD, number=n, t_ns=0, unix_ns=unix_ns)
+        tmp_path,
+        RetentionLimits(10**15, 0, 0),
+        0.0,
+        lambda n: msgspec.structs.replace(HEAD, number=n, t_ns=0, unix_ns=unix_ns),
     )
     store.append(records_block(1, [packed(RegisterImage(t_ns=1, unix_ns=unix_ns, words=b""))]), 0, begins=True)
     store.close()
@@ -322,33 +325,33 @@ def stored(number: int, days: float, size: int = 100, kind: str = ROWS) -> Store
 
 
 def gone(
-    files: list[StoredFile], limits: Limits, unix_s: float | None = NOW, missing: int = 0
+    files: list[StoredFile], limits: RetentionLimits, unix_s: float | None = NOW, missing: int = 0
 ) -> list[tuple[int, str]]:
     return [(file.name.number, file.name.kind) for file in surplus(files, limits, unix_s, missing)]
 
 
 def test_rows_stay_when_segments_go() -> None:
     files = [stored(1, 90), stored(1, 90, kind=".seg"), stored(2, 80, kind=".seg"), stored(3, 0, kind=".seg")]
-    assert gone(files, Limits(10**6, 30, 0, 365)) == [(1, ".seg"), (2, ".seg")]
-    assert gone(files, Limits(10**6, 0, 0, 365), missing=10**9) == [(1, ".seg"), (2, ".seg")]
+    assert gone(files, RetentionLimits(10**6, 30, 0, 365)) == [(1, ".seg"), (2, ".seg")]
+    assert gone(files, RetentionLimits(10**6, 0, 0, 365), missing=10**9) == [(1, ".seg"), (2, ".seg")]
 
 
 def test_rows_go_when_all_of_a_file_is_too_old_but_the_newest_file() -> None:
     files = [stored(1, 30), stored(5, 20), stored(9, 15)]
-    assert gone(files, Limits(10**6, 1, 1, 19)) == [(1, ROWS)]
-    assert gone(files, Limits(10**6, 1, 1, 14)) == [(1, ROWS), (5, ROWS)]
-    assert gone(files, Limits(10**6, 1, 1, 0)) == []
-    assert gone(files, Limits(10**6, 1, 1, 1), None) == []
+    assert gone(files, RetentionLimits(10**6, 1, 1, 19)) == [(1, ROWS)]
+    assert gone(files, RetentionLimits(10**6, 1, 1, 14)) == [(1, ROWS), (5, ROWS)]
+    assert gone(files, RetentionLimits(10**6, 1, 1, 0)) == []
+    assert gone(files, RetentionLimits(10**6, 1, 1, 1), None) == []
 
 
 def test_a_clock_of_1970_makes_no_rows_old() -> None:
     epoch_days = NOW / DAY_S
     files = [stored(1, 5), stored(5, epoch_days), stored(9, 3)]
-    assert gone(files, Limits(10**6, 0, 0, 10)) == []
+    assert gone(files, RetentionLimits(10**6, 0, 0, 10)) == []
 
 
 def test_rows_have_a_tenth_at_most_and_all_together_what_is_allowed() -> None:
     files = [stored(1, 9), stored(2, 8), stored(3, 7), stored(4, 6, 700, ".seg"), stored(5, 5, 100, ".seg")]
-    assert gone(files, Limits(2000, 0, 0)) == [(1, ROWS)]
-    assert gone(files, Limits(1000, 0, 0)) == [(1, ROWS), (2, ROWS)]
-    assert gone(files, Limits(899, 0, 0)) == [(1, ROWS), (2, ROWS), (4, ".seg")]
+    assert gone(files, RetentionLimits(2000, 0, 0)) == [(1, ROWS)]
+    assert gone(files, RetentionLimits(1000, 0, 0)) == [(1, ROWS), (2, ROWS)]
+    assert gone(files, RetentionLimits(899, 0, 0)) == [(1, ROWS), (2, ROWS), (4, ".seg")]

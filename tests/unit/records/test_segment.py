@@ -23,7 +23,7 @@ from gateway.records.segment import (
     MARK,
     Block,
     BlockKind,
-    Damage,
+    DamagedBytes,
     Head,
     PictureHead,
     batch_of,
@@ -58,7 +58,7 @@ def read(data: bytes) -> tuple[list[int], int]:
     """Numbers of the batches that are readable, and how many bytes are no block."""
     found = list(blocks(data))
     numbers = [batch_of(b.payload)[0] for b in found if isinstance(b, Block) and b.kind == BlockKind.RECORDS]
-    return numbers, sum(d.length for d in found if isinstance(d, Damage))
+    return numbers, sum(d.length for d in found if isinstance(d, DamagedBytes))
 
 
 def test_what_was_written_is_read() -> None:

@@ -16,9 +16,9 @@ from gateway.core.visit_summary import VisitEnd, VisitSummary
 from gateway.records.days import local_days
 from gateway.records.index_rows import MINUTE_COLUMNS
 from gateway.records.statistics import (
-    Cause,
     CauseKind,
     Distribution,
+    StopCause,
     Times,
     positions_of,
     times_of,
@@ -51,9 +51,9 @@ def test_a_day_of_two_minutes_and_a_gap() -> None:
     found = times_of(rows, 600.0)
     assert (found.recorded_s, found.unrecorded_s, found.may_move_s, found.in_place_s) == (90, 510, 25, 12)
     assert found.causes == (
-        Cause("target_reached", 35.0, 2),
-        Cause("no_target", 20.0, 2),
-        Cause("camera_down", 10.0, 1),
+        StopCause("target_reached", 35.0, 2),
+        StopCause("no_target", 20.0, 2),
+        StopCause("camera_down", 10.0, 1),
     )
     assert [found.of_kind_s(kind) for kind in CauseKind] == [35, 20, 10]
     assert found.neither_s == 0
@@ -80,7 +80,7 @@ def test_a_minute_that_is_there_twice_counts_as_one() -> None:
     twice = [minute(7, may_move_s=60.0), minute(7, stop_s={"camera_down": 60.0}, stops={"camera_down": 1})]
     found = times_of(twice, 60.0)
     assert (found.recorded_s, found.may_move_s, found.good_s) == (60, 30, 30)
-    assert found.causes == (Cause("camera_down", 30.0, 1),)
+    assert found.causes == (StopCause("camera_down", 30.0, 1),)
     of_two_segments = times_of([minute(7, 20.0, 20.0), minute(7, 40.0, 5.0)], 60.0)
     assert (of_two_segments.recorded_s, of_two_segments.may_move_s) == (60, 25)
 
@@ -90,7 +90,7 @@ def test_the_newest_minute_may_be_later_than_now() -> None:
 
 
 def test_every_reason_has_its_kind() -> None:
-    kinds = {reason: Cause(reason.name.lower(), 1.0, 1).kind for reason in Reason if reason is not Reason.NONE}
+    kinds = {reason: StopCause(reason.name.lower(), 1.0, 1).kind for reason in Reason if reason is not Reason.NONE}
     assert {reason for reason, kind in kinds.items() if kind is CauseKind.AT_MARK} == {
         Reason.TARGET_REACHED, Reason.STOP_LATCHED, Reason.MOVED,
     }  # fmt: skip
@@ -98,7 +98,7 @@ def test_every_reason_has_its_kind() -> None:
         Reason.STARTING, Reason.NO_TARGET, Reason.TARGET_COASTED, Reason.NO_ECHO, Reason.RANGE_TOO_FAR,
         Reason.CLEARING, Reason.SHUTDOWN,
     }  # fmt: skip
-    assert Cause("of_a_later_version", 1.0, 1).kind is CauseKind.FAULT
+    assert StopCause("of_a_later_version", 1.0, 1).kind is CauseKind.FAULT
 
 
 SECONDS = st.floats(0, 60, allow_nan=False)

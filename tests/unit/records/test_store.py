@@ -13,15 +13,15 @@ from gateway.records.files import files_in
 from gateway.records.names import PICTURES, PIN, parsed
 from gateway.records.record import Gap, TickRecord, packed
 from gateway.records.recording import Missing
-from gateway.records.retention import Limits
+from gateway.records.retention import RetentionLimits
 from gateway.records.segment import Head, PictureHead, picture_block, records_block
 from gateway.records.store import SEGMENT_NS, Store
 from tests.unit.records.test_segment import HEAD
 
-UNLIMITED = Limits(10**15, 0, 0)
+UNLIMITED = RetentionLimits(10**15, 0, 0)
 
 
-def store(folder: Path, limits: Limits = UNLIMITED, boot: str = "a", unix_s: int = 1_800_000_000) -> Store:
+def store(folder: Path, limits: RetentionLimits = UNLIMITED, boot: str = "a", unix_s: int = 1_800_000_000) -> Store:
     def head(number: int) -> Head:
         return msgspec.structs.replace(HEAD, number=number, boot=boot, unix_ns=unix_s * 10**9)
 
@@ -133,7 +133,7 @@ def test_pictures_are_complete_or_not_there(tmp_path: Path, monkeypatch: pytest.
 
 
 def test_what_is_over_the_limits_is_deleted_with_its_pin(tmp_path: Path) -> None:
-    kept = store(tmp_path, Limits(0, 0, 0))
+    kept = store(tmp_path, RetentionLimits(0, 0, 0))
     for n in range(1, 5):
         kept.append(ticks(n), 0, begins=True)
         kept.close()
@@ -171,7 +171,7 @@ def test_what_others_need_of_the_disk_is_left_to_them(tmp_path: Path, monkeypatc
 
 
 def test_one_file_that_cannot_be_deleted_stops_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    kept = store(tmp_path, Limits(0, 0, 0))
+    kept = store(tmp_path, RetentionLimits(0, 0, 0))
     for n in range(1, 4):
         kept.append(ticks(n), 0, begins=True)
         kept.close()

@@ -14,7 +14,7 @@ from gateway.ranger.hcsr04.protocol import Decoder, Event, Flags, Hello, Measure
 from gateway.ranger.hcsr04.session import Hcsr04Session, distance_mm
 from gateway.sim.hcsr04 import SensorErrors, measure, no_echo, ticks_of
 from gateway.sim.ranger import faults_of
-from gateway.sim.ranger_board import POWER_ON, Board, Faults, RangerFault
+from gateway.sim.ranger_board import POWER_ON, Faults, RangerBoard, RangerFault
 from gateway.sim.scenario import parse
 
 MS = 1_000_000
@@ -28,13 +28,13 @@ def standing(mm: float | None) -> Truth:
     return lambda t_ns: mm
 
 
-def board(truth: Truth, **options: object) -> Board:
-    made = Board(truth, **options)  # type: ignore[arg-type]  # options of the test at hand
+def board(truth: Truth, **options: object) -> RangerBoard:
+    made = RangerBoard(truth, **options)  # type: ignore[arg-type]  # options of the test at hand
     made.boot(0, POWER_ON)
     return made
 
 
-def run(made: Board, until_ns: int, step_ns: int = 5 * MS, start_ns: int = 0) -> list[tuple[int, bytes]]:
+def run(made: RangerBoard, until_ns: int, step_ns: int = 5 * MS, start_ns: int = 0) -> list[tuple[int, bytes]]:
     """What left the wire, by time."""
     return [(t, data) for t in range(start_ns, until_ns, step_ns) if (data := made.advance(t))]
 
@@ -48,7 +48,9 @@ def measured(sent: list[tuple[int, bytes]]) -> list[Measurement]:
     return [e for e in events(sent) if isinstance(e, Measurement)]
 
 
-def heard_by_host(made: Board, seconds: float, faults: Callable[[int], Faults] = lambda t: {}) -> list[RangeReading]:
+def heard_by_host(
+    made: RangerBoard, seconds: float, faults: Callable[[int], Faults] = lambda t: {}
+) -> list[RangeReading]:
     """Board and session end to end, without a port."""
     session = Hcsr04Session(RangerConfig())
     readings = session.opened(0)

@@ -7,16 +7,16 @@ from functools import partial
 import pytest
 
 from gateway.sim.scenario import Scenario
-from gateway.sim.trials import PAPER, Record, TrialReport, evaluate, trial_scenario
+from gateway.sim.trials import PAPER, TrialRecord, TrialReport, evaluate, trial_scenario
 from gateway.sim.world import Truth, World
 
 S = 1_000_000_000
 STEP_S = 0.05
-Sensor = Callable[[Truth], Record]
+Sensor = Callable[[Truth], TrialRecord]
 
 
-def ideal(truth: Truth) -> Record:
-    return Record(round(truth.t_s * S), truth, truth.distance_mm, truth.radius_px, truth.stop, truth.stop)
+def ideal(truth: Truth) -> TrialRecord:
+    return TrialRecord(round(truth.t_s * S), truth, truth.distance_mm, truth.radius_px, truth.stop, truth.stop)
 
 
 def run(sensor: Sensor = ideal, scenario: Scenario | None = None) -> TrialReport:
@@ -25,10 +25,10 @@ def run(sensor: Sensor = ideal, scenario: Scenario | None = None) -> TrialReport
     return evaluate([sensor(world.truth(k * STEP_S)) for k in range(int(scenario.duration_s / STEP_S))])
 
 
-def during(name: str, change: Callable[[Record], Record], *, rest: bool = True) -> Sensor:
+def during(name: str, change: Callable[[TrialRecord], TrialRecord], *, rest: bool = True) -> Sensor:
     """Ideal sensors, but for one trial, standing or driving."""
 
-    def sensor(truth: Truth) -> Record:
+    def sensor(truth: Truth) -> TrialRecord:
         record = ideal(truth)
         hit = truth.leg_name == name and (truth.phase.value == "hold") is rest
         return change(record) if hit else record
@@ -153,7 +153,7 @@ def test_a_decision_that_comes_late_is_not_false(late_s: float) -> None:
     """The truck leaves the stop zone while the measurement is on its way."""
     world = World(trial_scenario(1))
 
-    def late(truth: Truth) -> Record:
+    def late(truth: Truth) -> TrialRecord:
         return replace(ideal(truth), d=world.truth(truth.t_s - late_s).stop, stop=world.truth(truth.t_s - late_s).stop)
 
     assert run(late).figures.accuracy == 1.0

@@ -12,10 +12,10 @@ from gateway.core.events import Event, EventKind
 from gateway.core.state import StateVector
 from gateway.errors import LinkError
 from gateway.hub import Hub
-from gateway.sinks.mqtt.broker_link import BrokerLink, RefusedError, UnansweredError
+from gateway.sinks.mqtt.broker_link import BrokerLink, PublishRefusedError, UnansweredError
 from gateway.sinks.mqtt.publisher import MqttPublisher
 from gateway.sinks.mqtt.topic_plan import ALARMS, EVENT, STATE, STATUS, TopicKind
-from gateway.sinks.mqtt.topics import Message
+from gateway.sinks.mqtt.topics import MqttMessage
 from tests import virtual_time
 from tests.mqtt_messages import checked
 from tests.virtual_time import LoopClock
@@ -89,14 +89,14 @@ class Link(BrokerLink):
     def newest_refusal(self) -> tuple[str, str, float] | None:
         return self._refusal
 
-    async def publish(self, message: Message) -> bool:
+    async def publish(self, message: MqttMessage) -> bool:
         async with self._turns:
             self.unanswered.append(message.topic)
             taken = await self._publish(message)
             self.unanswered.remove(message.topic)
             return taken
 
-    async def _publish(self, message: Message) -> bool:
+    async def _publish(self, message: MqttMessage) -> bool:
         broker = self._memory
         if broker.bug is not None:
             raise broker.bug
@@ -120,7 +120,7 @@ class Link(BrokerLink):
             if broker.ends_after_refusal:
                 self.unanswered.remove(message.topic)
                 raise LinkError("connection lost")
-            raise RefusedError("broker", message.topic, broker.faults[message.topic])
+            raise PublishRefusedError("broker", message.topic, broker.faults[message.topic])
         return message.topic not in broker.unsubscribed
 
     async def quiet(self) -> None:
@@ -129,8 +129,8 @@ class Link(BrokerLink):
     async def subscribe(self, topics: Sequence[tuple[str, int]]) -> None:
         pass
 
-    async def incoming(self) -> AsyncIterator[Message]:
-        for message in [Message("", b"")] * self._memory.lost.is_set():
+    async def incoming(self) -> AsyncIterator[MqttMessage]:
+        for message in [MqttMessage("", b"")] * self._memory.lost.is_set():
             yield message
         await self._memory.lost.wait()
         raise LinkError("connection lost")

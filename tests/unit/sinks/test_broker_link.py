@@ -16,7 +16,7 @@ from gateway.errors import LinkError
 from gateway.sinks.mqtt import broker_link
 from gateway.sinks.mqtt.broker import parse
 from gateway.sinks.mqtt.endpoints import Version
-from gateway.sinks.mqtt.topics import Message
+from gateway.sinks.mqtt.topics import MqttMessage
 from tests.mqtt_endpoints import at
 
 ROOT = Path(__file__).parents[3]
@@ -64,7 +64,7 @@ def test_the_client_uses_the_socket_it_is_given() -> None:
                 ours,
                 parse("mqtt://never.looked.up.invalid"),
                 client_id="c",
-                will=Message("w", b""),
+                will=MqttMessage("w", b""),
                 keepalive_s=5,
                 version="5",
             )
@@ -104,7 +104,7 @@ def test_a_packet_that_a_broker_announces_as_huge_ends_the_connection_and_takes_
 
         async def listen(port: int) -> None:
             endpoint = at(f"mqtt://127.0.0.1:{port}")
-            about = {"client_id": "c", "will": Message("w", b""), "keepalive_s": 5, "acknowledge_s": 5, "tls": None}
+            about = {"client_id": "c", "will": MqttMessage("w", b""), "keepalive_s": 5, "acknowledge_s": 5, "tls": None}
             async with broker_link.connect(endpoint, version=version, **about) as link:  # type: ignore[arg-type]
                 async for _ in link.incoming():
                     pass

@@ -21,11 +21,11 @@ import pytest
 from gateway.errors import ConfigError
 from gateway.shared_state import folder
 from gateway.sinks.outbox import durable, store
-from gateway.sinks.outbox.durable import DurableOutbox, Journal
-from gateway.sinks.outbox.outbox import Entry, Limits
+from gateway.sinks.outbox.durable import DurableOutbox, OutboxJournal
+from gateway.sinks.outbox.outbox import OutboxEntry, OutboxLimits
 from gateway.sinks.outbox.store import EventFile, StoreError
 
-LIMITS = Limits(100)
+LIMITS = OutboxLimits(100)
 
 
 def journal_of(name: str) -> Path:
@@ -39,8 +39,8 @@ def name() -> Iterator[str]:
     shutil.rmtree(journal_of(name), ignore_errors=True)
 
 
-def entry(number: int, *, drop_last: bool = False, unix_ms: int = 0, size: int = 10) -> Entry:
-    return Entry(f"b-{number}", "loading/s/bay1/event", bytes([number % 256]) * size, drop_last, unix_ms)
+def entry(number: int, *, drop_last: bool = False, unix_ms: int = 0, size: int = 10) -> OutboxEntry:
+    return OutboxEntry(f"b-{number}", "loading/s/bay1/event", bytes([number % 256]) * size, drop_last, unix_ms)
 
 
 def drained(outbox: DurableOutbox) -> list[str]:
@@ -161,7 +161,7 @@ def test_a_real_limit_of_the_system_is_a_full_disk(name: str, tmp_path: Path) ->
         check=False,
     )
     assert (done.returncode, done.stdout) == (0, "60 1\n"), done.stderr
-    with DurableOutbox(name, tmp_path / "outbox.sqlite", Limits(1000)) as outbox:
+    with DurableOutbox(name, tmp_path / "outbox.sqlite", OutboxLimits(1000)) as outbox:
         assert drained(outbox) == [f"b-{n}" for n in range(60)]
 
 
@@ -233,11 +233,11 @@ def test_a_journal_s_folder_that_others_can_write_is_not_used(name: str, tmp_pat
     """Else they could put SQLite's files of theirs beside ours."""
     journal_of(name).mkdir()
     journal_of(name).chmod(0o777)
-    with pytest.raises(ConfigError, match="open to others"), Journal(name):
+    with pytest.raises(ConfigError, match="open to others"), OutboxJournal(name):
         pass
     shutil.rmtree(journal_of(name))
     journal_of(name).symlink_to(tmp_path)
-    with pytest.raises(ConfigError, match="belongs to another user"), Journal(name):
+    with pytest.raises(ConfigError, match="belongs to another user"), OutboxJournal(name):
         pass
     journal_of(name).unlink()
     assert list(tmp_path.iterdir()) == []
@@ -245,7 +245,7 @@ def test_a_journal_s_folder_that_others_can_write_is_not_used(name: str, tmp_pat
 
 def test_what_is_dropped_is_dropped_on_disk_too(name: str, tmp_path: Path) -> None:
     path = tmp_path / "outbox.sqlite"
-    with DurableOutbox(name, path, Limits(3)) as outbox:
+    with DurableOutbox(name, path, OutboxLimits(3)) as outbox:
         for number, precious in ((1, True), (2, False), (3, True), (4, False), (5, True)):
             outbox.put(entry(number, drop_last=precious))
         assert outbox.dropped == 2
@@ -282,7 +282,7 @@ def test_the_file_is_small_again_after_a_flood(name: str, tmp_path: Path, older:
         with closing(EventFile(path)) as file:
             file.write([entry(number, size=3000) for number in range(FLOOD)], ())
             file.write((), [f"b-{number}" for number in range(FLOOD - 1)])
-    with DurableOutbox(name, path, Limits(100_000)) as outbox:
+    with DurableOutbox(name, path, OutboxLimits(100_000)) as outbox:
         if not older:
             for number in range(FLOOD):
                 outbox.put(entry(number, size=3000))
@@ -371,7 +371,7 @@ def test_killed_at_any_moment_nothing_that_happened_is_lost(name: str, tmp_path:
                     seen += 1
                 if seen == 40 + 37 * run:
                     child.kill()
-    with DurableOutbox(name, path, Limits(100_000)) as outbox:
+    with DurableOutbox(name, path, OutboxLimits(100_000)) as outbox:
         found = drained(outbox)
     missing = [one for one in reported if one not in acknowledged and one not in set(found)]
     assert missing == []
@@ -380,7 +380,7 @@ def test_killed_at_any_moment_nothing_that_happened_is_lost(name: str, tmp_path:
 
 
 def test_the_journal_reads_anything_that_a_dead_gateway_can_leave(name: str) -> None:
-    with Journal(name, events=4) as journal:
+    with OutboxJournal(name, events=4) as journal:
         for number in range(1, 6):
             journal.put(entry(number))
         journal.put(entry(9, size=5000))
@@ -389,13 +389,13 @@ def test_the_journal_reads_anything_that_a_dead_gateway_can_leave(name: str) -> 
         journal.put(entry(6, size=5000))  # any length
         assert (len(journal), journal.overflowed) == (4, 2)
     path = journal_of(name) / "events.sqlite"
-    with Journal(name, events=4) as journal:
+    with OutboxJournal(name, events=4) as journal:
         assert [e.id for e in journal.recover()] == ["b-1", "b-3", "b-4", "b-6"]
         journal.release(["b-6"])
         journal.put(entry(7))
     for noise in (os.urandom(16_384), path.read_bytes()[:4096] + os.urandom(8192), b""):
         path.write_bytes(noise)
-        with Journal(name, events=4) as journal:
+        with OutboxJournal(name, events=4) as journal:
             assert journal.recover() == []
             journal.put(entry(8))
             assert (len(journal), journal.overflowed) == (1, 0)
@@ -445,7 +445,7 @@ def test_an_event_in_journal_and_file_is_delivered_once_though_the_file_is_opene
     file = EventFile(path)
     file.write([entry(1), entry(2)], [])
     file.close()
-    with Journal(name) as journal:  # killed after the file had it, before the slot was freed
+    with OutboxJournal(name) as journal:  # killed after the file had it, before the slot was freed
         journal.put(entry(2))
     back = False
 
@@ -463,11 +463,11 @@ def test_an_event_in_journal_and_file_is_delivered_once_though_the_file_is_opene
 
 def test_what_the_journal_has_beyond_the_limit_is_dropped_everywhere(name: str, tmp_path: Path) -> None:
     path = tmp_path / "outbox.sqlite"
-    with Journal(name) as journal:
+    with OutboxJournal(name) as journal:
         for number in range(1, 6):
             journal.put(entry(number))
 
-    with DurableOutbox(name, path, Limits(2)) as outbox:
+    with DurableOutbox(name, path, OutboxLimits(2)) as outbox:
         until(lambda: written(outbox))
         assert outbox.dropped == 3
     assert rows(path) == ["b-4", "b-5"]
@@ -475,7 +475,7 @@ def test_what_the_journal_has_beyond_the_limit_is_dropped_everywhere(name: str, 
 
 def test_a_journal_removed_while_it_is_being_locked_is_not_used(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Else two gateways of one name would run, and what the first one journals would be lost with it."""
-    leaving = Journal(name)
+    leaving = OutboxJournal(name)
     leaving.__enter__()
     lock, first = fcntl.flock, [True]
 
@@ -485,5 +485,5 @@ def test_a_journal_removed_while_it_is_being_locked_is_not_used(name: str, monke
         lock(fd, how)
 
     monkeypatch.setattr(fcntl, "flock", late)
-    with Journal(name), pytest.raises(ConfigError, match="in use by another gateway"), Journal(name):
+    with OutboxJournal(name), pytest.raises(ConfigError, match="in use by another gateway"), OutboxJournal(name):
         pass

@@ -17,11 +17,11 @@ from gateway.sinks.mqtt.broker_link import BrokerLink, NotAcceptedError
 from gateway.sinks.mqtt.endpoints import SETTLED_S, Endpoint, Endpoints, ReturnPace
 from gateway.sinks.mqtt.lookup import LOOKUP_S, Address, Lookup
 from gateway.sinks.mqtt.session import BrokerSession
-from gateway.sinks.mqtt.topics import Message
+from gateway.sinks.mqtt.topics import MqttMessage
 from tests.mqtt_endpoints import at
 from tests.unit.sinks.mqtt_stand_ins import in_virtual_time, now_s
 
-WILL = Message("will", b"")
+WILL = MqttMessage("will", b"")
 SILENT_S = 5.0  # until a connection without an answer is given up
 
 
@@ -33,8 +33,8 @@ class Link(BrokerLink):
     async def quiet(self) -> None:
         self.quieted = True
 
-    async def incoming(self) -> AsyncIterator[Message]:
-        for message in [Message("", b"")] * self._lost.is_set():
+    async def incoming(self) -> AsyncIterator[MqttMessage]:
+        for message in [MqttMessage("", b"")] * self._lost.is_set():
             yield message
         await self._lost.wait()
         raise LinkError("connection lost")
@@ -55,7 +55,7 @@ class Network:
     def __init__(self, **nodes: str) -> None:
         self.nodes = {f"192.0.2.{name.removeprefix('n')}": Node(state) for name, state in nodes.items()}
         self.tried: list[tuple[float, str, str, str]] = []
-        self.wills: list[Message | None] = []
+        self.wills: list[MqttMessage | None] = []
         self._begun_s = now_s()
 
     def __getitem__(self, number: int) -> Node:
@@ -70,7 +70,7 @@ class Network:
 
     @contextlib.asynccontextmanager
     async def connect(
-        self, endpoint: Endpoint, *, client_id: str, version: str, will: Message | None, **_: object
+        self, endpoint: Endpoint, *, client_id: str, version: str, will: MqttMessage | None, **_: object
     ) -> AsyncIterator[Link]:
         ip = endpoint.address[4][0]
         node = self.nodes[ip]

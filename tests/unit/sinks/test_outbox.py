@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.sinks.outbox.outbox import Entry, Limits, MemoryOutbox
+from gateway.sinks.outbox.outbox import MemoryOutbox, OutboxEntry, OutboxLimits
 
 
-def entry(number: int, *, drop_last: bool = False) -> Entry:
-    return Entry(f"b-{number}", "loading/s/bay1/event", str(number).encode(), drop_last)
+def entry(number: int, *, drop_last: bool = False) -> OutboxEntry:
+    return OutboxEntry(f"b-{number}", "loading/s/bay1/event", str(number).encode(), drop_last)
 
 
 def ids(outbox: MemoryOutbox) -> list[str]:
@@ -23,7 +23,7 @@ def ids(outbox: MemoryOutbox) -> list[str]:
 
 
 def test_an_entry_stays_until_it_is_acknowledged() -> None:
-    outbox = MemoryOutbox(Limits(10))
+    outbox = MemoryOutbox(OutboxLimits(10))
     outbox.put(entry(1))
     assert outbox.oldest() == outbox.oldest() == entry(1)
     assert len(outbox) == 1
@@ -44,7 +44,7 @@ def test_an_entry_stays_until_it_is_acknowledged() -> None:
 def test_when_full_common_entries_are_dropped_before_the_others(
     limit: int, drop_last: tuple[int, ...], kept: list[int]
 ) -> None:
-    outbox = MemoryOutbox(Limits(limit))
+    outbox = MemoryOutbox(OutboxLimits(limit))
     for number in range(1, 8):
         outbox.put(entry(number, drop_last=number in drop_last))
     outbox.acknowledge("b-0")  # of one that was dropped on its way
@@ -54,7 +54,7 @@ def test_when_full_common_entries_are_dropped_before_the_others(
 
 def test_room_for_nothing_is_no_outbox() -> None:
     with pytest.raises(ValueError, match="at least 1"):
-        MemoryOutbox(Limits(0))
+        MemoryOutbox(OutboxLimits(0))
 
 
 MOVES = st.sampled_from(["common", "drop_last", "acknowledge", "acknowledge another", "late", "unused", "used"])
@@ -66,8 +66,8 @@ MOVES = st.sampled_from(["common", "drop_last", "acknowledge", "acknowledge anot
     without=st.sets(st.sampled_from(["t0", "t1", "t2"])),
 )
 def test_it_behaves_like_a_slow_list(limit: int, moves: list[tuple[str, int, int]], without: set[str]) -> None:
-    outbox = MemoryOutbox(Limits(limit))
-    model: list[Entry] = []
+    outbox = MemoryOutbox(OutboxLimits(limit))
+    model: list[OutboxEntry] = []
     unused: set[str] = set()
     dropped = [0, 0]
     for number, (move, topic, place) in enumerate(moves):
@@ -99,7 +99,7 @@ def test_it_behaves_like_a_slow_list(limit: int, moves: list[tuple[str, int, int
 
 def test_size_and_age_drop_the_oldest_common_entries_first() -> None:
     day_ms = 86_400_000
-    outbox = MemoryOutbox(Limits(100, size_bytes=4 * entry(1).size, age_ms=2 * day_ms))
+    outbox = MemoryOutbox(OutboxLimits(100, size_bytes=4 * entry(1).size, age_ms=2 * day_ms))
     now_ms = 1_795_000_000_000
     for number in range(1, 6):
         gone = outbox.put(replace(entry(number, drop_last=number == 1), unix_ms=now_ms))
@@ -111,21 +111,21 @@ def test_size_and_age_drop_the_oldest_common_entries_first() -> None:
 
 
 def test_a_clock_that_was_not_set_makes_nothing_old() -> None:
-    outbox = MemoryOutbox(Limits(100, age_ms=1000))
+    outbox = MemoryOutbox(OutboxLimits(100, age_ms=1000))
     outbox.put(replace(entry(1), unix_ms=5000))  # 1970
     outbox.put(replace(entry(2), unix_ms=1_795_000_000_000))
     assert ids(outbox) == ["b-1", "b-2"]
 
 
 def test_one_entry_larger_than_all_room_is_kept() -> None:
-    outbox = MemoryOutbox(Limits(100, size_bytes=1))
+    outbox = MemoryOutbox(OutboxLimits(100, size_bytes=1))
     outbox.put(entry(1))
     assert [e.id for e in outbox.put(entry(2))] == ["b-1"]
     assert ids(outbox) == ["b-2"]
 
 
 def test_older_entries_come_first() -> None:
-    outbox = MemoryOutbox(Limits(3))
+    outbox = MemoryOutbox(OutboxLimits(3))
     outbox.put(entry(7))
     outbox.put(entry(8, drop_last=True))
     assert [e.id for e in outbox.prepend([entry(1), entry(2, drop_last=True), entry(3)])] == ["b-1", "b-3"]
@@ -134,7 +134,7 @@ def test_older_entries_come_first() -> None:
 
 
 def test_one_outbox_after_another_keeps_order_limit_and_counts() -> None:
-    first, second = MemoryOutbox(Limits(3)), MemoryOutbox(Limits(3))
+    first, second = MemoryOutbox(OutboxLimits(3)), MemoryOutbox(OutboxLimits(3))
     for number in (1, 2, 3, 4):
         first.put(entry(number))
     for number in (5, 6, 7, 8):
@@ -145,7 +145,7 @@ def test_one_outbox_after_another_keeps_order_limit_and_counts() -> None:
     assert [e.id for e in lost] == ["b-2", "b-3", "b-4"]
     assert [e.id for e in first.waiting()] == ["b-6", "b-7", "b-8"]
     assert first.dropped == 1 + 1 + 3
-    third = MemoryOutbox(Limits(3))
+    third = MemoryOutbox(OutboxLimits(3))
     first.set_unused("loading/s/bay1/event", True)
     third.append(first)
     assert [e.id for e in third.put(replace(entry(9), topic="used"))] == ["b-6"]
@@ -153,7 +153,7 @@ def test_one_outbox_after_another_keeps_order_limit_and_counts() -> None:
 
 
 def test_what_nobody_has_a_use_for_expires_a_topic_at_a_time() -> None:
-    outbox = MemoryOutbox(Limits(100))
+    outbox = MemoryOutbox(OutboxLimits(100))
     now_ms = 1_795_000_000_000
     outbox.set_unused("t0", True)
     for number in range(6):

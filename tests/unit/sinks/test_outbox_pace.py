@@ -14,7 +14,7 @@ import pytest
 from gateway.shared_state import folder
 from gateway.sinks.outbox import durable, pace
 from gateway.sinks.outbox.durable import DurableOutbox
-from gateway.sinks.outbox.outbox import Entry, Limits
+from gateway.sinks.outbox.outbox import OutboxEntry, OutboxLimits
 from gateway.sinks.outbox.pace import AT_ONCE, DELAY_S, PERIOD_S, WRITES, WritePace
 from gateway.sinks.outbox.store import EventFile
 
@@ -28,8 +28,8 @@ def name() -> Iterator[str]:
     shutil.rmtree(folder() / f"loading-gateway-journal.{name}", ignore_errors=True)
 
 
-def entry(number: int) -> Entry:
-    return Entry(f"b-{number}", "t", b"x" * 100, False)
+def entry(number: int) -> OutboxEntry:
+    return OutboxEntry(f"b-{number}", "t", b"x" * 100, False)
 
 
 class Counted(EventFile):
@@ -104,7 +104,7 @@ def test_what_is_acknowledged_in_time_never_goes_to_the_disk(
 ) -> None:
     monkeypatch.setattr(pace, "DELAY_S", 30.0)  # whatever the machine does meanwhile
     files = Files()
-    with DurableOutbox(name, tmp_path / "outbox.sqlite", Limits(100), open_file=files) as outbox:
+    with DurableOutbox(name, tmp_path / "outbox.sqlite", OutboxLimits(100), open_file=files) as outbox:
         for number in range(50):
             outbox.put(entry(number))
             assert outbox.store.unwritten == 1
@@ -119,7 +119,7 @@ def test_so_many_wait_for_nothing(name: str, tmp_path: Path, monkeypatch: pytest
     monkeypatch.setattr(pace, "DELAY_S", 1000.0)
     assert AT_ONCE < durable.JOURNAL_EVENTS
     files = Files()
-    with DurableOutbox(name, tmp_path / "outbox.sqlite", Limits(1000), open_file=files) as outbox:
+    with DurableOutbox(name, tmp_path / "outbox.sqlite", OutboxLimits(1000), open_file=files) as outbox:
         for number in range(AT_ONCE - 1):
             outbox.put(entry(number))
         time.sleep(0.05)

@@ -25,9 +25,9 @@ from gateway.errors import ConfigError, LinkError
 from gateway.hub import Hub
 from gateway.sinks import registry
 from gateway.sinks.contract import SettingError
-from gateway.sinks.outbox.outbox import Entry, Limits, MemoryOutbox
+from gateway.sinks.outbox.outbox import MemoryOutbox, OutboxEntry, OutboxLimits
 from gateway.sinks.postgresql import tables
-from gateway.sinks.postgresql.database import Database, RefusedError
+from gateway.sinks.postgresql.database import Database, RowsRefusedError
 from gateway.sinks.postgresql.documents import array, storable
 from gateway.sinks.postgresql.server import Server, server_of
 from gateway.sinks.postgresql.settings import PostgresqlConfig
@@ -73,7 +73,7 @@ class Memory:
         assert sql == tables.write_events("loading")
         self.statements.append(len(documents))
         if self.poison & {document["kind"] for document in documents}:
-            raise RefusedError("out of range")
+            raise RowsRefusedError("out of range")
         new = [document for document in documents if document["id"] not in self.events]
         self.events |= {document["id"]: document for document in new}
         self.answers -= 1
@@ -99,7 +99,7 @@ class Plant:
         for bay in self.hub.bays:
             self.hub.publish(fusion.initial(bay, self.clock.now_ns()))
         self.computing = set(self.hub.bays)
-        self.outbox = MemoryOutbox(Limits(settings.pop("outbox_events", 1000)))
+        self.outbox = MemoryOutbox(OutboxLimits(settings.pop("outbox_events", 1000)))
         self.sink = PostgresqlSink(
             PostgresqlConfig(**({"url": URL} | settings)),
             "site",
@@ -500,9 +500,9 @@ def test_every_table_is_complete() -> None:
 
 @given(st.lists(st.booleans(), max_size=30), st.integers(1, 40), st.integers(1, 20))
 def test_a_batch_is_the_oldest_in_order(precious: list[bool], limit: int, room: int) -> None:
-    outbox = MemoryOutbox(Limits(room))
+    outbox = MemoryOutbox(OutboxLimits(room))
     for n, drop_last in enumerate(precious):
-        outbox.put(Entry(str(n), "t", b"", drop_last))
+        outbox.put(OutboxEntry(str(n), "t", b"", drop_last))
     everything = outbox.waiting()
     assert outbox.batch(limit) == everything[:limit]
     for entry in outbox.batch(limit):

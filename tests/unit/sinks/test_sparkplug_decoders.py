@@ -12,8 +12,8 @@ from gateway.core.readings import PictureHealth, Quality, RangeReading, VisionRe
 from gateway.core.state import Moved, Reason, StateVector
 from gateway.core.visit_summary import VisitEnd, VisitSummary
 from gateway.sinks.contract import BayAlarms, ShownAlarm
-from gateway.sinks.mqtt.topics import Message
-from gateway.sinks.outbox.outbox import Limits, MemoryOutbox
+from gateway.sinks.mqtt.topics import MqttMessage
+from gateway.sinks.outbox.outbox import MemoryOutbox, OutboxLimits
 from gateway.sinks.sparkplug import node as edge_node
 from gateway.sinks.sparkplug.history import History
 from gateway.sinks.sparkplug.node import EdgeNode, Identity
@@ -74,13 +74,13 @@ VISIT = VisitSummary(
 
 
 def node(*, typed_data: bool = True) -> EdgeNode:
-    history = History(MemoryOutbox(Limits(10)), 10, "ab", ["bay1", "bay2"])
+    history = History(MemoryOutbox(OutboxLimits(10)), 10, "ab", ["bay1", "bay2"])
     alarm = ShownAlarm("bay1.camera_down", "camera_down", "Camera down", "high", "unacknowledged", True, True, 5)
     alarms = BayAlarms((alarm,), evaluated=True)
     return EdgeNode(Identity("group", "node"), "1.0", history, typed_data=typed_data, alarms=lambda bay: alarms)
 
 
-def life(edge: EdgeNode) -> list[Message]:
+def life(edge: EdgeNode) -> list[MqttMessage]:
     """NBIRTH, DBIRTHs of a bay without values and of one with all, history, data with and without values."""
     edge.changed(good_state(stop=True), T0 + 1)
     edge.changed(good_state(), T0 + 2)

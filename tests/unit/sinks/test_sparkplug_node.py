@@ -12,9 +12,9 @@ from gateway.core.plc import PlcLink
 from gateway.core.state import Guidance, GuidanceCode, StateVector
 from gateway.core.visit_summary import VisitEnd, VisitSummary
 from gateway.sinks.contract import BayAlarms, ShownAlarm
-from gateway.sinks.mqtt.topics import Message
+from gateway.sinks.mqtt.topics import MqttMessage
 from gateway.sinks.outbox.durable import DurableOutbox
-from gateway.sinks.outbox.outbox import Entry, Limits, MemoryOutbox, Outbox
+from gateway.sinks.outbox.outbox import MemoryOutbox, Outbox, OutboxEntry, OutboxLimits
 from gateway.sinks.sparkplug.history import History
 from gateway.sinks.sparkplug.node import EdgeNode, Identity
 from tests.e2e.sparkplug_plant import rebirth_request, schema
@@ -24,7 +24,7 @@ STATES = {"bay1": StateVector(bay="bay1", stop=True)}
 
 
 def node(host: str = "", *, history_limit: int = 1000, outbox: Outbox | None = None, boot: str = "ab") -> EdgeNode:
-    kept = outbox if outbox is not None else MemoryOutbox(Limits(max(1, history_limit)))
+    kept = outbox if outbox is not None else MemoryOutbox(OutboxLimits(max(1, history_limit)))
     history = History(kept, history_limit, boot, STATES)
     return EdgeNode(Identity("group", "node", host), "1.0", history, doubt_ms=20_000)
 
@@ -34,17 +34,17 @@ def change(edge: EdgeNode, *at_ms: int) -> None:
         edge.changed(StateVector(bay="bay1", stop=n % 2 == 0), T0 + n)
 
 
-def decoded(message: Message) -> Any:
+def decoded(message: MqttMessage) -> Any:
     return schema().Payload.FromString(message.payload)
 
 
-def historical_stops(messages: list[Message]) -> list[int]:
+def historical_stops(messages: list[MqttMessage]) -> list[int]:
     """Times, after T0, of the historical values of Stop."""
     found = [metric for message in messages for metric in decoded(message).metrics]
     return [metric.timestamp - T0 for metric in found if metric.is_historical and metric.name == "Stop"]
 
 
-def session(edge: EdgeNode, at_ms: int) -> list[Message]:
+def session(edge: EdgeNode, at_ms: int) -> list[MqttMessage]:
     edge.will(0, T0 + at_ms)
     return edge.connected(STATES, T0 + at_ms)
 
@@ -195,7 +195,7 @@ def test_nothing_grows_while_a_link_hangs() -> None:
 @contextlib.contextmanager
 def durable(folder: Path, events: int = 1000) -> Iterator[DurableOutbox]:
     """That of one start of a gateway."""
-    with DurableOutbox("test", folder / "history.sqlite", Limits(events)) as outbox:
+    with DurableOutbox("test", folder / "history.sqlite", OutboxLimits(events)) as outbox:
         yield outbox
 
 
@@ -230,11 +230,11 @@ def test_changes_without_a_session_survive_a_restart(folder: Path) -> None:
 
 def test_what_an_earlier_start_kept_and_nobody_can_be_told_is_counted_and_removed() -> None:
     """A bay that is not configured any more, another version's metric, a damaged row."""
-    outbox = MemoryOutbox(Limits(10))
+    outbox = MemoryOutbox(OutboxLimits(10))
     rows = [("gone", b'{"Stop": [true, 192]}'), ("bay1", b'{"Other": [1, 192]}'), ("bay1", b"junk"), ("bay1", b"[1]")]
     for n, (bay, payload) in enumerate(rows):
-        outbox.put(Entry(f"aa-{n}", bay, payload, True, T0 + n))
-    outbox.put(Entry("aa-9", "bay1", b'{"Stop": [false, 192], "Other": [1, 192]}', True, T0 + 9))
+        outbox.put(OutboxEntry(f"aa-{n}", bay, payload, True, T0 + n))
+    outbox.put(OutboxEntry("aa-9", "bay1", b'{"Stop": [false, 192], "Other": [1, 192]}', True, T0 + 9))
     edge = node(outbox=outbox, boot="bb")
     assert (len(edge.history), edge.history.dropped, len(outbox)) == (1, 4, 1)
     assert historical_stops(session(edge, 100)) == [9]
@@ -275,7 +275,7 @@ def ask_for_rebirth(edge: EdgeNode, at_ms: int) -> list[str]:
     return kinds(edge.received("spBv1.0/group/NCMD/node", rebirth_request(), STATES, T0 + at_ms)[0])
 
 
-def kinds(messages: list[Message]) -> list[str]:
+def kinds(messages: list[MqttMessage]) -> list[str]:
     return [message.topic.split("/")[2] for message in messages]
 
 
@@ -336,7 +336,7 @@ def visit(n: int) -> VisitSummary:
     return VisitSummary(T0 + n, 60.04, VisitEnd.CLEAR, to_position_s=12.34, times_in_place=1, distance_mm=301.6)
 
 
-def last_visits(messages: list[Message], *, historical: bool) -> list[int]:
+def last_visits(messages: list[MqttMessage], *, historical: bool) -> list[int]:
     """Begins, after T0, of the visits in these messages."""
     found = [metric for message in messages for metric in decoded(message).metrics]
     begun = [m for m in found if m.name == "Visit/Last/Begun" and m.is_historical == historical and not m.is_null]
@@ -381,7 +381,7 @@ def alarm(state: str, *, active: bool) -> BayAlarms:
     return BayAlarms((shown,), (own,), evaluated=True)
 
 
-def values(message: Message) -> dict[str, tuple[Any, int]]:
+def values(message: MqttMessage) -> dict[str, tuple[Any, int]]:
     """Value (None: null) and quality."""
     found = {}
     for metric in decoded(message).metrics:

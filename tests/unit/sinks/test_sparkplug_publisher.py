@@ -9,7 +9,7 @@ from gateway.config import MqttConfig, SparkplugConfig
 from gateway.core.state import Reason, StateVector
 from gateway.errors import LinkError
 from gateway.hub import Hub
-from gateway.sinks.mqtt.topics import Message
+from gateway.sinks.mqtt.topics import MqttMessage
 from gateway.sinks.sparkplug.publisher import SparkplugPublisher
 from tests import virtual_time
 from tests.e2e.sparkplug_plant import decode, rebirth_request
@@ -60,7 +60,7 @@ def test_after_closing_nothing_is_connected_and_no_message_is_answered(closed: b
         if closed:
             await publisher.close(1.0)
             await publisher.deliver()
-        await publisher._received(Link(broker), Message("spBv1.0/STATE/scada", b'{"online": true, "timestamp": 1}'))
+        await publisher._received(Link(broker), MqttMessage("spBv1.0/STATE/scada", b'{"online": true, "timestamp": 1}'))
         assert (broker.connections, len(broker.received)) == (0, 0 if closed else 1)
 
     virtual_time.run(scenario())
@@ -74,7 +74,7 @@ async def test_a_deferred_rebirth_is_sent_when_it_is_due_and_not_a_period_later(
         delivering = group.create_task(publisher.deliver())
         await asyncio.sleep(1)
         for _ in range(20):
-            await publisher._received(Link(broker), Message("spBv1.0/site/NCMD/gw", rebirth_request()))
+            await publisher._received(Link(broker), MqttMessage("spBv1.0/site/NCMD/gw", rebirth_request()))
         await asyncio.sleep(20)
         await publisher.close(1.0)
         await delivering
@@ -99,7 +99,7 @@ async def test_sequence_numbers_arrive_in_order_while_births_data_and_answers_ar
                 hub.publish(StateVector(bay, seq=n, valid_until_ns=FOREVER_NS, stop=stop, reason=reason))
             await asyncio.sleep(0.03)
             if n % 50 == 49:
-                command = Message("spBv1.0/site/NCMD/gw", rebirth_request())
+                command = MqttMessage("spBv1.0/site/NCMD/gw", rebirth_request())
                 group.create_task(publisher._received(Link(broker), command))
         await publisher.close(1.0)
         await delivering

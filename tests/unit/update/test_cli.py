@@ -14,7 +14,7 @@ from msgspec.structs import replace
 from gateway.cli import update as cli
 from gateway.update import prepare, watcher
 from gateway.update import state as states
-from gateway.update.machine import Answer, UpdateError
+from gateway.update.machine import ProgramResult, UpdateError
 from gateway.update.prepare import UpdateOptions
 from gateway.update.state import Outcome, Stage, UpdateState
 from tests.update_machine import NEW, OLD, PlayedMachine, Version, installed, package
@@ -169,7 +169,7 @@ def test_ctrl_c_while_it_is_prepared_leaves_nothing_behind(
 ) -> None:
     real, left = PlayedMachine.command, list[str]()
 
-    def command(self: PlayedMachine, *words: str | Path, **options: Any) -> Answer:
+    def command(self: PlayedMachine, *words: str | Path, **options: Any) -> ProgramResult:
         if where in map(str, words[:2]) and not left:
             left.append(where)
             if where == "dpkg":

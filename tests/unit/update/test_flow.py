@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from gateway.modbus.registers.register_map import MAP_VERSION
 from gateway.update import prepare, watcher
 from gateway.update import state as states
-from gateway.update.machine import Answer, UpdateError
+from gateway.update.machine import ProgramResult, UpdateError
 from gateway.update.prepare import UpdateOptions
 from gateway.update.state import Outcome, Stage, UpdateState
 from tests.update_machine import CONFIG, NEW, OLD, PlayedMachine, Version, installed, package
@@ -154,7 +154,7 @@ def test_what_is_saved_while_the_configuration_is_examined_was_not_examined(
     update = Update(machine, Version(name=NEW))
     real = PlayedMachine.command
 
-    def command(self: PlayedMachine, *words: str | Path, **options: Any) -> Answer:
+    def command(self: PlayedMachine, *words: str | Path, **options: Any) -> ProgramResult:
         answer = real(self, *words, **options)
         if " ".join(map(str, words[1:])).startswith(moment):
             self.paths.config.write_text(CONFIG + "later = 1\n")
@@ -352,7 +352,7 @@ def test_a_dpkg_that_does_not_end_is_told_too(tmp_path: Path, monkeypatch: pytes
     machine = installed(tmp_path)
     real = PlayedMachine._dpkg
 
-    def dpkg(self: PlayedMachine, package: Path) -> Answer:
+    def dpkg(self: PlayedMachine, package: Path) -> ProgramResult:
         real(self, package)
         self.change(half_installed=True)
         raise UpdateError("dpkg: has not ended within 1800 s")

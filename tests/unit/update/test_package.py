@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from gateway.update import package
-from gateway.update.machine import Answer, UpdateError
+from gateway.update.machine import ProgramResult, UpdateError
 from tests.update_machine import NEW, PlayedMachine, Version, installed
 from tests.update_machine import package as package_of
 
@@ -57,10 +57,10 @@ def test_dpkgs_own_error_is_quoted() -> None:
     out = "(Reading database ... 9 files)\nPreparing to unpack ...\nUnpacking loading-gateway ...\n"
     failed = "dpkg: error processing archive p.deb (--install):\n cannot copy extracted data: No space left on device\n"
     err = f"{failed}Errors were encountered while processing:\n p.deb\n"
-    assert package.dpkg_fault(Answer(1, out, err)) == (
+    assert package.dpkg_fault(ProgramResult(1, out, err)) == (
         "dpkg: error processing archive p.deb (--install):; cannot copy extracted data: No space left on device"
     )
-    assert package.dpkg_fault(Answer(1, "only this\n")) == "only this"
+    assert package.dpkg_fault(ProgramResult(1, "only this\n")) == "only this"
 
 
 def verified(machine: PlayedMachine, path: Path, *, unsigned: bool = False) -> str:
@@ -196,7 +196,9 @@ def test_unsigned_is_told(machine: PlayedMachine) -> None:
 def test_the_version_of_a_package(
     machine: PlayedMachine, monkeypatch: pytest.MonkeyPatch, fields: str, version: str
 ) -> None:
-    monkeypatch.setattr(PlayedMachine, "command", lambda *_, **__: Answer(0 if fields else 2, fields, "no ar archive"))
+    monkeypatch.setattr(
+        PlayedMachine, "command", lambda *_, **__: ProgramResult(0 if fields else 2, fields, "no ar archive")
+    )
     path = machine.paths.root / "x.deb"
     if version[0].isdigit():
         assert package.version_of(machine, path) == version

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.vision.offline.calibration.boards import Board, Kind
+from gateway.vision.offline.calibration.boards import Board, CalibrationBoardKind
 
 LIGHT, DARK, WALL = 225.0, 30.0, 120.0
 
@@ -88,14 +88,14 @@ def shade(board: Board, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64], so
     points = board.points_mm[:, :2].astype(np.float64)
     low, high = points.min(axis=0) - 2 * pitch, points.max(axis=0) + 2 * pitch
     paper = (x_mm > low[0]) & (x_mm < high[0]) & (y_mm > low[1]) & (y_mm < high[1])
-    if board.kind is Kind.CHECKERBOARD:
+    if board.kind is CalibrationBoardKind.CHECKERBOARD:
         squares = (x_mm > -pitch) & (x_mm < board.columns * pitch) & (y_mm > -pitch) & (y_mm < board.rows * pitch)
         dark = (1 + _wave(x_mm / pitch, soft_mm / pitch) * _wave(y_mm / pitch, soft_mm / pitch)) / 2 * squares
     else:
         row = np.clip(np.rint(y_mm / pitch), 0, board.rows - 1)
-        step, shift = (2, row % 2) if board.kind is Kind.ASYMMETRIC else (1, 0 * row)
+        step, shift = (2, row % 2) if board.kind is CalibrationBoardKind.ASYMMETRIC else (1, 0 * row)
         column = np.clip(np.rint((x_mm / pitch - shift) / step), 0, board.columns - 1)
-        radius = (0.55 if board.kind is Kind.ASYMMETRIC else 0.3) * pitch
+        radius = (0.55 if board.kind is CalibrationBoardKind.ASYMMETRIC else 0.3) * pitch
         near = np.hypot(x_mm - (step * column + shift) * pitch, y_mm - row * pitch)
         dark = np.clip((radius - near) / soft_mm + 0.5, 0, 1)
     return np.where(paper, dark * DARK + (1 - dark) * LIGHT, WALL)

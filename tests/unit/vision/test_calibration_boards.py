@@ -6,7 +6,7 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.errors import ConfigError
-from gateway.vision.offline.calibration.boards import Board, Kind, find, other_size, parse
+from gateway.vision.offline.calibration.boards import Board, CalibrationBoardKind, find, other_size, parse
 from tests.unit.vision.board_pictures import POSES, Camera, Pose, shot, truth
 
 CHECKER = parse("checkerboard:8x6:18mm")
@@ -17,10 +17,10 @@ ASYMMETRIC = parse("asymmetric-circles:4x9:12mm")
 @pytest.mark.parametrize(
     ("text", "board"),
     [
-        ("checkerboard:9x6:25mm", Board(Kind.CHECKERBOARD, 9, 6, 25)),
-        (" Circles:7x5:3.5cm ", Board(Kind.CIRCLES, 7, 5, 35)),
-        ("asymmetric-circles:4x11:0.02m", Board(Kind.ASYMMETRIC, 4, 11, 20)),
-        ("checkerboard:9x6:25", Board(Kind.CHECKERBOARD, 9, 6, 25)),
+        ("checkerboard:9x6:25mm", Board(CalibrationBoardKind.CHECKERBOARD, 9, 6, 25)),
+        (" Circles:7x5:3.5cm ", Board(CalibrationBoardKind.CIRCLES, 7, 5, 35)),
+        ("asymmetric-circles:4x11:0.02m", Board(CalibrationBoardKind.ASYMMETRIC, 4, 11, 20)),
+        ("checkerboard:9x6:25", Board(CalibrationBoardKind.CHECKERBOARD, 9, 6, 25)),
     ],
 )
 def test_boards_in_words(text: str, board: Board) -> None:
@@ -48,9 +48,9 @@ def test_boards_that_must_be_edited(text: str, says: str) -> None:
 
 
 def test_where_the_points_are() -> None:
-    even = Board(Kind.CIRCLES, 3, 3, 10).points_mm.tolist()
+    even = Board(CalibrationBoardKind.CIRCLES, 3, 3, 10).points_mm.tolist()
     assert even[:5] == [[0, 0, 0], [10, 0, 0], [20, 0, 0], [0, 10, 0], [10, 10, 0]]
-    shifted = Board(Kind.ASYMMETRIC, 3, 3, 10).points_mm.tolist()
+    shifted = Board(CalibrationBoardKind.ASYMMETRIC, 3, 3, 10).points_mm.tolist()
     assert shifted[:4] == [[0, 0, 0], [20, 0, 0], [40, 0, 0], [10, 10, 0]]
     assert shifted[-1] == [40, 20, 0]
 

@@ -13,7 +13,7 @@ from gateway.vision.detect.lens import normalise
 from gateway.vision.offline.calibration import plots, report
 from gateway.vision.offline.calibration.boards import Board, parse
 from gateway.vision.offline.calibration.report import focal_px, toml
-from gateway.vision.offline.calibration.solve import Calibration, View, calibrate
+from gateway.vision.offline.calibration.solve import BoardView, Calibration, calibrate
 from tests.self_contained import fetches_nothing
 from tests.unit.vision.board_pictures import FRONTAL, POSES, Camera, Pose, truth
 
@@ -23,12 +23,12 @@ SIZE = (480, 360)
 
 def views(
     poses: tuple[Pose, ...] = POSES, noise: float = 0.05, board: Board = BOARD, camera: Camera | None = None
-) -> list[View]:
+) -> list[BoardView]:
     rng = np.random.default_rng(1)
     found = []
     for n, pose in enumerate(poses):
         points = truth(board, pose, camera)
-        found.append(View(f"{n}.png", np.asarray(points + rng.normal(0, noise, points.shape), np.float32)))
+        found.append(BoardView(f"{n}.png", np.asarray(points + rng.normal(0, noise, points.shape), np.float32)))
     return found
 
 
@@ -89,7 +89,7 @@ def test_how_many_coefficients() -> None:
 def test_a_view_that_fits_badly_is_left_out_and_named() -> None:
     shots = views()
     rng = np.random.default_rng(5)
-    shots[4] = View("moved.png", np.asarray(shots[4].points + rng.normal(0, 2, shots[4].points.shape), np.float32))
+    shots[4] = BoardView("moved.png", np.asarray(shots[4].points + rng.normal(0, 2, shots[4].points.shape), np.float32))
     found = calibrate(BOARD, shots, SIZE)
     ((name, rms),) = found.rejected
     assert name == "moved.png"

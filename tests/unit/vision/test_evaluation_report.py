@@ -16,9 +16,9 @@ from gateway.errors import ConfigError
 from gateway.vision.offline.evaluation import case_cards, plots
 from gateway.vision.offline.evaluation.labels import Label
 from gateway.vision.offline.evaluation.report import About, html, worst_of
-from gateway.vision.offline.evaluation.scoring import Outcome, Verdict, judge
+from gateway.vision.offline.evaluation.scoring import Closeness, ScoredPicture, judge
 from gateway.vision.offline.evaluation.summary import series_by, summary
-from gateway.vision.offline.reports.chart import Axis, Chart, log_ticks, round_ticks
+from gateway.vision.offline.reports.chart import Chart, ChartAxis, log_ticks, round_ticks
 from gateway.vision.offline.reports.page import plain, write
 from gateway.vision.offline.reports.tables import number, share
 from gateway.vision.pixels import Image
@@ -54,15 +54,15 @@ class Balanced(HTMLParser):
         self.text += data
 
 
-def outcome(n: int, found: Circle | None, **more: object) -> Outcome:
+def outcome(n: int, found: Circle | None, **more: object) -> ScoredPicture:
     label = Label.model_validate({"file": f"{n}.png", "found": True, "u": 60, "v": 50, "r": 20, **more})
     return judge(label, Detection(found), 2_500_000, (160, 120))
 
 
 @pytest.fixture
-def outcomes() -> list[Outcome]:
+def outcomes() -> list[ScoredPicture]:
     circles = [Circle(60 + n / 7, 50, 20 + n / 9) for n in range(6)]
-    rows: list[Outcome] = [outcome(n, c, group="<b>&", z_cm=100 + n, frame=n) for n, c in enumerate(circles)]
+    rows: list[ScoredPicture] = [outcome(n, c, group="<b>&", z_cm=100 + n, frame=n) for n, c in enumerate(circles)]
     rows += [outcome(6, None, frame=6), outcome(7, Circle(120, 80, 9), frame=7)]
     rows.append(judge(Label(file="e.png", found=False), Detection(None), 1_000_000, (160, 120)))
     rows.append(judge(Label(file="f.png", found=False), Detection(circles[0]), 1_000_000, (160, 120)))
@@ -73,7 +73,7 @@ def look(_: Label) -> Image:
     return np.full((120, 160, 3), (60, 80, 100), np.uint8)
 
 
-def test_one_file_that_fetches_nothing(outcomes: list[Outcome]) -> None:
+def test_one_file_that_fetches_nothing(outcomes: list[ScoredPicture]) -> None:
     results = [summary(name, outcomes, EVERY, split=True, followed=True) for name in ("paper", "robust")]
     drawn = 0
 
@@ -115,10 +115,10 @@ def test_a_set_with_nothing_to_draw_still_gives_a_page() -> None:
     assert plots.r_times_z([empty], EVERY) == plots.sequence(empty, "", EVERY) == ""
 
 
-def test_the_worst_hold_some_of_every_fault(outcomes: list[Outcome]) -> None:
+def test_the_worst_hold_some_of_every_fault(outcomes: list[ScoredPicture]) -> None:
     many = [outcomes[9]] * 5 + outcomes[:8]
     verdicts = [found.verdict for found in worst_of(many, 4)]
-    assert verdicts == [Verdict.FALSE, Verdict.FALSE, Verdict.WRONG, Verdict.MISSED]
+    assert verdicts == [Closeness.FALSE, Closeness.FALSE, Closeness.WRONG, Closeness.MISSED]
     assert len(worst_of(outcomes, 100)) == 9, "all but the one rightly empty"
 
 
@@ -204,7 +204,7 @@ def test_a_sequence_has_a_gap_and_a_mark_where_nothing_was_answered() -> None:
 
 
 def test_a_chart_puts_points_where_the_axes_say() -> None:
-    chart = Chart(Axis("x", 1, 100, log=True), Axis("y", 0, 10), width=472, height=272)
+    chart = Chart(ChartAxis("x", 1, 100, log=True), ChartAxis("y", 0, 10), width=472, height=272)
     chart.points([(10, 5), (1e9, -1)], 0, "a", ["<one>"])
     text = chart.svg()
     assert 'cx="258.0" cy="128.0"' in text  # half way between 58 and 458, 28 and 228
@@ -227,7 +227,7 @@ def test_a_report_that_cannot_be_written(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("width", "tables"), [(122, 1), (80, 2)])
 def test_the_table_fits_the_terminal(
-    outcomes: list[Outcome], width: int, tables: int, capsys: pytest.CaptureFixture[str]
+    outcomes: list[ScoredPicture], width: int, tables: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
     outcomes.append(judge(Label(file="g.png", found=False, group="a_group_of_22_letters_"), Detection(None)))
     evaluate._show([summary("paper", outcomes, EVERY, split=True, followed=True)], width=width)

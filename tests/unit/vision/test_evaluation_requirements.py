@@ -7,11 +7,11 @@ from gateway.core.detection import Circle, Detection
 from gateway.errors import ConfigError
 from gateway.vision.offline.evaluation import requirements
 from gateway.vision.offline.evaluation.labels import Label
-from gateway.vision.offline.evaluation.scoring import Outcome, judge
+from gateway.vision.offline.evaluation.scoring import ScoredPicture, judge
 from gateway.vision.offline.evaluation.summary import Summary, series_by, summary
 
 
-def picture(n: int, found: Detection, **more: object) -> Outcome:
+def picture(n: int, found: Detection, **more: object) -> ScoredPicture:
     label = Label.model_validate({"file": f"{n}", "found": True, "u": 100, "v": 100, "r": 50, "series": "s", **more})
     return judge(label, found, took_ns=3_000_000)
 

@@ -9,7 +9,15 @@ from hypothesis import strategies as st
 from gateway.core.detection import Circle, Detection, Ellipse, Tracking
 from gateway.vision.offline.evaluation.constancy import constancy
 from gateway.vision.offline.evaluation.labels import Label
-from gateway.vision.offline.evaluation.scoring import Outcome, Verdict, acquisition, badness, judge, scores, wilson
+from gateway.vision.offline.evaluation.scoring import (
+    Closeness,
+    ScoredPicture,
+    acquisition,
+    badness,
+    judge,
+    scores,
+    wilson,
+)
 from gateway.vision.offline.evaluation.summary import UNGROUPED, as_json, in_sequence, series_by, summary
 
 TRUE = Label(file="a.png", found=True, u=100, v=50, r=40)
@@ -23,26 +31,26 @@ def seen(u: float = 100, v: float = 50, r: float = 40) -> Detection:
 @pytest.mark.parametrize(
     ("found", "verdict"),
     [
-        (seen(), Verdict.CLOSE),
-        (seen(u=102), Verdict.CLOSE),
-        (seen(u=102.01), Verdict.LOOSE),
-        (seen(r=42), Verdict.CLOSE),
-        (seen(r=37.9), Verdict.LOOSE),
-        (seen(u=110, r=50), Verdict.LOOSE),
-        (seen(u=110.1), Verdict.WRONG),
-        (seen(r=50.1), Verdict.WRONG),
-        (seen(r=29.9), Verdict.WRONG),
-        (Detection(None), Verdict.MISSED),
-        (Detection(None, tracking=Tracking.COASTED, predicted=Circle(100, 50, 40)), Verdict.MISSED),
+        (seen(), Closeness.CLOSE),
+        (seen(u=102), Closeness.CLOSE),
+        (seen(u=102.01), Closeness.LOOSE),
+        (seen(r=42), Closeness.CLOSE),
+        (seen(r=37.9), Closeness.LOOSE),
+        (seen(u=110, r=50), Closeness.LOOSE),
+        (seen(u=110.1), Closeness.WRONG),
+        (seen(r=50.1), Closeness.WRONG),
+        (seen(r=29.9), Closeness.WRONG),
+        (Detection(None), Closeness.MISSED),
+        (Detection(None, tracking=Tracking.COASTED, predicted=Circle(100, 50, 40)), Closeness.MISSED),
     ],
 )
-def test_verdicts_at_their_limits(found: Detection, verdict: Verdict) -> None:
+def test_verdicts_at_their_limits(found: Detection, verdict: Closeness) -> None:
     assert judge(TRUE, found).verdict is verdict
 
 
 def test_an_empty_picture_wants_no_answer() -> None:
-    assert judge(EMPTY, Detection(None)).verdict is Verdict.CLEAR
-    assert judge(EMPTY, seen()).verdict is Verdict.FALSE
+    assert judge(EMPTY, Detection(None)).verdict is Closeness.CLEAR
+    assert judge(EMPTY, seen()).verdict is Closeness.FALSE
 
 
 def test_errors_are_those_of_the_circle_round_the_rim() -> None:
@@ -52,11 +60,11 @@ def test_errors_are_those_of_the_circle_round_the_rim() -> None:
     assert outcome.centre_px == pytest.approx(5)
     assert outcome.radius_share == pytest.approx(0.02)
     assert outcome.mean_radius_share == pytest.approx(math.sqrt(51 * 30) / 40 - 1)
-    assert outcome.verdict is Verdict.LOOSE  # 5 px of 50: beyond 5 %
+    assert outcome.verdict is Closeness.LOOSE  # 5 px of 50: beyond 5 %
     assert judge(label, Detection(Circle(100, 50, 40))).mean_radius_share == pytest.approx(0)
     mean = judge(label, Detection(Circle(100, 50, 51), ellipse=Ellipse(100, 50, 51, 25, 0)), mean=True)
-    assert (mean.verdict, mean.radius_share) == (Verdict.LOOSE, mean.mean_radius_share)
-    assert judge(label, Detection(Circle(100, 50, 51), ellipse=Ellipse(100, 50, 51, 25, 0))).verdict is Verdict.CLOSE
+    assert (mean.verdict, mean.radius_share) == (Closeness.LOOSE, mean.mean_radius_share)
+    assert judge(label, Detection(Circle(100, 50, 51), ellipse=Ellipse(100, 50, 51, 25, 0))).verdict is Closeness.CLOSE
 
 
 def test_figures_by_hand() -> None:
@@ -132,7 +140,7 @@ def test_r_times_z_of_a_perfect_pinhole_whose_tape_starts_elsewhere() -> None:
     assert constancy("s", [10.0, 5.0], [1.0, 2.0], [10.0, 6.0]).offset_cm is None
 
 
-def on(file: str, r: float = 40, **more: object) -> Outcome:
+def on(file: str, r: float = 40, **more: object) -> ScoredPicture:
     label = Label.model_validate({"file": file, "found": True, "u": 9, "v": 9, "r": 40, **more})
     return judge(label, Detection(Circle(9, 9, r)))
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from gateway.core.detection import Circle, Detection, Ellipse
 from gateway.core.readings import ExposureState
 from gateway.vision.exposure.controller import MARKER_LEVEL, SETTLE_FRAMES, ExposureController
-from gateway.vision.exposure.light import HELD_NS, FrameLight, Light, LightMeter, bay_light, marker_light
+from gateway.vision.exposure.light import HELD_NS, FrameLight, LightMeter, RegionLight, bay_light, marker_light
 from gateway.vision.exposure.settings import Exposure, ExposureLimits
 
 S, MS = 1_000_000_000, 1_000_000
@@ -41,8 +41,8 @@ class Bench:
     in_sight: Callable[[float], bool] = lambda _: True
     covered: bool = True  # what is not in sight is covered by something grey; else it was only not found
     bay_share: float = 0.4  # the bay's level as a share of the marker's
-    levels: list[Light] = field(default_factory=list)
-    bays: list[Light] = field(default_factory=list)
+    levels: list[RegionLight] = field(default_factory=list)
+    bays: list[RegionLight] = field(default_factory=list)
     changes: list[tuple[int, Exposure]] = field(default_factory=list)  # frame, settings
     states: list[ExposureState] = field(default_factory=list)
 
@@ -63,14 +63,14 @@ class Bench:
         shown = self._shown[-1 - self.delay]
         amount = shown.time_us / 1000 * 10 ** (shown.gain_db * self.gain_scale / 20)
         full = 190 * (self.radiance(t_s) / 190 * amount) ** self.gamma
-        marker = Light(min(255.0, round(full)), float(np.mean(np.rint(PIXELS * full) >= 250)))
-        bay = Light(min(255.0, round(self.bay_share * full)), float(self.bay_share * full >= 250))
+        marker = RegionLight(min(255.0, round(full)), float(np.mean(np.rint(PIXELS * full) >= 250)))
+        bay = RegionLight(min(255.0, round(self.bay_share * full)), float(self.bay_share * full >= 250))
         self.levels.append(marker)
         self.bays.append(bay)
         t_ns = 10 * S + n * FRAME_NS
         if self.in_sight(t_s):
             self._seen_ns = t_ns
-        place = marker if self.in_sight(t_s) or not self.covered else Light(90.0, 0.0)
+        place = marker if self.in_sight(t_s) or not self.covered else RegionLight(90.0, 0.0)
         held = t_ns - self._seen_ns <= HELD_NS
         light = FrameLight(n, t_ns, bay, place if held else None, seen=self.in_sight(t_s))
         self.controller.captured(n, t_ns)
@@ -232,7 +232,7 @@ class TestCameraThatDoesNotObey:
     def test_one_that_rounds_is_not_asked_for_the_same_again(self) -> None:
         controller, asked = ExposureController(WIDE, Exposure(1000.0)), 0
         for seq in range(0, 80, 8):
-            light = FrameLight(seq, seq * FRAME_NS, Light(40, 0), Light(100.0, 0), seen=True)
+            light = FrameLight(seq, seq * FRAME_NS, RegionLight(40, 0), RegionLight(100.0, 0), seen=True)
             if controller.step(light) is not None:
                 asked += 1
                 controller.applied(Exposure(1000.0), light, light.t_ns)
@@ -283,7 +283,7 @@ class TestLight:
     def test_the_marker_is_measured_in_its_brightest_channel_and_the_bay_by_its_median(self) -> None:
         image = scene(180)
         image[:100, 200:] = 255  # sky
-        assert marker_light(image, Ellipse(100, 120, 40, 40, 0)) == Light(180.0, 0.0)
+        assert marker_light(image, Ellipse(100, 120, 40, 40, 0)) == RegionLight(180.0, 0.0)
         assert bay_light(image).level == 70.0
         assert bay_light(image).clipped == pytest.approx(100 * 120 / (240 * 320), abs=0.02)
 
@@ -296,7 +296,7 @@ class TestLight:
             (v - 120) * np.cos(turn) - (u - 160) * np.sin(turn),
         )
         image[(along / 80) ** 2 + (across / 20) ** 2 > 1] = 255
-        assert marker_light(image, Ellipse(160, 120, 80, 20, turn)) == Light(0.0, 0.0)
+        assert marker_light(image, Ellipse(160, 120, 80, 20, turn)) == RegionLight(0.0, 0.0)
         assert marker_light(image, Ellipse(160, 120, 80, 20, -turn)).level == 255.0  # type: ignore[union-attr]
 
     def test_small_highlights_do_not_count_and_half_a_disc_does(self) -> None:
@@ -332,11 +332,11 @@ class TestLight:
         meter, image = LightMeter(), scene(180)
         found = Detection(Circle(100, 120, 40))
         first = meter.measure(image, 1, 5 * S, found)
-        assert (first.seen, first.marker, first.seq) == (True, Light(180.0, 0.0), 1)
+        assert (first.seen, first.marker, first.seq) == (True, RegionLight(180.0, 0.0), 1)
         lost = meter.measure(image, 2, 6 * S, Detection(None))
-        assert (lost.seen, lost.marker) == (False, Light(180.0, 0.0))
+        assert (lost.seen, lost.marker) == (False, RegionLight(180.0, 0.0))
         coasted = meter.measure(image, 3, 6 * S, Detection(None, predicted=Circle(250, 120, 40)))
-        assert (coasted.seen, coasted.marker) == (False, Light(70.0, 0.0))
+        assert (coasted.seen, coasted.marker) == (False, RegionLight(70.0, 0.0))
         gone = meter.measure(image, 4, 5 * S + HELD_NS + 1, Detection(None, predicted=Circle(100, 120, 40)))
         assert (gone.seen, gone.marker) == (False, None)
         back = meter.measure(image, 5, 4 * S, Detection(None))

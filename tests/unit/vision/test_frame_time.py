@@ -15,7 +15,7 @@ ZERO = 77 * S  # of the source's clock, in the gateway's time: nobody knows it
 
 
 def delays(delays_ns: Iterable[int], *, drift: float = 0.0, first: int = 0) -> list[tuple[int, float]]:
-    """(arrival, stamp in ms) of one frame every 40 ms, taken when the source says, and so long on its way."""
+    """(arrival, stamp in ms) of one frame every 40 ms, taken when the source says, and this long on its way."""
     frames, last = [], 0
     for n, delay_ns in enumerate(delays_ns, first):
         taken = n * FRAME

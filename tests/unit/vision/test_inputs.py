@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from gateway.errors import ConfigError
 from gateway.vision.offline import inputs
-from gateway.vision.offline.inputs import InputError, Picture, decode, expand, read
+from gateway.vision.offline.inputs import InputError, InputPicture, decode, expand, read
 from tests.examples import examples
 
 RED = (20, 20, 220)
@@ -261,7 +261,7 @@ def test_videos_by_name_or_by_trying(tmp_path: Path, code: str, suffix: str) -> 
 def test_a_video_is_read_frame_by_frame_and_may_be_left(tmp_path: Path) -> None:
     pictures = read(video(tmp_path / "a.avi", "MJPG", 3))
     first = next(iter(pictures))
-    assert isinstance(first, Picture)
+    assert isinstance(first, InputPicture)
     assert first.frame == 0
 
 

@@ -68,7 +68,7 @@ def measured(image: Image) -> PictureHealth:
 
 
 def faults(healths: Iterable[PictureHealth], seconds: float, limits: PictureConfig | None = None) -> set[PictureFault]:
-    """What is judged when these come again and again, half a second apart, for so long."""
+    """What is judged when these come again and again, half a second apart, for this time."""
     judge, status = PictureJudge(limits or PictureConfig()), PictureHealth(1, 0, 1, 1, 0, 0)
     for n, health in enumerate(itertools.islice(itertools.cycle(healths), int(2 * seconds) + 1)):
         status = judge.judged(health, T0 + n * S // 2)

@@ -14,7 +14,7 @@ from gateway.core.detection import Circle, Detection
 from gateway.core.readings import PictureFault, PictureHealth, Quality, VisionReading
 from gateway.vision.process.monitor import Action, Emit, GiveUp, Kill, ProcessMonitor, Start
 from gateway.vision.transport.messages import FrameResult
-from gateway.vision.transport.progress import Progress
+from gateway.vision.transport.progress import FrameProgress
 from tests.examples import examples
 
 MS = 1_000_000
@@ -38,7 +38,7 @@ class Bench:
         self.starts: list[Start] = []
         self.alive: list[int] = []  # tokens of processes that exist
         self.seq = 0
-        self.notes = Progress()
+        self.notes = FrameProgress()
         self.readings: list[VisionReading] = []
         self.killed: dict[int, str] = {}
         self.given_up: list[str] = []
@@ -63,7 +63,7 @@ class Bench:
                     assert token not in {start.token for start in self.starts}
                     self.starts.append(action)
                     self.alive.append(token)
-                    self.seq, self.notes = first_seq - 1, Progress(token, detector_ns=self.ns)
+                    self.seq, self.notes = first_seq - 1, FrameProgress(token, detector_ns=self.ns)
                 case Kill(token, why):
                     self.killed[token] = why
                 case Emit(reading):
@@ -600,7 +600,7 @@ def test_late_messages_of_a_process_given_up_are_ignored() -> None:
     bench.monitor.result(old, FrameResult(9, bench.ns, SEEN, bench.ns), bench.ns)
     bench.monitor.opened(old, bench.ns, lossless=True, finite=True)
     bench.monitor.ready(old, bench.ns)
-    bench.monitor.progress(Progress(old, 99, bench.ns, 99, bench.ns, 1), bench.ns)
+    bench.monitor.progress(FrameProgress(old, 99, bench.ns, 99, bench.ns, 1), bench.ns)
     assert bench.monitor.next_deadline_ns() == deadline_ns
     bench.monitor.source_lost(old, "too late", bench.ns)
     bench.monitor.failed(old, "too late", bench.ns)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from gateway.vision.transport.progress import Progress, ProgressPage
+from gateway.vision.transport.progress import FrameProgress, ProgressPage
 from gateway.vision.transport.ring import GENERATION, HEIGHT, SLOTS, WIDTH, Ring, RingSpec
 
 S = 1_000_000_000
@@ -210,18 +210,18 @@ def test_on_an_older_kernel_every_frame_is_written(spec: RingSpec, monkeypatch: 
 
 def test_progress_is_read_as_it_was_noted_and_ends_with_its_process(spec: RingSpec) -> None:
     page, reader = ProgressPage(spec, writable=True), ProgressPage(spec, writable=False)
-    assert reader.read() == Progress()
+    assert reader.read() == FrameProgress()
     page.begin(7, 100)
-    assert reader.read() == Progress(7, detector_ns=100)
+    assert reader.read() == FrameProgress(7, detector_ns=100)
     page.captured(3, 200)
     page.work_begins(3, 190, 210)
-    assert reader.read() == Progress(7, 3, 200, 3, 190, 210, 100)
+    assert reader.read() == FrameProgress(7, 3, 200, 3, 190, 210, 100)
     page.work_ends(250)
     page.captured(4, 260)
     page.detector_runs(300)
-    assert reader.read() == Progress(7, 4, 260, 3, 190, 0, 300)
+    assert reader.read() == FrameProgress(7, 4, 260, 3, 190, 0, 300)
     page.begin(8, 400)
-    assert reader.read() == Progress(8, detector_ns=400)
+    assert reader.read() == FrameProgress(8, detector_ns=400)
     with pytest.raises(ValueError, match="read-only"):
         reader.captured(1, 1)
 
@@ -243,4 +243,4 @@ def test_progress_and_frames_do_not_touch_each_other(spec: RingSpec) -> None:
     np.testing.assert_array_equal(picture(100, 200), shown(ring))
     for seq in range(SLOTS):
         ring.write(picture(100, 200), seq, seq)
-    assert (page.read(), page.size_px()) == (Progress(1, detector_ns=2), (5, 6))
+    assert (page.read(), page.size_px()) == (FrameProgress(1, detector_ns=2), (5, 6))

@@ -17,7 +17,7 @@ from gateway.errors import ConfigError
 from gateway.vision.detect.paper import stages
 from gateway.vision.offline.evaluation.labels import Label
 from gateway.vision.offline.tuning import exposure, histograms, proposal, report, samples, thresholds
-from gateway.vision.offline.tuning.exposure import Light, advice, measure, noise
+from gateway.vision.offline.tuning.exposure import PictureLight, advice, measure, noise
 from gateway.vision.offline.tuning.samples import Example
 from gateway.vision.offline.tuning.study import study
 from gateway.vision.offline.tuning.thresholds import Red, admission, bound_that_cuts, current, propose, remarks, score
@@ -206,9 +206,9 @@ def test_histograms_and_the_background_table() -> None:
     assert s_passes.index("=") - 18 == 64 * 100 // 256
 
 
-def light(**changes: float | None) -> Light:
+def light(**changes: float | None) -> PictureLight:
     fine = {"clipped": 0.0, "marker_clipped": 0.0, "marker_v": 190.0, "marker_s": 200.0, "noise": 2.0}
-    return Light(**({**fine, "edge_px": 2.5, "smear_px": 0.5, "smear_deg": 0.0, "warmth": 1.0} | changes))  # type: ignore[arg-type]
+    return PictureLight(**({**fine, "edge_px": 2.5, "smear_px": 0.5, "smear_deg": 0.0, "warmth": 1.0} | changes))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -235,7 +235,7 @@ def light(**changes: float | None) -> Light:
 def test_each_advice_alone(changes: dict[str, float], says: str) -> None:
     (line,) = advice([light(**changes)] * 3)
     assert line.startswith(says)
-    none = advice([Light(0, None, None, None, 0, None, None, None, None)])
+    none = advice([PictureLight(0, None, None, None, 0, None, None, None, None)])
     assert none == ["exposure, noise, focus and white balance are fine in these pictures"]
     assert advice([light(**changes), light(), light()])[0].startswith("exposure"), "one of three is not the rule"
 

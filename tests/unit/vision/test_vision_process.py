@@ -19,7 +19,7 @@ from gateway.processes.channel import Failed, Gone
 from gateway.processes.start import Role
 from gateway.vision.process import service
 from gateway.vision.process.monitor import ProcessMonitor
-from gateway.vision.process.vision_process import Capture, CheckedFrame, NewestFrame
+from gateway.vision.process.vision_process import CaptureThread, CheckedFrame, NewestFrame
 from gateway.vision.source.checks import FrameRules
 from gateway.vision.source.contract import Frame, Source
 from gateway.vision.source.v4l2_controls import ControlSetting
@@ -34,7 +34,7 @@ from gateway.vision.transport.messages import (
     SourceRecord,
     VisionJob,
 )
-from gateway.vision.transport.progress import Progress, ProgressPage
+from gateway.vision.transport.progress import FrameProgress, ProgressPage
 from gateway.vision.transport.ring import RingSpec
 
 CLOCK = SystemClock()
@@ -103,7 +103,7 @@ def captured(spec: FewFrames, ring: RingSpec) -> list[Any]:
     detector = DetectorSpec(VisionConfig())
     job = VisionJob(1, SourceRecord.of(spec), detector, CLOCK, ring, FrameRules(), first_seq=5)
     diary, progress = Diary(), ProgressPage(ring, writable=True)
-    Capture(cast("Any", diary), job, progress, cast("NewestFrame", diary)).run()
+    CaptureThread(cast("Any", diary), job, progress, cast("NewestFrame", diary)).run()
     progress.close()
     return diary.entries
 
@@ -121,7 +121,7 @@ def test_a_source_without_controls_says_so_after_the_frame_at_hand(ring: RingSpe
         1, SourceRecord.of(FewFrames(2)), DetectorSpec(VisionConfig()), CLOCK, ring, FrameRules(), first_seq=5
     )
     diary, progress = Diary(), ProgressPage(ring, writable=True)
-    capture = Capture(cast("Any", diary), job, progress, cast("NewestFrame", diary))
+    capture = CaptureThread(cast("Any", diary), job, progress, cast("NewestFrame", diary))
     capture.wanted = ControlsRequest(7, (ControlSetting("gain", 3),), {"gain": 1})
     capture.run()
     progress.close()
@@ -158,7 +158,7 @@ def test_every_frame_of_a_source_that_wants_it_is_looked_at_before_its_end_is_re
     spec = FewFrames(20, lossless=True)
     job = VisionJob(1, SourceRecord.of(spec), DetectorSpec(VisionConfig()), CLOCK, ring, FrameRules(), first_seq=1)
     diary, progress, newest = Diary(), ProgressPage(ring, writable=True), NewestFrame()
-    thread = threading.Thread(target=Capture(cast("Any", diary), job, progress, newest).run)
+    thread = threading.Thread(target=CaptureThread(cast("Any", diary), job, progress, newest).run)
     thread.start()
     while thread.is_alive():
         if (frame := newest.take(0.01)) is not None:
@@ -189,7 +189,7 @@ class MainSide:
     """`VisionService` with a process that is played by the test: its messages, its notes, the time."""
 
     now: int = MS
-    notes: Progress = field(default_factory=Progress)
+    notes: FrameProgress = field(default_factory=FrameProgress)
     arrived: list[Any] = field(default_factory=list)
     readings: list[VisionReading] = field(default_factory=list)
     fds: tuple[int, ...] = ()
@@ -211,7 +211,7 @@ class MainSide:
     def now_ns(self) -> int:
         return self.now
 
-    def read(self) -> Progress:
+    def read(self) -> FrameProgress:
         return self.notes
 
     def start(self, role: Role[Any]) -> None:
@@ -235,7 +235,7 @@ class MainSide:
 
     def works(self, seq: int, began_ms: int) -> None:
         t_ns = began_ms * MS
-        self.notes = Progress(self.monitor.token, seq, t_ns, seq, t_ns, t_ns, t_ns)
+        self.notes = FrameProgress(self.monitor.token, seq, t_ns, seq, t_ns, t_ns, t_ns)
 
 
 SEEN = Detection(Circle(1.0, 2.0, 3.0))

@@ -25,7 +25,7 @@ from gateway.vision.source.v4l2_controls import OfferedControl
 from gateway.vision.transport.messages import ControlsReport
 from gateway.vision.transport.ring import Ring, RingSpec
 from gateway.web.host.config_file_requests import ConfigFileRequests
-from gateway.web.host.request_handler import BayParts, EventHistory, RequestHandler, ends_function_check
+from gateway.web.host.request_handler import BayParts, EventHistory, PagesRequestHandler, ends_function_check
 from gateway.web.host.settings_file import SettingsFile
 from gateway.web.host.startup import Startup
 from gateway.web.ipc.messages import (
@@ -74,7 +74,7 @@ class Plant:
     """Both ends. `hang` and `go_on`: what is sent to a main process that hangs waits in its socket."""
 
     client: GatewayClient
-    handler: RequestHandler
+    handler: PagesRequestHandler
     hub: Hub
     controls: dict[str, BayControl]
     vision: dict[str, StandInVision]
@@ -124,7 +124,7 @@ async def plant(
         clock,
         lambda _: None,
     )
-    handler = RequestHandler(
+    handler = PagesRequestHandler(
         history,
         parts,
         clock,

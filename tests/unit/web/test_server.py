@@ -38,7 +38,7 @@ from tests.plant_certs import NOW, Plant
 from tests.unit.web.auth import HASH, PASSWORD, USERS, SecuredApp
 from tests.virtual_time import HandClock, in_real_time
 
-HURRY_S = 30.0  # nothing here takes so long, on any machine
+HURRY_S = 30.0  # nothing here takes this long, on any machine
 
 
 class QuickDeadline(slow_clients.HeadDeadlineProtocol):

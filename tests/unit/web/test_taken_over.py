@@ -96,7 +96,7 @@ async def test_long_names_are_clipped_where_they_are_kept() -> None:
 async def test_what_only_people_can_mend_in_the_pages_does_not_end_the_gateway() -> None:
     """A ConfigError would: the supervisor takes it for the end. No page is worth a bay."""
     async with plant() as made:
-        host = f"{'x' * 70}.example"  # no name can have a label so long; nobody is asked
+        host = f"{'x' * 70}.example"  # no name can have a label this long; nobody is asked
         named = HmiConfig(host="localhost").model_copy(update={"host": host})
         about = WebSetup(GatewayConfig(hmi=named), SystemClock(), {})
         with pytest.raises(LinkError, match=r"hmi\.host"):

@@ -16,22 +16,22 @@ from gateway.web.ipc.testsets import (
     BAY_SETS,
     SETS_QUESTIONS,
     AddPicture,
-    AnswerKind,
     DeleteSet,
     ListSets,
     MakeSet,
+    SetAnswerKind,
     SetsQuestion,
 )
 from gateway.web.testsets import client, process
-from gateway.web.testsets.store import Store
+from gateway.web.testsets.store import SetStore
 from tests.unit.web.testsets import plain
 
 Asked = Channel[SetsQuestion, Any]
 
 
 @pytest.fixture
-def store(tmp_path: Path) -> Store:
-    made = Store(tmp_path, frozenset(("bay1",)))
+def store(tmp_path: Path) -> SetStore:
+    made = SetStore(tmp_path, frozenset(("bay1",)))
     made.make("bay1", "dusk")
     return made
 
@@ -58,7 +58,7 @@ def asked(channel: Asked, question: SetsQuestion, picture: bytes | None = None) 
 
 
 def test_a_question_whose_asker_is_gone_changes_nothing(
-    store: Store, link: tuple[Asked, Channel[Any, SetsQuestion]]
+    store: SetStore, link: tuple[Asked, Channel[Any, SetsQuestion]]
 ) -> None:
     """It has been told that the disk did not answer in time, and asks once more."""
     near, far = link
@@ -72,7 +72,7 @@ def test_a_question_whose_asker_is_gone_changes_nothing(
     again = asked(near, AddPicture("bay1", "dusk", "a.png"), plain())
     process.take(far, store)
     with os.fdopen(again, "rb") as answer:
-        assert answer.read(1) == AnswerKind.ANSWER.value
+        assert answer.read(1) == SetAnswerKind.ANSWER.value
         (one,) = BAY_SETS.unpacked(answer.read()).sets
     assert (one.name, [picture.file for picture in one.pictures]) == ("dusk", ["0001-a.png"])
 

@@ -16,7 +16,7 @@ from gateway.cli.main import main
 from gateway.config import BayConfig, GatewayConfig, VisionConfig
 from gateway.core.detection import Circle, Detection
 from gateway.vision.offline.evaluation.labels import Label
-from gateway.vision.offline.evaluation.scoring import Outcome, judge
+from gateway.vision.offline.evaluation.scoring import ScoredPicture, judge
 from gateway.web.auth.access import Level
 from gateway.web.testsets import scoring, service
 from gateway.web.testsets.routes import ADDRESSES
@@ -157,7 +157,7 @@ async def test_a_score_counts_against_the_known_truth(tmp_path: Path) -> None:
 def test_times_are_compared_pair_by_pair_and_answers_by_place() -> None:
     label = Label(file="a.png", found=True, u=80, v=60, r=26)
 
-    def outcome(took_ns: int, u_px: float | None = 80.0) -> Outcome:
+    def outcome(took_ns: int, u_px: float | None = 80.0) -> ScoredPicture:
         circle = None if u_px is None else Circle(u_px, 60, 26)
         return judge(label, Detection(circle), took_ns, (WIDTH, HEIGHT))
 

@@ -10,29 +10,29 @@ import pytest
 from gateway.vision.offline.evaluation import labels
 from gateway.web.ipc.testsets import MAX_FILE_BYTES, MAX_PICTURES, MAX_SETS, MarkerPlace, PictureSet
 from gateway.web.testsets import store as module
-from gateway.web.testsets.store import NothingError, RefusedError, Store
+from gateway.web.testsets.store import NothingError, SetRefusedError, SetStore
 from tests.unit.web.testsets import plain
 
 PLACE = MarkerPlace(20.123, 11.5, 7.0)
 
 
 @pytest.fixture
-def store(tmp_path: Path) -> Store:
-    made = Store(tmp_path / "test-sets" / "plant.gateway", frozenset(("bay1", "bay2")))
+def store(tmp_path: Path) -> SetStore:
+    made = SetStore(tmp_path / "test-sets" / "plant.gateway", frozenset(("bay1", "bay2")))
     made.make("bay1", "dusk")
     return made
 
 
-def dusk(store: Store) -> PictureSet:
+def dusk(store: SetStore) -> PictureSet:
     (found,) = store.sets("bay1")
     return found
 
 
-def folder(store: Store) -> Path:
+def folder(store: SetStore) -> Path:
     return store.folder / "bay1" / "dusk"
 
 
-def test_labels_are_those_that_evaluate_reads(store: Store) -> None:
+def test_labels_are_those_that_evaluate_reads(store: SetStore) -> None:
     first = store.add("bay1", "dusk", "Low sun (7).png", plain())
     second = store.add("bay1", "dusk", "../../etc/passwd", plain())
     third = store.add("bay1", "dusk", "", plain())
@@ -53,11 +53,11 @@ def test_labels_are_those_that_evaluate_reads(store: Store) -> None:
     ]
     assert kept.faults == ()
     assert kept.bytes == 3 * len(plain())
-    assert Store(store.folder, store.bays).sets("bay1") == (kept,)  # after a restart
+    assert SetStore(store.folder, store.bays).sets("bay1") == (kept,)  # after a restart
     assert {path.stat().st_mode & 0o777 for path in folder(store).iterdir()} == {0o600}
 
 
-def test_a_new_label_replaces_the_old_one_and_keeps_what_else_is_known(store: Store) -> None:
+def test_a_new_label_replaces_the_old_one_and_keeps_what_else_is_known(store: SetStore) -> None:
     file = store.add("bay1", "dusk", "a", plain())
     line = {"file": file, "found": True, "u": 1, "v": 2, "r": 3, "a": 4, "group": "dusk", "note": "by hand"}
     (folder(store) / "labels.jsonl").write_text(json.dumps(line) + "\n")
@@ -68,7 +68,7 @@ def test_a_new_label_replaces_the_old_one_and_keeps_what_else_is_known(store: St
     }  # fmt: skip
 
 
-def test_removing_the_last_picture_leaves_an_empty_set(store: Store) -> None:
+def test_removing_the_last_picture_leaves_an_empty_set(store: SetStore) -> None:
     file = store.add("bay1", "dusk", "a", plain())
     store.label("bay1", "dusk", file, None)
     store.remove("bay1", "dusk", file)
@@ -82,11 +82,11 @@ def test_removing_the_last_picture_leaves_an_empty_set(store: Store) -> None:
     "name",
     ["", ".", "..", "../bay2", "a/b", "a.b", ".hidden", " a", "a ", "-a", "a\n", "a\0", "x" * 41, "e\u0301", "\ud800"],
 )
-def test_a_name_can_not_leave_the_folder(store: Store, name: str) -> None:
+def test_a_name_can_not_leave_the_folder(store: SetStore, name: str) -> None:
     before = sorted(store.folder.rglob("*"))
-    with pytest.raises(RefusedError, match="is no name for a test set: 1 to 40 letters"):
+    with pytest.raises(SetRefusedError, match="is no name for a test set: 1 to 40 letters"):
         store.make("bay1", name)
-    with pytest.raises(RefusedError, match="is no name for a test set"):
+    with pytest.raises(SetRefusedError, match="is no name for a test set"):
         store.rename("bay1", "dusk", name)
     for action in (store.delete, lambda bay, which: store.add(bay, which, "a", plain())):
         with pytest.raises(NothingError, match="bay1 has no test set"):
@@ -95,12 +95,12 @@ def test_a_name_can_not_leave_the_folder(store: Store, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["x" * 40, "Dämmerung 2", "alacakaranlık", "7", "a-b_c"])
-def test_names_of_every_language_are_taken(store: Store, name: str) -> None:
+def test_names_of_every_language_are_taken(store: SetStore, name: str) -> None:
     store.make("bay2", name)
     assert [one.name for one in store.sets("bay2")] == [name]
 
 
-def test_files_outside_of_a_set_are_not_reached(store: Store, tmp_path: Path) -> None:
+def test_files_outside_of_a_set_are_not_reached(store: SetStore, tmp_path: Path) -> None:
     (tmp_path / "secret.png").write_bytes(plain())
     (folder(store) / "link.png").symlink_to(tmp_path / "secret.png")
     (store.folder / "bay1" / "linked").symlink_to(tmp_path)
@@ -116,35 +116,35 @@ def test_files_outside_of_a_set_are_not_reached(store: Store, tmp_path: Path) ->
         store.make("../bay1", "a")
 
 
-def test_limits(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_limits(store: SetStore, monkeypatch: pytest.MonkeyPatch) -> None:
     for n in range(MAX_SETS - 1):
         store.make("bay1", f"set {n}")
-    with pytest.raises(RefusedError, match="bay1 has 8 test sets already, and may have no more: delete one"):
+    with pytest.raises(SetRefusedError, match="bay1 has 8 test sets already, and may have no more: delete one"):
         store.make("bay1", "one more")
-    with pytest.raises(RefusedError, match="bay1 has a test set dusk already"):
+    with pytest.raises(SetRefusedError, match="bay1 has a test set dusk already"):
         store.make("bay1", "dusk")
-    with pytest.raises(RefusedError, match="bay1 has a test set dusk already"):
+    with pytest.raises(SetRefusedError, match="bay1 has a test set dusk already"):
         store.rename("bay1", "set 1", "dusk")
     for n in range(MAX_PICTURES):
         (folder(store) / f"{n}.png").write_bytes(plain())
-    with pytest.raises(RefusedError, match="the test set dusk has 100 pictures already, and may have no more"):
+    with pytest.raises(SetRefusedError, match="the test set dusk has 100 pictures already, and may have no more"):
         store.add("bay1", "dusk", "a", plain())
-    with pytest.raises(RefusedError, match="a file of 8388609 bytes: at most 8388608"):
+    with pytest.raises(SetRefusedError, match="a file of 8388609 bytes: at most 8388608"):
         store.add("bay1", "set 1", "a", plain() + bytes(MAX_FILE_BYTES + 1 - len(plain())))
-    with pytest.raises(RefusedError, match="not a JPEG or PNG picture"):
+    with pytest.raises(SetRefusedError, match="not a JPEG or PNG picture"):
         store.add("bay1", "set 1", "a.png", b"GIF89a")
-    with pytest.raises(RefusedError, match="a picture of 8 x 8 px: at least 16 px each way"):
+    with pytest.raises(SetRefusedError, match="a picture of 8 x 8 px: at least 16 px each way"):
         store.add("bay1", "set 1", "a.png", plain(8, 8))
     monkeypatch.setattr(module, "MAX_SET_BYTES", len(plain()) - 1)
-    with pytest.raises(RefusedError, match="the test set set 1 would be larger than"):
+    with pytest.raises(SetRefusedError, match="the test set set 1 would be larger than"):
         store.add("bay1", "set 1", "a", plain())
     monkeypatch.undo()
     monkeypatch.setattr(module, "ALL_BYTES", 101 * len(plain()) - 1)
-    with pytest.raises(RefusedError, match="all test sets would be larger than"):
+    with pytest.raises(SetRefusedError, match="all test sets would be larger than"):
         store.add("bay1", "set 1", "a", plain())
     monkeypatch.undo()
     monkeypatch.setattr(module, "FREE_BYTES", 1 << 62)
-    with pytest.raises(RefusedError, match="of the disk would be free"):
+    with pytest.raises(SetRefusedError, match="of the disk would be free"):
         store.add("bay1", "set 1", "a", plain())
     assert list((store.folder / "bay1" / "set 1").iterdir()) == []
 
@@ -159,7 +159,7 @@ def test_limits(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
         (None, "labels.jsonl: cannot be read: "),
     ],
 )
-def test_damaged_labels_are_reported_and_not_overwritten(store: Store, text: bytes | None, fault: str) -> None:
+def test_damaged_labels_are_reported_and_not_overwritten(store: SetStore, text: bytes | None, fault: str) -> None:
     file = store.add("bay1", "dusk", "a", plain())
     path = folder(store) / "labels.jsonl"
     if text is None:
@@ -169,12 +169,12 @@ def test_damaged_labels_are_reported_and_not_overwritten(store: Store, text: byt
     found = dusk(store)
     assert found.faults[0].startswith(fault)
     assert [(one.file, one.labelled) for one in found.pictures] == [(file, False)]
-    with pytest.raises(RefusedError, match="is damaged: mend it, or delete the set"):
+    with pytest.raises(SetRefusedError, match="is damaged: mend it, or delete the set"):
         store.label("bay1", "dusk", file, PLACE)
     assert text is None or path.read_bytes() == text
 
 
-def test_what_does_not_belong_there_is_reported(store: Store) -> None:
+def test_what_does_not_belong_there_is_reported(store: SetStore) -> None:
     file = store.add("bay1", "dusk", "a", plain())
     rows = [{"file": file, "found": False}, {"file": "gone.png", "found": False}, {"file": "sub/a.png", "found": False}]
     (folder(store) / "labels.jsonl").write_text("\n".join(map(json.dumps, rows)))
@@ -192,7 +192,7 @@ def test_what_does_not_belong_there_is_reported(store: Store) -> None:
     ]
     store.remove("bay1", "dusk", "gone.png")
     assert "gone" not in (folder(store) / "labels.jsonl").read_text()
-    with pytest.raises(RefusedError, match="holds what does not belong to a test set"):
+    with pytest.raises(SetRefusedError, match="holds what does not belong to a test set"):
         store.delete("bay1", "dusk")
     assert file in {one.file for one in dusk(store).pictures}
     (folder(store) / "notes.txt").unlink()
@@ -201,7 +201,7 @@ def test_what_does_not_belong_there_is_reported(store: Store) -> None:
     assert store.sets("bay1") == ()
 
 
-def test_the_digest_is_of_what_a_score_depends_on(store: Store) -> None:
+def test_the_digest_is_of_what_a_score_depends_on(store: SetStore) -> None:
     digests = [dusk(store).digest]
     file = store.add("bay1", "dusk", "a", plain())
     digests.append(dusk(store).digest)
@@ -216,7 +216,7 @@ def test_the_digest_is_of_what_a_score_depends_on(store: Store) -> None:
     assert dusk(store).digest == digests[-1]
 
 
-def test_a_full_disk_leaves_everything_as_it_was(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_leaves_everything_as_it_was(store: SetStore, monkeypatch: pytest.MonkeyPatch) -> None:
     file = store.add("bay1", "dusk", "a", plain())
     store.label("bay1", "dusk", file, PLACE)
     before = {path.name: path.read_bytes() for path in folder(store).iterdir()}

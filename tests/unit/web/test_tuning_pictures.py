@@ -17,7 +17,7 @@ from gateway.vision.pixels import Image
 from gateway.vision.transport.ring import Snapshot
 from gateway.web.tuning import eyedropper, stages
 from gateway.web.tuning.responses import described
-from gateway.web.tuning.snapshots import RECORDINGS, STILLS, CaptureStore, Recorder
+from gateway.web.tuning.snapshots import RECORDINGS, STILLS, CaptureStore, SnapshotRecorder
 from tests.unit.web.tuning import HEIGHT, MARKER, WIDTH, frame, picture
 
 PAPER = VisionConfig(method="paper", tracking=False)
@@ -253,7 +253,7 @@ def test_all_together_take_no_more_memory_than_allowed_and_the_newest_is_always_
 
 
 def test_a_recording_takes_new_frames_at_its_own_rate() -> None:
-    recorder = Recorder(rate_hz=10)
+    recorder = SnapshotRecorder(rate_hz=10)
 
     taken = [recorder.offer(small(seq, t_s=seq / 30)) for seq in range(31)]
 
@@ -265,13 +265,13 @@ def test_a_recording_takes_new_frames_at_its_own_rate() -> None:
 
 
 def test_a_camera_a_little_faster_than_the_rate_is_recorded_completely() -> None:
-    recorder = Recorder(rate_hz=10)
+    recorder = SnapshotRecorder(rate_hz=10)
 
     assert all(recorder.offer(small(seq, t_s=seq / 10.4)) for seq in range(20))
 
 
 def test_a_recording_ends_where_its_memory_ends() -> None:
-    recorder = Recorder(rate_hz=10, limit_bytes=100)
+    recorder = SnapshotRecorder(rate_hz=10, limit_bytes=100)
 
     assert [recorder.offer(small(seq)) for seq in range(4)] == [True, True, False, False]
     assert recorder.full

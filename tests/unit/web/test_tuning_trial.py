@@ -16,7 +16,7 @@ from gateway.vision.pixels import Image
 from gateway.vision.transport.ring import Snapshot
 from gateway.web.tuning import measures, trial
 from gateway.web.tuning.remarks import remarks
-from gateway.web.tuning.trial import DetectionCache, EndedError, TrialResult
+from gateway.web.tuning.trial import DetectionCache, EndedError, PictureTrialResult
 from tests.unit.web.tuning import MARKER, Ticks, empty, frame
 
 ROBUST = VisionConfig()
@@ -30,7 +30,7 @@ def at(u: float, v: float = 0.0, radius: float = 10.0, **stages: int) -> Detecti
 NOTHING = Detection(None)
 
 
-def looked(tried: VisionConfig, one: Snapshot | None = None, in_force: VisionConfig = ROBUST) -> TrialResult:
+def looked(tried: VisionConfig, one: Snapshot | None = None, in_force: VisionConfig = ROBUST) -> PictureTrialResult:
     return trial.look(one or frame(), tried, in_force, DetectionCache(), Ticks())
 
 
@@ -287,7 +287,7 @@ def test_something_else_than_the_marker_is_reported() -> None:
 
 
 @cache
-def followed() -> tuple[list[Snapshot], TrialResult]:
+def followed() -> tuple[list[Snapshot], PictureTrialResult]:
     """A recording with a frame every 100 ms."""
     frames = [frame(n) for n in range(1, 8)]
     return frames, trial.run(frames, PAPER, ROBUST, DetectionCache(), Ticks())

@@ -17,7 +17,7 @@ from gateway.processes.forked import write_all
 from gateway.vision.pixels import Image
 from gateway.web.ipc.testsets import SETS_QUESTIONS, SetsQuestion
 from gateway.web.testsets import process
-from gateway.web.testsets.store import Store
+from gateway.web.testsets.store import SetStore
 
 PIPE_BYTES = 1 << 20  # an answer must fit: nobody reads it while it is written
 
@@ -36,7 +36,7 @@ def plain(width: int = 32, height: int = 24) -> bytes:
 async def keeping(folder: Path, *bays: str) -> AsyncIterator[int]:
     """The descriptor of the socket that the web process inherits."""
     near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    store = Store(folder, frozenset(bays or ("bay1",)))
+    store = SetStore(folder, frozenset(bays or ("bay1",)))
     channel: Channel[Any, SetsQuestion] = Channel(far, SETS_QUESTIONS)
 
     def take() -> None:

@@ -25,7 +25,7 @@ from gateway.vision.track.kalman_filter import Prediction
 SPAN_NS = 120_000_000  # from the oldest frame to the newest; a third of the usual `fusion.vision_deadline_s`
 EVEN_GAPS = 1.5  # the longest gap between two of them, of the shortest
 THICK = 0.8  # median share of airlight from which on
-LASTING_NS = 2_000_000_000  # frames are kept for so long after one that showed no marker behind so much
+LASTING_NS = 2_000_000_000  # frames are kept for this time after one that showed no marker behind so much
 MOVED = "moved"  # the rejection code of a disc that did not stand still
 
 

@@ -1,23 +1,23 @@
 """The robust method as the rest of the gateway sees it."""
 
 from gateway.config.sections.vision import keys_of
-from gateway.vision.detect.method import Method, Stage, imported
+from gateway.vision.detect.method import Method, MethodStage, imported
 
 STAGES = (
-    Stage(
+    MethodStage(
         "expected",
         "with a window and a prediction: the rim there, its evidence and the gates; if it passes, the only stage",
     ),
-    Stage("pyramid", "the picture reduced to a half, a quarter, ..."),
-    Stage(
+    MethodStage("pyramid", "the picture reduced to a half, a quarter, ..."),
+    MethodStage(
         "candidates",
         "votes of redness edges for centres, octave by octave; red blobs at several thresholds; a net's proposals, "
         "where `vision.proposals` names it",
     ),
-    Stage("evidence", "rays from each candidate: rim by consensus, coverage, leak, contrast, fill"),
-    Stage("rim", "the best few at full resolution: ellipse to sub-pixel, evidence on it"),
-    Stage("decision", "gates, confidence, the best one"),
-    Stage("normalise", "the tilted disc's own centre and equation 11, where intrinsics are given"),
+    MethodStage("evidence", "rays from each candidate: rim by consensus, coverage, leak, contrast, fill"),
+    MethodStage("rim", "the best few at full resolution: ellipse to sub-pixel, evidence on it"),
+    MethodStage("decision", "gates, confidence, the best one"),
+    MethodStage("normalise", "the tilted disc's own centre and equation 11, where intrinsics are given"),
 )
 """In order."""
 

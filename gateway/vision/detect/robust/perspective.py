@@ -39,7 +39,7 @@ USUALLY = 0.15  # chance of the former
 
 
 @dataclass(frozen=True, slots=True)
-class Pose:
+class PossiblePose:
     """One of the two poses a disc can have. Camera axes: x right, y down, z forward."""
 
     normal: Vector  # unit, towards the camera's side
@@ -54,7 +54,7 @@ class Pose:
 class DiscPose:
     """Both poses, the likelier first, and the centre that follows from them."""
 
-    poses: tuple[Pose, Pose]
+    poses: tuple[PossiblePose, PossiblePose]
     chance: float  # of the first being true, given the expected tilt: 0.5 to 1
     u_px: float  # mean of both centres, weighted by their chances
     v_px: float
@@ -165,7 +165,9 @@ def _normals(cone: Floats) -> tuple[Floats, Floats] | None:
     return upright + lean, upright - lean
 
 
-def _pose(cone: Floats, normal: Floats, lens: Intrinsics, radius_mm: float | None, facing: Vector) -> Pose | None:
+def _pose(
+    cone: Floats, normal: Floats, lens: Intrinsics, radius_mm: float | None, facing: Vector
+) -> PossiblePose | None:
     middle = float(np.linalg.eigvalsh(cone)[1])
     toward = np.linalg.solve(cone, normal)  # pole of the plane's vanishing line
     level = float(normal @ toward)
@@ -182,7 +184,7 @@ def _pose(cone: Floats, normal: Floats, lens: Intrinsics, radius_mm: float | Non
     u, v = (float(value) for value in project((toward / toward[2])[np.newaxis], lens)[0])
     sight = np.asarray(-toward / np.linalg.norm(toward), np.float64)
     expected = np.array(facing, np.float64) / hypot(*facing)
-    return Pose(
+    return PossiblePose(
         normal=(float(normal[0]), float(normal[1]), float(normal[2])),
         u_px=u,
         v_px=v,

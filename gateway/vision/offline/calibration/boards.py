@@ -19,16 +19,16 @@ SEARCH_PX = 800  # longer side of the picture in which a checkerboard is searche
 _SUBPIX_END = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 100, 1e-5)
 
 
-class Kind(StrEnum):
+class CalibrationBoardKind(StrEnum):
     CHECKERBOARD = "checkerboard"
     CIRCLES = "circles"
     ASYMMETRIC = "asymmetric-circles"
 
 
 _WORDS = {
-    Kind.CHECKERBOARD: ("checkerboard", "inner corners"),
-    Kind.CIRCLES: ("grid", "circles"),
-    Kind.ASYMMETRIC: ("asymmetric grid", "circles"),
+    CalibrationBoardKind.CHECKERBOARD: ("checkerboard", "inner corners"),
+    CalibrationBoardKind.CIRCLES: ("grid", "circles"),
+    CalibrationBoardKind.ASYMMETRIC: ("asymmetric grid", "circles"),
 }
 
 
@@ -37,7 +37,7 @@ class Board:
     """`columns` x `rows` points. `pitch_mm`: side of a square; distance of neighbours in a symmetric grid; in an
     asymmetric one the distance from row to row, half of that between neighbours in a row."""
 
-    kind: Kind
+    kind: CalibrationBoardKind
     columns: int
     rows: int
     pitch_mm: float
@@ -46,7 +46,7 @@ class Board:
     def points_mm(self) -> NDArray[np.float32]:
         """(n, 3), z = 0, in the order in which `find` gives them."""
         column, row = np.meshgrid(np.arange(self.columns), np.arange(self.rows))
-        x = 2 * column + row % 2 if self.kind is Kind.ASYMMETRIC else column
+        x = 2 * column + row % 2 if self.kind is CalibrationBoardKind.ASYMMETRIC else column
         points = np.stack((x.ravel(), row.ravel(), np.zeros(self.columns * self.rows)), axis=1)
         return np.asarray(points * self.pitch_mm, np.float32)
 
@@ -73,14 +73,14 @@ def parse(text: str) -> Board:
             "circles:7x5:30mm or asymmetric-circles:4x11:20mm"
         )
     name, columns, rows, size, unit = match.groups()
-    if name not in list(Kind):
-        raise ConfigError(f"--board {text}: there is no board {name}; there is: {', '.join(Kind)}")
+    if name not in list(CalibrationBoardKind):
+        raise ConfigError(f"--board {text}: there is no board {name}; there is: {', '.join(CalibrationBoardKind)}")
     pitch_mm = float(size) * _UNIT_MM[unit]
     if not (LEAST_POINTS <= int(columns) <= MOST_POINTS and LEAST_POINTS <= int(rows) <= MOST_POINTS):
         raise ConfigError(f"--board {text}: 3 to 100 points a side; {columns} x {rows} were given")
     if not LEAST_MM <= pitch_mm <= MOST_MM:
         raise ConfigError(f"--board {text}: the size must be 0.1 mm to 10 m")
-    return Board(Kind(name), int(columns), int(rows), pitch_mm)
+    return Board(CalibrationBoardKind(name), int(columns), int(rows), pitch_mm)
 
 
 def find(board: Board, image: Image, *, thorough: bool = True) -> Points | None:
@@ -92,7 +92,7 @@ def find(board: Board, image: Image, *, thorough: bool = True) -> Points | None:
     grey = grey_of(image)
     if not thorough and _looked(board, grey) is None:
         return None
-    if board.kind is Kind.CHECKERBOARD:
+    if board.kind is CalibrationBoardKind.CHECKERBOARD:
         return _corners(board, grey, thorough=thorough)
     return _circles(board, grey, thorough=thorough)
 
@@ -123,7 +123,7 @@ def _smaller(grey: Grey) -> Grey:
 
 def _looked(board: Board, grey: Grey) -> Points | None:
     small = _smaller(grey)
-    if board.kind is Kind.CHECKERBOARD:
+    if board.kind is CalibrationBoardKind.CHECKERBOARD:
         found = _older(board, small)  # the quickest, with a board and without
         points = _newer(board, small) if found is None else found
     else:
@@ -136,7 +136,7 @@ def _looked(board: Board, grey: Grey) -> Points | None:
 
 def other_size(board: Board, image: Image) -> tuple[int, int] | None:
     """Columns and rows of a checkerboard of another size in the picture, for a hint; None: none is seen."""
-    if board.kind is not Kind.CHECKERBOARD:
+    if board.kind is not CalibrationBoardKind.CHECKERBOARD:
         return None
     grey = _smaller(grey_of(image))
     flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE
@@ -183,7 +183,9 @@ def _refined(board: Board, grey: Grey, points: Points) -> Points | None:
 
 
 def _circles(board: Board, grey: Grey, *, thorough: bool) -> Points | None:
-    kind = cv2.CALIB_CB_ASYMMETRIC_GRID if board.kind is Kind.ASYMMETRIC else cv2.CALIB_CB_SYMMETRIC_GRID
+    kind = (
+        cv2.CALIB_CB_ASYMMETRIC_GRID if board.kind is CalibrationBoardKind.ASYMMETRIC else cv2.CALIB_CB_SYMMETRIC_GRID
+    )
     blobs = _blob_finder(grey.size / (board.columns * board.rows))
     ways = (kind, kind | cv2.CALIB_CB_CLUSTERING) if thorough else (kind,)  # clusters of noise take their time
     for flags in ways:

@@ -1,8 +1,8 @@
 """A calibration board to print. Pure."""
 
-from gateway.vision.offline.calibration.boards import Board, Kind
+from gateway.vision.offline.calibration.boards import Board, CalibrationBoardKind
 
-RADIUS = {Kind.CIRCLES: 0.3, Kind.ASYMMETRIC: 0.5}  # of a circle, in pitches
+RADIUS = {CalibrationBoardKind.CIRCLES: 0.3, CalibrationBoardKind.ASYMMETRIC: 0.5}  # of a circle, in pitches
 SCALE_MM = 100.0  # of the line by which a print is checked
 _TEXT_MM = 4.0
 
@@ -10,7 +10,9 @@ _TEXT_MM = 4.0
 def svg(board: Board) -> str:
     """SVG in true size, with a light rim of one pitch and more: to be printed at 100 %."""
     pitch, points = board.pitch_mm, board.points_mm[:, :2]
-    reach = pitch if board.kind is Kind.CHECKERBOARD else RADIUS[board.kind] * pitch  # dark beyond the outer points
+    reach = (
+        pitch if board.kind is CalibrationBoardKind.CHECKERBOARD else RADIUS[board.kind] * pitch
+    )  # dark beyond the outer points
     left, top = (float(value) - reach - pitch for value in points.min(axis=0))
     width, height = (float(value) + 2 * (reach + pitch) for value in points.max(axis=0) - points.min(axis=0))
     foot = 3 * _TEXT_MM
@@ -19,7 +21,7 @@ def svg(board: Board) -> str:
         f' viewBox="{left:g} {top:g} {width:g} {height + foot:g}">',
         f'<rect x="{left:g}" y="{top:g}" width="{width:g}" height="{height + foot:g}" fill="#fff"/>',
     ]
-    if board.kind is Kind.CHECKERBOARD:
+    if board.kind is CalibrationBoardKind.CHECKERBOARD:
         for row in range(-1, board.rows):
             for column in range(-1, board.columns):
                 if (row + column) % 2 == 0:

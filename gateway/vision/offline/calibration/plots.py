@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gateway.vision.offline.calibration.solve import CELLS, Calibration
-from gateway.vision.offline.reports.chart import COLOURS, Axis, Chart
+from gateway.vision.offline.reports.chart import COLOURS, Chart, ChartAxis
 
 _WIDTH = 940
 _ARROW_PX = 26.0  # on the page, of a large residual
@@ -66,7 +66,7 @@ def residual_cloud(found: Calibration) -> str:
     """SVG: all residuals; a round cloud about 0 is noise, a streak is blur or a moving board."""
     reach = max(0.05, 1.1 * float(np.percentile(np.abs(np.concatenate([v.residuals for v in found.views])), 99.5)))
     chart = Chart(
-        Axis("residual along u, px", -reach, reach), Axis("along v, px", -reach, reach), width=440, height=400
+        ChartAxis("residual along u, px", -reach, reach), ChartAxis("along v, px", -reach, reach), width=440, height=400
     )
     chart.rule(x=0)
     chart.rule(y=0)
@@ -79,7 +79,10 @@ def by_view(found: Calibration) -> str:
     """SVG: rms of each view."""
     values = [view.rms_px for view in found.views]
     chart = Chart(
-        Axis("view", 0.5, len(values) + 0.5), Axis("rms, px", 0, max(values) * 1.15 + 1e-9), width=440, height=400
+        ChartAxis("view", 0.5, len(values) + 0.5),
+        ChartAxis("rms, px", 0, max(values) * 1.15 + 1e-9),
+        width=440,
+        height=400,
     )
     for n, value in enumerate(values, start=1):
         chart.bars([n - 0.4, n + 0.4], [value], 0)

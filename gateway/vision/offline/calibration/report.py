@@ -6,7 +6,7 @@ from gateway.vision.offline.calibration import plots
 from gateway.vision.offline.calibration.boards import Board
 from gateway.vision.offline.calibration.solve import Calibration
 from gateway.vision.offline.reports.page import figure, page, plain, table, tile
-from gateway.vision.offline.reports.tables import Row, Table
+from gateway.vision.offline.reports.tables import ReportTable, Row
 
 
 def toml(board: Board, found: Calibration, marker_radius_mm: float | None = None) -> str:
@@ -70,21 +70,21 @@ def html(board: Board, found: Calibration, snippet: str, facts: Sequence[str], w
     return page("Camera calibration", body, "Made by gateway calibrate. Pixel centres lie at integers.")
 
 
-def _parameters(found: Calibration) -> Table:
+def _parameters(found: Calibration) -> ReportTable:
     lens = found.lens
     values = (lens.fx, lens.fy, lens.cx, lens.cy, *lens.distortion)
     rows: list[Row] = [
         ("", [name, f"{value:.6g}", f"{sigma:.2g}", f"{100 * sigma / abs(value):.2g} %" if value else "–"])
         for (name, sigma), value in zip(found.sigma, values, strict=True)
     ]
-    return Table("Parameters", ("parameter", "value", "standard deviation", "share"), rows)
+    return ReportTable("Parameters", ("parameter", "value", "standard deviation", "share"), rows)
 
 
-def views(found: Calibration, without_board: Sequence[str]) -> Table:
+def views(found: Calibration, without_board: Sequence[str]) -> ReportTable:
     rows: list[Row] = []
     for n, view in enumerate(found.views, start=1):
         figures = (f"{view.rms_px:.3f}", f"{view.largest_px:.3f}", f"{view.tilt_deg:.0f}", f"{view.distance_mm:.0f}")
         rows.append(("", [str(n), (view.name, "left"), *figures]))
     rows += [("bad", ["", (name, "left"), f"{rms:.3f}", "left out", "", ""]) for name, rms in found.rejected]
     rows += [("faint", ["", (name, "left"), "no board", "", "", ""]) for name in without_board]
-    return Table("Views", ("", "picture", "rms px", "largest px", "tilt deg", "distance mm"), rows)
+    return ReportTable("Views", ("", "picture", "rms px", "largest px", "tilt deg", "distance mm"), rows)

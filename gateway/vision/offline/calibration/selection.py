@@ -13,14 +13,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.clock import NS_PER_S
 from gateway.config import Intrinsics
-from gateway.vision.offline.calibration.boards import Board, Grey, Kind, Points, spacing_px
+from gateway.durations import NS_PER_S
+from gateway.vision.offline.calibration.boards import Board, CalibrationBoardKind, Grey, Points, spacing_px
 from gateway.vision.offline.calibration.solve import COVERED, GOOD_VIEWS, TILTED_DEG, coverage
 
 SPACING_PX = 8.0  # of neighbouring points: nearer together they are too far away
 AREA = 0.03  # the least share of the picture that the board fills
-HOLD_S = 0.5  # so long it is held
+HOLD_S = 0.5  # this long it is held
 STILL = 0.004  # share of the diagonal that the points may move meanwhile: 3.2 px of 640 x 480
 BLURRED = 0.006  # share of the diagonal over which an edge may extend: 4.8 px of 640 x 480
 BLURRED_PX = 4.0  # and in small pictures
@@ -46,7 +46,7 @@ class ViewVerdict(StrEnum):
     FULL = "full"  # no more views are kept
 
 
-class Missing(StrEnum):
+class MissingView(StrEnum):
     """A kind of view that is still needed."""
 
     VIEWS = "views"
@@ -168,7 +168,7 @@ def _moved(board: Board, before: Points | None, now: Points) -> float:
     """The largest distance that a point has moved, px. A finder may number the points from another corner."""
     assert before is not None
     grid = now.reshape(board.rows, board.columns, 2)
-    turns = range(4) if board.rows == board.columns and board.kind is not Kind.ASYMMETRIC else (0, 2)
+    turns = range(4) if board.rows == board.columns and board.kind is not CalibrationBoardKind.ASYMMETRIC else (0, 2)
     orders = [np.rot90(grid, turn).reshape(-1, 2) for turn in turns]
     return min(float(np.hypot(*(order - before).T).max()) for order in orders)
 
@@ -178,26 +178,26 @@ class Progress:
     """What has been seen so far, and which kinds of views are still missing."""
 
     coverage: NDArray[np.int64]  # as `solve.coverage`
-    tilted: dict[Missing, int]  # views with that edge farther away, by TILTED_DEG and more
+    tilted: dict[MissingView, int]  # views with that edge farther away, by TILTED_DEG and more
     distances: float  # ratio of the largest to the smallest size; 1: one distance, or no view
-    missing: tuple[Missing, ...]
+    missing: tuple[MissingView, ...]
 
 
 def progress(board: Board, views: Sequence[Points], size_px: tuple[int, int], lens: Intrinsics | None) -> Progress:
     seen = [appearance(board, points, size_px, lens) for points in views]
     cells = coverage(views, size_px)
     tilted = {
-        Missing.LEFT: sum(one.right_deg <= -TILTED_DEG for one in seen),
-        Missing.RIGHT: sum(one.right_deg >= TILTED_DEG for one in seen),
-        Missing.TOP: sum(one.bottom_deg <= -TILTED_DEG for one in seen),
-        Missing.BOTTOM: sum(one.bottom_deg >= TILTED_DEG for one in seen),
+        MissingView.LEFT: sum(one.right_deg <= -TILTED_DEG for one in seen),
+        MissingView.RIGHT: sum(one.right_deg >= TILTED_DEG for one in seen),
+        MissingView.TOP: sum(one.bottom_deg <= -TILTED_DEG for one in seen),
+        MissingView.BOTTOM: sum(one.bottom_deg >= TILTED_DEG for one in seen),
     }
     sizes = [one.size for one in seen] or [1.0]
     distances = max(sizes) / min(sizes)
     needed = {
-        Missing.VIEWS: len(views) < GOOD_VIEWS,
+        MissingView.VIEWS: len(views) < GOOD_VIEWS,
         **{edge: not count for edge, count in tilted.items()},
-        Missing.DISTANCE: distances < DISTANCES,
-        Missing.COVERAGE: float((cells > 0).mean()) < COVERED,
+        MissingView.DISTANCE: distances < DISTANCES,
+        MissingView.COVERAGE: float((cells > 0).mean()) < COVERED,
     }
     return Progress(cells, tilted, distances, tuple(kind for kind, is_missing in needed.items() if is_missing))

@@ -31,7 +31,7 @@ _END = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-12)
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class BoardView:
     """The board's points in one picture."""
 
     name: str
@@ -71,7 +71,7 @@ class Calibration:
 
 
 def calibrate(
-    board: Board, views: Sequence[View], size_px: tuple[int, int], coefficients: int | None = None
+    board: Board, views: Sequence[BoardView], size_px: tuple[int, int], coefficients: int | None = None
 ) -> Calibration:
     """`coefficients` of distortion: 0, 4, 5 or 8; None: 5, or 4 where k3 cannot be distinguished from 0.
 
@@ -140,7 +140,7 @@ def _determined(solved: "_Solved") -> None:
             )
 
 
-def _solve(board: Board, views: Sequence[View], size_px: tuple[int, int], flags: int) -> _Solved:
+def _solve(board: Board, views: Sequence[BoardView], size_px: tuple[int, int], flags: int) -> _Solved:
     target = board.points_mm
     guess: Any = None  # the stubs miss that both matrices may be left to the solver
     try:
@@ -164,7 +164,7 @@ def _solve(board: Board, views: Sequence[View], size_px: tuple[int, int], flags:
 
 
 def _fit(
-    view: View, target: NDArray[Any], turn: NDArray[Any], shift: NDArray[Any], matrix: Any, distortion: Any
+    view: BoardView, target: NDArray[Any], turn: NDArray[Any], shift: NDArray[Any], matrix: Any, distortion: Any
 ) -> ViewFit:
     projected, _ = cv2.projectPoints(target, turn, shift, matrix, distortion)
     rotation, _ = cv2.Rodrigues(turn)

@@ -12,17 +12,17 @@ import numpy as np
 
 from gateway.core.detection import Circle, Rejection
 from gateway.vision.detect.geometry import distance_px
-from gateway.vision.offline.evaluation.scoring import Outcome, Verdict
+from gateway.vision.offline.evaluation.scoring import Closeness, ScoredPicture
 from gateway.vision.offline.reports.page import embed, plain
 from gateway.vision.pixels import Image
 
 VIEW_W, VIEW_H = 660, 440  # of the drawn part; shown at about half of it
 TRUTH, ANSWER, REFUSED = "#35b5ff", "#ffe14d", "#ffffff"
-_LOOK = {Verdict.CLOSE: "good", Verdict.CLEAR: "good", Verdict.LOOSE: "warn"}
+_LOOK = {Closeness.CLOSE: "good", Closeness.CLEAR: "good", Closeness.LOOSE: "warn"}
 _MOST_REFUSED = 3
 
 
-def card(outcome: Outcome, image: Image, reasons: Mapping[str, str]) -> str:
+def card(outcome: ScoredPicture, image: Image, reasons: Mapping[str, str]) -> str:
     """HTML of one case. `reasons` explains the codes of rejections."""
     refused = refused_near(outcome)
     box = frame(outcome, image.shape[1], image.shape[0])
@@ -42,7 +42,7 @@ def card(outcome: Outcome, image: Image, reasons: Mapping[str, str]) -> str:
     )
 
 
-def caption(outcome: Outcome) -> list[str]:
+def caption(outcome: ScoredPicture) -> list[str]:
     """The caption: what is true, what was answered, how far off."""
     truth, circle = outcome.label.circle, outcome.detection.circle
     lines = ["truth: no marker here"]
@@ -65,7 +65,7 @@ def caption(outcome: Outcome) -> list[str]:
     return lines
 
 
-def refused_near(outcome: Outcome) -> tuple[Rejection, ...]:
+def refused_near(outcome: ScoredPicture) -> tuple[Rejection, ...]:
     """Candidates that overlap the truth (anywhere, where there is none), the nearest first."""
     truth = outcome.label.circle
     if truth is None:
@@ -78,7 +78,7 @@ def refused_near(outcome: Outcome) -> tuple[Rejection, ...]:
 Box = tuple[float, float, float, float]  # x, y, width, height in picture coordinates (corner of the first pixel: 0)
 
 
-def frame(outcome: Outcome, width: int, height: int) -> Box:
+def frame(outcome: ScoredPicture, width: int, height: int) -> Box:
     """The part of the picture to show: truth and answer with room around them, in the card's shape."""
     circles = [circle for circle in (outcome.label.circle, outcome.detection.circle) if circle is not None]
     if not circles:
@@ -96,7 +96,7 @@ def frame(outcome: Outcome, width: int, height: int) -> Box:
     return x, y, wide, high
 
 
-def drawn(outcome: Outcome, image: Image, box: Box, refused: Sequence[Rejection]) -> str:
+def drawn(outcome: ScoredPicture, image: Image, box: Box, refused: Sequence[Rejection]) -> str:
     """The cut-out as a JPEG with everything drawn over it, one SVG."""
     height, width = image.shape[:2]
     x0, y0 = math.floor(box[0]), math.floor(box[1])

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gateway.vision.offline.evaluation.scoring import CLOSE, Outcome
+from gateway.vision.offline.evaluation.scoring import CLOSE, ScoredPicture
 from gateway.vision.offline.evaluation.stress import DUST, FOUND, Stressed
 from gateway.vision.offline.evaluation.summary import SeriesOf, Summary
-from gateway.vision.offline.reports.chart import Axis, Chart, Point
+from gateway.vision.offline.reports.chart import Chart, ChartAxis, Point
 
 Named = tuple[Point, str]  # a point and its title
 _FLOOR_PX, _CEILING_PX = 0.01, 1000.0
@@ -16,8 +16,8 @@ _FLOOR_PX, _CEILING_PX = 0.01, 1000.0
 def centre_errors(results: Sequence[Summary]) -> str:
     """Cumulative share of the pictures with a marker against the centre's error; a miss never arrives."""
     chart = Chart(
-        Axis("centre error, px", _FLOOR_PX, _CEILING_PX, log=True),
-        Axis("pictures with a marker, %", 0, 100),
+        ChartAxis("centre error, px", _FLOOR_PX, _CEILING_PX, log=True),
+        ChartAxis("pictures with a marker, %", 0, 100),
         title="centre error, cumulative",
     )
     drawn = False
@@ -42,7 +42,9 @@ def radius_errors(results: Sequence[Summary]) -> str:
     edges = np.linspace(-reach, reach, 41)
     counts = [np.histogram(np.clip(values, -reach, reach), edges)[0] for values in shares]
     top = max(1, int(max(count.max() for count in counts)))
-    chart = Chart(Axis("radius error, %", -reach, reach), Axis("pictures", 0, top * 1.08), title="radius error")
+    chart = Chart(
+        ChartAxis("radius error, %", -reach, reach), ChartAxis("pictures", 0, top * 1.08), title="radius error"
+    )
     chart.rule(x=0)
     for style, (result, count) in enumerate(zip(results, counts, strict=True)):
         chart.bars(list(map(float, edges)), list(map(float, count)), style, result.method)
@@ -57,7 +59,7 @@ def radius_against_truth(results: Sequence[Summary]) -> str:
         return ""
     low, high = min(x for x, _ in flat), max(x for x, _ in flat)
     reach = min(25.0, max(1.0, max(abs(y) for _, y in flat) * 1.1))
-    x, y = Axis("true radius, px", low / 1.15, high * 1.15, log=True), Axis("radius error, %", -reach, reach)
+    x, y = ChartAxis("true radius, px", low / 1.15, high * 1.15, log=True), ChartAxis("radius error, %", -reach, reach)
     return _scatter(results, points, Chart(x, y, title="radius error against radius"), 100 * CLOSE)
 
 
@@ -78,7 +80,7 @@ def r_times_z(results: Sequence[Summary], series: SeriesOf) -> str:
         return ""
     reach = min(30.0, max(1.5, max(abs(y) for _, y in flat) * 1.1))
     high = max(x for x, _ in flat) * 1.05
-    x, y = Axis("distance Z, cm", 0, high), Axis("R Z against its median, %", -reach, reach)
+    x, y = ChartAxis("distance Z, cm", 0, high), ChartAxis("R Z against its median, %", -reach, reach)
     return _scatter(results, found, Chart(x, y, title="R times Z"), 1)
 
 
@@ -91,8 +93,8 @@ def sequence(result: Summary, name: str, series: SeriesOf) -> str:
     if len({frame for frame, _ in rows}) < 2:
         return ""
     top = max([1.0, *(error for _, error in rows if error is not None)])
-    y = Axis("centre error, px", 0, top * 1.1)
-    chart = Chart(Axis("frame", rows[0][0], rows[-1][0]), y, width=940, height=230, title=name)
+    y = ChartAxis("centre error, px", 0, top * 1.1)
+    chart = Chart(ChartAxis("frame", rows[0][0], rows[-1][0]), y, width=940, height=230, title=name)
     piece: list[tuple[float, float]] = []
     for frame, error in [*rows, (0, None)]:
         if error is not None:
@@ -108,8 +110,8 @@ def sequence(result: Summary, name: str, series: SeriesOf) -> str:
 def found_in_dust(results: Sequence[Stressed]) -> str:
     """Share of the markers found against the share of airlight."""
     chart = Chart(
-        Axis("share of airlight", min(DUST.strengths), max(DUST.strengths)),
-        Axis("pictures with a marker, %", 0, 100),
+        ChartAxis("share of airlight", min(DUST.strengths), max(DUST.strengths)),
+        ChartAxis("pictures with a marker, %", 0, 100),
         title="found in dust",
     )
     chart.rule(y=100 * FOUND)
@@ -133,6 +135,6 @@ def _scatter(results: Sequence[Summary], found: Sequence[Sequence[Named]], chart
     return chart.svg()
 
 
-def _radius_point(outcome: Outcome) -> Named:
+def _radius_point(outcome: ScoredPicture) -> Named:
     share = 100 * (outcome.radius_share or 0)
     return (outcome.label.major_px or 1.0, share), f"{outcome.label.file}: {share:+.2f} %"

@@ -8,15 +8,15 @@ from itertools import zip_longest
 from gateway.core.detection import Tracking
 from gateway.vision.offline.evaluation import case_cards, plots, tables
 from gateway.vision.offline.evaluation.labels import Label
-from gateway.vision.offline.evaluation.scoring import VERDICT_MEANING, Outcome, Verdict, badness
+from gateway.vision.offline.evaluation.scoring import VERDICT_MEANING, Closeness, ScoredPicture, badness
 from gateway.vision.offline.evaluation.stress import Stressed, in_words
 from gateway.vision.offline.evaluation.summary import SeriesOf, Summary
 from gateway.vision.offline.reports.page import figure, page, plain, table, tile
-from gateway.vision.offline.reports.tables import Row, Table, number, share
+from gateway.vision.offline.reports.tables import ReportTable, Row, number, share
 from gateway.vision.pixels import Image
 
 ReadPicture = Callable[[Label], Image]
-SHOWN = frozenset((Verdict.FALSE, Verdict.WRONG, Verdict.MISSED, Verdict.LOOSE, Verdict.CLOSE))
+SHOWN = frozenset((Closeness.FALSE, Closeness.WRONG, Closeness.MISSED, Closeness.LOOSE, Closeness.CLOSE))
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +97,7 @@ def _tiles(result: Summary) -> str:
 
 
 def _how_to_read(notes: Sequence[str]) -> str:
-    words = "".join(f"<li><b>{verdict}</b>: {plain(VERDICT_MEANING[verdict])}</li>" for verdict in Verdict)
+    words = "".join(f"<li><b>{verdict}</b>: {plain(VERDICT_MEANING[verdict])}</li>" for verdict in Closeness)
     more = "".join(f"<li>{plain(note)}</li>" for note in notes)
     return (
         f'<details><summary>How to read the figures</summary><ul class="notes">{words}'
@@ -180,12 +180,12 @@ def _cases(
     return [title, key, f'<div class="cases">{"".join(cards)}</div>']
 
 
-def worst_of(outcomes: Iterable[Outcome], most: int) -> list[Outcome]:
+def worst_of(outcomes: Iterable[ScoredPicture], most: int) -> list[ScoredPicture]:
     """The worst first, some of every kind of fault; pictures rightly found empty are not among them."""
-    kinds: dict[Verdict, list[Outcome]] = defaultdict(list)
+    kinds: dict[Closeness, list[ScoredPicture]] = defaultdict(list)
     for outcome in sorted((o for o in outcomes if o.verdict in SHOWN), key=badness):
         kinds[outcome.verdict].append(outcome)
-    bad = [kinds.pop(verdict, []) for verdict in (Verdict.FALSE, Verdict.WRONG, Verdict.MISSED)]
+    bad = [kinds.pop(verdict, []) for verdict in (Closeness.FALSE, Closeness.WRONG, Closeness.MISSED)]
     turns = [outcome for turn in zip_longest(*bad) for outcome in turn if outcome is not None]
     rest = [outcome for members in kinds.values() for outcome in members]
     return sorted((turns + rest)[:most], key=badness)
@@ -200,10 +200,10 @@ def _all(result: Summary, *, named: bool) -> str:
         place = [f"{value:.2f}" for value in values] or ["–"] * 3
         radius = "–" if o.radius_share is None else f"{100 * o.radius_share:+.2f}"
         coasted = " (coasted)" if o.detection.tracking is Tracking.COASTED else ""
-        bad = o.verdict in (Verdict.FALSE, Verdict.WRONG, Verdict.MISSED)
+        bad = o.verdict in (Closeness.FALSE, Closeness.WRONG, Closeness.MISSED)
         verdict = (f"{o.verdict}{coasted}", "left bad" if bad else "left")
         group = (o.label.group or "", "left")
         more = (number(o.centre_px), radius, number(o.detection.confidence), number(o.took_ns / 1e6))
         rows.append(("", [o.label.file, group, verdict, *place, *more]))
     of = f" of method {plain(result.method)}" if named else ""
-    return f"<details><summary>Every picture{of}</summary>{table(Table('', heads, rows), titled=False)}</details>"
+    return f"<details><summary>Every picture{of}</summary>{table(ReportTable('', heads, rows), titled=False)}</details>"

@@ -8,7 +8,7 @@ from gateway.vision.offline.evaluation.summary import Summary
 
 
 @dataclass(frozen=True, slots=True)
-class Metric:
+class RequiredMetric:
     name: str
     at_least: bool  # else: at most
     unit: str
@@ -37,24 +37,24 @@ def _rz(result: Summary) -> float | None:
 
 
 METRICS = (
-    Metric("detected", True, "share", "answers on the target", lambda r: r.total.detected_share),
-    Metric("within", True, "share", "centre and radius within 5 %", lambda r: r.total.close_share),
-    Metric("wrong", False, "count", "answers elsewhere, in pictures with a marker", _wrong),
-    Metric("false", False, "count", "answers in pictures without", _false),
-    Metric("centre_median", False, "px", "centre error, median", lambda r: r.total.centre_median_px),
-    Metric("centre_p95", False, "px", "centre error, 95 % are below", lambda r: r.total.centre_p95_px),
-    Metric("radius_median", False, "%", "radius error, median", lambda r: r.total.radius_median_pct),
-    Metric("radius_p95", False, "%", "radius error, 95 % are below", lambda r: r.total.radius_p95_pct),
-    Metric("acquired", True, "share", "on the target after acquisition (worst sequence)", _acquired),
-    Metric("rz", False, "%", "R times Z: largest deviation of any series", _rz),
-    Metric("ms", False, "ms", "time a picture, median", lambda r: r.total.ms_median),
+    RequiredMetric("detected", True, "share", "answers on the target", lambda r: r.total.detected_share),
+    RequiredMetric("within", True, "share", "centre and radius within 5 %", lambda r: r.total.close_share),
+    RequiredMetric("wrong", False, "count", "answers elsewhere, in pictures with a marker", _wrong),
+    RequiredMetric("false", False, "count", "answers in pictures without", _false),
+    RequiredMetric("centre_median", False, "px", "centre error, median", lambda r: r.total.centre_median_px),
+    RequiredMetric("centre_p95", False, "px", "centre error, 95 % are below", lambda r: r.total.centre_p95_px),
+    RequiredMetric("radius_median", False, "%", "radius error, median", lambda r: r.total.radius_median_pct),
+    RequiredMetric("radius_p95", False, "%", "radius error, 95 % are below", lambda r: r.total.radius_p95_pct),
+    RequiredMetric("acquired", True, "share", "on the target after acquisition (worst sequence)", _acquired),
+    RequiredMetric("rz", False, "%", "R times Z: largest deviation of any series", _rz),
+    RequiredMetric("ms", False, "ms", "time a picture, median", lambda r: r.total.ms_median),
 )
 _BY_NAME = {metric.name: metric for metric in METRICS}
 
 
 @dataclass(frozen=True, slots=True)
 class Requirement:
-    metric: Metric
+    metric: RequiredMetric
     limit: float
 
     def unmet(self, result: Summary) -> str:

@@ -10,12 +10,13 @@ from itertools import pairwise
 
 import cv2
 
-from gateway.clock import NS_PER_S, Clock
+from gateway.clock import Clock
+from gateway.durations import NS_PER_S
 from gateway.errors import ConfigError
 from gateway.vision.detect.method import Detector
 from gateway.vision.offline import inputs
 from gateway.vision.offline.evaluation.labels import Label, Labels, outside
-from gateway.vision.offline.evaluation.scoring import Outcome, judge
+from gateway.vision.offline.evaluation.scoring import ScoredPicture, judge
 from gateway.vision.offline.evaluation.summary import SeriesOf, in_sequence
 from gateway.vision.pixels import Image
 
@@ -32,13 +33,13 @@ def run(
     fps: float = 25.0,
     mean_radius: bool = False,
     advance: Callable[[], None] = lambda: None,
-) -> dict[str, list[Outcome]]:
+) -> dict[str, list[ScoredPicture]]:
     """Outcomes by method, in the order of `chosen`. `follow` names the sequence of a label; None: nothing is followed.
     `mean_radius`: radii are compared as geometric means of the semi-axes.
 
     Raises ConfigError for a picture that can't be decoded, a label outside of it, and a frame that is there twice.
     """
-    found: dict[str, dict[int, Outcome]] = {name: {} for name in methods}
+    found: dict[str, dict[int, ScoredPicture]] = {name: {} for name in methods}
     sequences = in_sequence(chosen, follow) if follow else {}
     for name, frames in sequences.items():
         _distinct(labels, name, frames)
@@ -56,7 +57,7 @@ def run(
 
 def answer(
     detector: Detector, image: Image, label: Label, clock: Clock, *, t_ns: int = 0, mean_radius: bool = False
-) -> Outcome:
+) -> ScoredPicture:
     """What the detector says of one (H, W, 3) uint8 BGR picture, timed and judged."""
     began_ns = clock.now_ns()
     detection = detector(image, t_ns)

@@ -20,7 +20,7 @@ ON_TARGET = 0.25  # of the true radius, centre and radius each
 CLOSE = 0.05
 
 
-class Verdict(StrEnum):
+class Closeness(StrEnum):
     CLOSE = "close"
     LOOSE = "loose"
     WRONG = "wrong"
@@ -29,15 +29,15 @@ class Verdict(StrEnum):
     CLEAR = "clear"
 
 
-VERDICT_MEANING: dict[Verdict, str] = {
-    Verdict.CLOSE: "on the target; centre and radius within 5 % of the radius",
-    Verdict.LOOSE: "on the target, but not within 5 %",
-    Verdict.WRONG: "an answer that is not on the target: worse than none",
-    Verdict.MISSED: "the marker is there, and no answer",
-    Verdict.FALSE: "no marker is there, and an answer all the same",
-    Verdict.CLEAR: "no marker is there, and no answer: right",
+VERDICT_MEANING: dict[Closeness, str] = {
+    Closeness.CLOSE: "on the target; centre and radius within 5 % of the radius",
+    Closeness.LOOSE: "on the target, but not within 5 %",
+    Closeness.WRONG: "an answer that is not on the target: worse than none",
+    Closeness.MISSED: "the marker is there, and no answer",
+    Closeness.FALSE: "no marker is there, and an answer all the same",
+    Closeness.CLEAR: "no marker is there, and no answer: right",
 }
-ON = frozenset((Verdict.CLOSE, Verdict.LOOSE))
+ON = frozenset((Closeness.CLOSE, Closeness.LOOSE))
 
 
 def markdown() -> str:
@@ -47,12 +47,12 @@ def markdown() -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class ScoredPicture:
     """One picture, its truth, and a method's answer. Errors are None where there is nothing to compare."""
 
     label: Label
     detection: Detection
-    verdict: Verdict
+    verdict: Closeness
     took_ns: int
     size_px: tuple[int, int]  # width, height
     centre_px: float | None = None  # distance of the centres
@@ -67,14 +67,14 @@ class Outcome:
 
 def judge(
     label: Label, detection: Detection, took_ns: int = 0, size_px: tuple[int, int] = (0, 0), *, mean: bool = False
-) -> Outcome:
+) -> ScoredPicture:
     """Compares one answer with the truth. `mean`: the verdict is on the geometric mean radius, not on R."""
     circle, truth = detection.circle, label.circle
     if truth is None or label.r is None:
-        verdict = Verdict.CLEAR if circle is None else Verdict.FALSE
-        return Outcome(label, detection, verdict, took_ns, size_px)
+        verdict = Closeness.CLEAR if circle is None else Closeness.FALSE
+        return ScoredPicture(label, detection, verdict, took_ns, size_px)
     if circle is None:
-        return Outcome(label, detection, Verdict.MISSED, took_ns, size_px)
+        return ScoredPicture(label, detection, Closeness.MISSED, took_ns, size_px)
     centre_px = distance_px(circle, truth)
     radius_share = (circle.radius_px - truth.radius_px) / truth.radius_px
     rim = detection.ellipse
@@ -82,8 +82,8 @@ def judge(
     mean_share = mean_px / label.r - 1
     share, true_px = (mean_share, label.r) if mean else (radius_share, truth.radius_px)
     worst = max(centre_px / true_px, abs(share))
-    verdict = Verdict.CLOSE if worst <= CLOSE else Verdict.LOOSE if worst <= ON_TARGET else Verdict.WRONG
-    return Outcome(label, detection, verdict, took_ns, size_px, centre_px, share, mean_share)
+    verdict = Closeness.CLOSE if worst <= CLOSE else Closeness.LOOSE if worst <= ON_TARGET else Closeness.WRONG
+    return ScoredPicture(label, detection, verdict, took_ns, size_px, centre_px, share, mean_share)
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,12 +114,12 @@ class Scores:
     ms_p95: float | None
 
 
-def scores(outcomes: Iterable[Outcome]) -> Scores:
+def scores(outcomes: Iterable[ScoredPicture]) -> Scores:
     """Counts and error statistics; percentiles are interpolated."""
     all_ = list(outcomes)
     marked = [outcome for outcome in all_ if outcome.label.found]
     on = [outcome for outcome in marked if outcome.on_target]
-    count = {verdict: sum(outcome.verdict is verdict for outcome in all_) for verdict in Verdict}
+    count = {verdict: sum(outcome.verdict is verdict for outcome in all_) for verdict in Closeness}
     centre = [outcome.centre_px for outcome in on if outcome.centre_px is not None]
     radius = [100 * outcome.radius_share for outcome in on if outcome.radius_share is not None]
     mean = [100 * outcome.mean_radius_share for outcome in on if outcome.mean_radius_share is not None]
@@ -130,15 +130,15 @@ def scores(outcomes: Iterable[Outcome]) -> Scores:
         with_marker=len(marked),
         without=len(all_) - len(marked),
         on_target=len(on),
-        close=count[Verdict.CLOSE],
-        wrong=count[Verdict.WRONG],
-        missed=count[Verdict.MISSED],
+        close=count[Closeness.CLOSE],
+        wrong=count[Closeness.WRONG],
+        missed=count[Closeness.MISSED],
         coasted=sum(outcome.detection.tracking is Tracking.COASTED for outcome in marked),
-        false=count[Verdict.FALSE],
+        false=count[Closeness.FALSE],
         detected_share=_share(len(on), len(marked)),
         detected_low=low,
         detected_high=high,
-        close_share=_share(count[Verdict.CLOSE], len(marked)),
+        close_share=_share(count[Closeness.CLOSE], len(marked)),
         centre_median_px=percentile(centre, 50),
         centre_p95_px=percentile(centre, 95),
         radius_median_pct=percentile([abs(value) for value in radius], 50),
@@ -161,7 +161,7 @@ class Acquisition:
     after: Scores | None  # of the frames from that one on
 
 
-def acquisition(series: str, outcomes: Sequence[Outcome]) -> Acquisition:
+def acquisition(series: str, outcomes: Sequence[ScoredPicture]) -> Acquisition:
     """`outcomes` of one sequence, in order."""
     first = next((n for n, outcome in enumerate(outcomes) if outcome.on_target), None)
     if first is None:
@@ -170,9 +170,9 @@ def acquisition(series: str, outcomes: Sequence[Outcome]) -> Acquisition:
     return Acquisition(series, len(outcomes), before, scores(outcomes[first:]))
 
 
-def badness(outcome: Outcome) -> tuple[int, float]:
+def badness(outcome: ScoredPicture) -> tuple[int, float]:
     """Sort key: the worst first. Answers where nothing is, answers elsewhere, no answer, then by the error's share."""
-    order = (Verdict.FALSE, Verdict.WRONG, Verdict.MISSED, Verdict.LOOSE, Verdict.CLOSE, Verdict.CLEAR)
+    order = (Closeness.FALSE, Closeness.WRONG, Closeness.MISSED, Closeness.LOOSE, Closeness.CLOSE, Closeness.CLEAR)
     share = 0.0
     if outcome.centre_px is not None and outcome.radius_share is not None and outcome.label.major_px is not None:
         share = max(outcome.centre_px / outcome.label.major_px, abs(outcome.radius_share))

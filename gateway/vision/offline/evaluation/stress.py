@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from gateway.clock import Clock
 from gateway.vision.offline.evaluation.labels import Label
 from gateway.vision.offline.evaluation.runner import MakeDetector, answer
-from gateway.vision.offline.evaluation.scoring import Outcome, Scores, percentile, scores
+from gateway.vision.offline.evaluation.scoring import ScoredPicture, Scores, percentile, scores
 from gateway.vision.picture.measure import halved
 from gateway.vision.picture.measure import veil as measured_veil
 from gateway.vision.pixels import Image
@@ -66,7 +66,7 @@ KINDS = (DUST, DARK, BRIGHT)
 
 
 @dataclass(frozen=True, slots=True)
-class Level:
+class StressLevel:
     """A method on the set at one strength. `veil`: the median of these pictures' `picture_veil`, as the registers
     report it; None: it can't be measured in any of them."""
 
@@ -96,11 +96,11 @@ class Stressed:
     """One method under every stress."""
 
     method: str
-    levels: tuple[Level, ...]
+    levels: tuple[StressLevel, ...]
 
     def limit(self, kind: str) -> Limit:
         """Of the strengths from the mildest one on that are all reliable, the last."""
-        last: Level | None = None
+        last: StressLevel | None = None
         for level in (level for level in self.levels if level.kind == kind):
             if not level.reliable:
                 break
@@ -150,7 +150,7 @@ def run(
 ) -> tuple[Stressed, ...]:
     """Each picture at each strength by each method, without tracking. `picture` reads one; `advance` is called after
     each that was made of it. The disturbances follow from a picture's place in `chosen`."""
-    outcomes: dict[tuple[str, str, float], list[Outcome]] = {}
+    outcomes: dict[tuple[str, str, float], list[ScoredPicture]] = {}
     veils: dict[tuple[str, float], list[float]] = {}
     for seed, label in enumerate(chosen):
         image = picture(label)
@@ -167,7 +167,7 @@ def run(
         Stressed(
             name,
             tuple(
-                Level(
+                StressLevel(
                     kind.name,
                     s,
                     scores(outcomes.get((name, kind.name, s), ())),

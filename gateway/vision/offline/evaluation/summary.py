@@ -8,7 +8,7 @@ from typing import Any
 
 from gateway.vision.offline.evaluation.constancy import Constancy, constancy
 from gateway.vision.offline.evaluation.labels import Label
-from gateway.vision.offline.evaluation.scoring import Acquisition, Outcome, Scores, acquisition, scores
+from gateway.vision.offline.evaluation.scoring import Acquisition, ScoredPicture, Scores, acquisition, scores
 
 UNGROUPED = "(no group)"
 HALVES = ("tuning half", "reporting half")
@@ -20,7 +20,7 @@ class Summary:
     """One method on one set of pictures."""
 
     method: str
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[ScoredPicture, ...]
     total: Scores
     halves: dict[str, Scores]  # empty: not split
     groups: dict[str, Scores]
@@ -44,9 +44,11 @@ def series_by(pattern: str | None) -> SeriesOf:
     return series
 
 
-def summary(method: str, outcomes: Sequence[Outcome], series: SeriesOf, *, split: bool, followed: bool) -> Summary:
+def summary(
+    method: str, outcomes: Sequence[ScoredPicture], series: SeriesOf, *, split: bool, followed: bool
+) -> Summary:
     """`followed`: frames of a sequence were given to the method in order, so that it could follow the marker."""
-    groups: dict[str, list[Outcome]] = defaultdict(list)
+    groups: dict[str, list[ScoredPicture]] = defaultdict(list)
     for outcome in outcomes:
         groups[outcome.label.group or UNGROUPED].append(outcome)
     halves = {}
@@ -86,7 +88,7 @@ def in_sequence(labels: Sequence[Label], series: SeriesOf) -> dict[str, list[Lab
     return {name: sorted(members, key=lambda label: label.frame or 0) for name, members in sequences.items()}
 
 
-def _row(outcome: Outcome, series: SeriesOf) -> dict[str, Any]:
+def _row(outcome: ScoredPicture, series: SeriesOf) -> dict[str, Any]:
     circle, label = outcome.detection.circle, outcome.label
     return {
         "file": label.file,
@@ -106,7 +108,7 @@ def _row(outcome: Outcome, series: SeriesOf) -> dict[str, Any]:
     }
 
 
-def _sequences(outcomes: Sequence[Outcome], series: SeriesOf) -> tuple[Acquisition, ...]:
+def _sequences(outcomes: Sequence[ScoredPicture], series: SeriesOf) -> tuple[Acquisition, ...]:
     by_label = {id(outcome.label): outcome for outcome in outcomes}
     ordered = in_sequence([outcome.label for outcome in outcomes], series)
     return tuple(
@@ -114,7 +116,7 @@ def _sequences(outcomes: Sequence[Outcome], series: SeriesOf) -> tuple[Acquisiti
     )
 
 
-def _constancy(outcomes: Sequence[Outcome], series: SeriesOf) -> tuple[Constancy, ...]:
+def _constancy(outcomes: Sequence[ScoredPicture], series: SeriesOf) -> tuple[Constancy, ...]:
     """Of every series with at least two pictures on the target and a distance; answers elsewhere are no radius."""
     members: dict[str, list[tuple[float, float, float]]] = defaultdict(list)
     for outcome in outcomes:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from gateway.vision.offline.evaluation.scoring import Scores
 from gateway.vision.offline.evaluation.stress import FOUND, Stressed
 from gateway.vision.offline.evaluation.summary import Summary
-from gateway.vision.offline.reports.tables import Cell, Row, Table, faults, number, percent
+from gateway.vision.offline.reports.tables import Cell, ReportTable, Row, faults, number, percent
 
 ALL_FRAMES = "(all frames)"  # a sequence without a name
 RATES = 6  # columns after the first; the errors follow
@@ -25,16 +25,16 @@ _COLUMNS: tuple[tuple[str, Callable[[Scores], Cell]], ...] = (
 )
 
 
-def parts(result: Summary) -> Table:
+def parts(result: Summary) -> ReportTable:
     """The set, its halves and its groups. Centre and radius: median, p95 and bias."""
     named = [("whole", "whole set", result.total)]
     named += [("half", name, part) for name, part in result.halves.items()]
     named += [("", name, part) for name, part in result.groups.items()]
     rows: list[Row] = [(style, [name, *(cell(part) for _, cell in _COLUMNS)]) for style, name, part in named]
-    return Table(f"Method {result.method}", ("part", *(head for head, _ in _COLUMNS)), rows)
+    return ReportTable(f"Method {result.method}", ("part", *(head for head, _ in _COLUMNS)), rows)
 
 
-def sequences(result: Summary) -> Table:
+def sequences(result: Summary) -> ReportTable:
     heads = ("sequence", "frames", "after", "found %", "in 5 %", "wrong", "coasted", "p95 px")
     rows: list[Row] = []
     for found in result.sequences:
@@ -44,10 +44,10 @@ def sequences(result: Summary) -> Table:
             continue
         rates = (percent(f.detected_share), percent(f.close_share), faults(f.wrong), str(f.coasted))
         rows.append(("", [*start, str(found.acquired_after), *rates, number(f.centre_p95_px)]))
-    return Table(f"Followed from frame to frame, method {result.method}: since the first on target", heads, rows)
+    return ReportTable(f"Followed from frame to frame, method {result.method}: since the first on target", heads, rows)
 
 
-def constancy(result: Summary) -> Table:
+def constancy(result: Summary) -> ReportTable:
     heads = ("series", "pictures", "px cm", "typical", "largest", "labels", "offset cm", "with it")
     rows: list[Row] = []
     for part in result.constancy:
@@ -55,10 +55,10 @@ def constancy(result: Summary) -> Table:
         offset = ["–" if part.offset_cm is None else f"{part.offset_cm:+.1f}", number(part.largest_with_offset_pct)]
         start = (part.series or "(all)", str(part.pictures), f"{part.median_px_cm:.0f}")
         rows.append(("", [*start, *deviations, *offset]))
-    return Table(f"R times Z, method {result.method}: deviation from the median, %", heads, rows)
+    return ReportTable(f"R times Z, method {result.method}: deviation from the median, %", heads, rows)
 
 
-def stressed(result: Stressed) -> Table:
+def stressed(result: Stressed) -> ReportTable:
     """A row a strength; those that can't be relied on are marked."""
     heads = ("stress", "strength", "veil %", "found %", "wrong", "false", "centre px", "p95", "radius %", "p95")
     rows: list[Row] = []
@@ -73,4 +73,4 @@ def stressed(result: Stressed) -> Table:
         rows.append(
             (style, [level.kind, f"{level.strength:g}", percent(level.veil), found, *counts, *map(number, errors)])
         )
-    return Table(f"Through dust and in other light, method {result.method}", heads, rows)
+    return ReportTable(f"Through dust and in other light, method {result.method}", heads, rows)

@@ -18,7 +18,7 @@ Point = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class Axis:
+class ChartAxis:
     """One axis; a log axis needs `low` > 0. Values beyond the ends are drawn at the ends."""
 
     title: str
@@ -41,8 +41,8 @@ class Axis:
 class Chart:
     """Draw into it, then take `svg()`. Sizes in CSS px."""
 
-    x: Axis
-    y: Axis
+    x: ChartAxis
+    y: ChartAxis
     width: int = 460
     height: int = 270
     title: str = ""

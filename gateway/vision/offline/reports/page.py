@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 
 from gateway.errors import ConfigError
-from gateway.vision.offline.reports.tables import Cell, Table
+from gateway.vision.offline.reports.tables import Cell, ReportTable
 from gateway.vision.pixels import Image
 
 STYLE = """
@@ -81,7 +81,7 @@ def plain(text: str) -> str:
     return escape(shown)
 
 
-def table(found: Table, *, titled: bool = True) -> str:
+def table(found: ReportTable, *, titled: bool = True) -> str:
     """The styles of rows and cells are classes of STYLE."""
     title = f"<h3>{plain(found.title)}</h3>" if titled else ""
     heads = "".join(f"<th>{plain(head)}</th>" for head in found.heads)

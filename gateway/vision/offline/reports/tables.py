@@ -8,7 +8,7 @@ Row = tuple[str, Sequence[Cell]]  # its style: "whole", "half", "bad", "faint" o
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class ReportTable:
     title: str
     heads: Sequence[str]
     rows: Sequence[Row]

@@ -19,7 +19,7 @@ _REACH = (0.6, 1.4)  # of R: where a ray begins and ends
 
 
 @dataclass(frozen=True, slots=True)
-class Light:
+class PictureLight:
     """Figures of one picture; None: cannot be measured in it."""
 
     clipped: float  # share of the full frame that is clipped in all channels
@@ -33,7 +33,7 @@ class Light:
     warmth: float | None  # red over blue of what should be grey; 1: neutral
 
 
-def measure(image: Image, circle: Circle | None) -> Light:
+def measure(image: Image, circle: Circle | None) -> PictureLight:
     """`image` as the camera gave it, not blurred."""
     clipped = float((image.min(axis=2) >= CLIPPED).mean())
     marker = image[disc(image, circle, INSIDE)] if circle else np.empty((0, 3), np.uint8)
@@ -44,7 +44,7 @@ def measure(image: Image, circle: Circle | None) -> Light:
     saturation = None
     if top is not None and low is not None:
         saturation = float(np.median(255.0 * (top.astype(float) - low) / np.maximum(top, 1)))
-    return Light(
+    return PictureLight(
         clipped=clipped,
         marker_clipped=float((marker[:, 2] >= CLIPPED).mean()) if seen else None,
         marker_v=float(np.median(top)) if top is not None else None,
@@ -72,7 +72,7 @@ def noise(image: Image) -> float:
     return grey_sigma / math.sqrt(0.299**2 + 0.587**2 + 0.114**2)  # grey averages the channels' own noise
 
 
-def advice(lights: Sequence[Light]) -> list[str]:
+def advice(lights: Sequence[PictureLight]) -> list[str]:
     """Changes to make at the camera, as text, the most harmful first; one line where nothing is to be changed."""
     advice = []
     clipped = _middle(light.marker_clipped for light in lights)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.vision.offline.reports.chart import Axis, Chart
+from gateway.vision.offline.reports.chart import Chart, ChartAxis
 from gateway.vision.offline.tuning.samples import Colours, Example
 from gateway.vision.offline.tuning.thresholds import Red
 
@@ -34,7 +34,7 @@ def charts(examples: Sequence[Example], now: Red, proposed: Red) -> list[str]:
         shares = [_share(colours[:, column], edges) for colours in classes]
         middles = [float(x) for x in (edges[:-1] + edges[1:]) / 2]
         top = max(1.0, float(max(share.max() for share in shares)))
-        chart = Chart(Axis(title, low, high), Axis("% of the pixels", 0, 1.06 * top), title=title)
+        chart = Chart(ChartAxis(title, low, high), ChartAxis("% of the pixels", 0, 1.06 * top), title=title)
         for style, (name, share) in enumerate(zip(("marker", "surroundings", "background"), shares, strict=True)):
             if share.any():
                 chart.line(list(zip(middles, map(float, share), strict=True)), (1, 0, 4)[style], name)

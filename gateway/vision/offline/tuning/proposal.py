@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 
-from gateway.vision.offline.evaluation.scoring import Outcome
+from gateway.vision.offline.evaluation.scoring import ScoredPicture
 from gateway.vision.offline.tuning.thresholds import Margin, Red
 
 AREA_SHARE = 0.3  # of the smallest marker: half hidden, it still passes
@@ -12,7 +12,7 @@ HIGHEST = 0.8  # a perfect disc has a circularity of 0.90; dirt and tilt take fr
 FEWEST = 3  # markers found; fewer do not show how round others will be
 
 
-def gates(found: Sequence[Outcome]) -> dict[str, float]:
+def gates(found: Sequence[ScoredPicture]) -> dict[str, float]:
     """`min_area_px2`, and with enough markers found `min_circularity` and `min_fill`: what they leave room for."""
     radii = [o.label.major_px for o in found if o.label.major_px is not None]
     keys: dict[str, float] = {}

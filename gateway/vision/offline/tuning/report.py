@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gateway.vision.offline.reports.page import figure, page, plain, table, tile
-from gateway.vision.offline.reports.tables import Row, Table, number, share
+from gateway.vision.offline.reports.tables import ReportTable, Row, number, share
 from gateway.vision.offline.tuning import exposure, histograms, thresholds
 from gateway.vision.offline.tuning.study import Study
 
@@ -44,24 +44,24 @@ def html(study: Study, snippet: str, facts: Sequence[str], notes: Sequence[str])
     return page("Thresholds and exposure", body, "Made by gateway tune.")
 
 
-def background(study: Study) -> Table:
+def background(study: Study) -> ReportTable:
     heads = ("hue", *(f"S {low} to {high}" for low, high in histograms.S_BANDS))
     found = histograms.background_by_colour(study.examples)
     rows: list[Row] = [
         ("", [f"{name} ({low} to {high})", *((f"{value:.2f}", "bad" if value > 1 else "") for value in values)])
         for (name, low, high), values in zip(histograms.HUE_BANDS, found, strict=True)
     ]
-    return Table("Background and surroundings by colour, % of their pixels", heads, rows)
+    return ReportTable("Background and surroundings by colour, % of their pixels", heads, rows)
 
 
-def effect(study: Study) -> Table:
+def effect(study: Study) -> ReportTable:
     heads = ("setting", "found", "within 5 %", "wrong", "missed", "false", "centre, px", "radius, %")
     rows: list[Row] = [
         ("", [name, share(f.detected_share), share(f.close_share), str(f.wrong), str(f.missed),
               f"{f.false} of {f.without}", number(f.centre_median_px), number(f.radius_median_pct)])
         for name, f in study.effect.items()
     ]  # fmt: skip
-    return Table("What the paper's method finds in these examples", heads, rows)
+    return ReportTable("What the paper's method finds in these examples", heads, rows)
 
 
 def _lights(study: Study) -> str:
@@ -72,5 +72,5 @@ def _lights(study: Study) -> str:
         shares = [share(light.marker_clipped), share(light.clipped)]
         rows.append(("", [e.name, number(light.marker_v), number(light.marker_s), *shares, *values]))
     middle = number(float(np.median([light.noise for light in study.lights])))
-    pictures = table(Table("", heads, rows), titled=False)
+    pictures = table(ReportTable("", heads, rows), titled=False)
     return f"<details><summary>Every picture (median noise {middle})</summary>{pictures}</details>"

@@ -11,9 +11,9 @@ from gateway.core.detection import Circle
 from gateway.errors import ConfigError
 from gateway.vision.detect.paper import pipeline
 from gateway.vision.offline.evaluation.labels import Label
-from gateway.vision.offline.evaluation.scoring import Outcome, Scores, judge, scores
+from gateway.vision.offline.evaluation.scoring import ScoredPicture, Scores, judge, scores
 from gateway.vision.offline.tuning import exposure, proposal, samples, thresholds
-from gateway.vision.offline.tuning.exposure import Light
+from gateway.vision.offline.tuning.exposure import PictureLight
 from gateway.vision.offline.tuning.samples import Example
 from gateway.vision.offline.tuning.thresholds import Admission, Margin, Red
 from gateway.vision.pixels import Image
@@ -24,7 +24,7 @@ FEWEST_FOR_HALVES = 6  # markers; with fewer a half has no meaning
 @dataclass(frozen=True, slots=True)
 class Study:
     examples: tuple[Example, ...]
-    lights: tuple[Light, ...]
+    lights: tuple[PictureLight, ...]
     now: Red
     proposed: Red
     margins: tuple[Margin, ...]
@@ -32,7 +32,7 @@ class Study:
     admits_now: Admission
     admits_proposed: Admission
     effect: dict[str, Scores]  # what the paper's method finds: by setting, in order
-    found: tuple[Outcome, ...]  # with the proposal and its gates
+    found: tuple[ScoredPicture, ...]  # with the proposal and its gates
 
 
 def study(
@@ -55,7 +55,7 @@ def study(
     proposed, margins = thresholds.propose(examples)
     settings = {"now": params, "proposed thresholds": proposed.apply(params)}
     halves = _halves(labels, examples, params)
-    outcomes: dict[str, list[Outcome]] = {name: [] for name in (*settings, _CROSS)}
+    outcomes: dict[str, list[ScoredPicture]] = {name: [] for name in (*settings, _CROSS)}
     for label in labels:
         image = read(label)
         for name, setting in settings.items():

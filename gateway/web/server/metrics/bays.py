@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from enum import Enum
 from functools import partial
 
-from gateway.clock import NS_PER_S
 from gateway.config import BayConfig
 from gateway.core.plc import PlcLink
 from gateway.core.readings import PictureFault, Quality
 from gateway.core.state import StateVector
+from gateway.durations import NS_PER_S
 from gateway.values.bay_values import BAY_VALUES
 from gateway.values.value import Value as Shown
 from gateway.web.server.gateway_client import BayReport

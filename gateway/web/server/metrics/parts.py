@@ -6,7 +6,7 @@ from typing import TypeVar
 
 from gateway.alarms.states import AlarmState
 from gateway.alarms.table import ALARM_DEFINITIONS
-from gateway.clock import NS_PER_S
+from gateway.durations import NS_PER_S
 from gateway.modbus.server.traffic import ServerNow
 from gateway.web.server.health import health
 from gateway.web.server.metrics.family import Family, Form, Labelled, MetricsSource, Value

@@ -32,7 +32,7 @@ _METRICS: dict[Form, Any] = {
 INFO = ("info", "version, site, and the gateway's name (`instance`)")
 
 
-class Gateway(Collector):
+class GatewayCollector(Collector):
     """Everything that is known, once."""
 
     def __init__(self, source: MetricsSource) -> None:
@@ -50,7 +50,7 @@ class Gateway(Collector):
 def text(source: MetricsSource, accept: str = "") -> tuple[bytes, str]:
     """Body and content type; `accept` is the request's header: OpenMetrics on request."""
     encode, content_type = choose_encoder(accept)
-    return encode(Gateway(source)), content_type
+    return encode(GatewayCollector(source)), content_type
 
 
 def _metric(family: Family, source: MetricsSource) -> Metric:

@@ -9,7 +9,7 @@ import { widthFor } from '../lib/pictures.js';
 import { tone } from '../lib/sound.js';
 import { useFresh, useNow } from '../operator/hooks.js';
 
-const PAUSE_MS = 80; // at least so long between two looks: others use the gateway's thread for pictures, too
+const PAUSE_MS = 80; // at least this long between two looks: others use the gateway's thread for pictures, too
 const AGAIN_MS = 1500; // after a failure
 const SOUND = 'gateway.calibration.sound';
 const VERDICTS = {

@@ -3,7 +3,7 @@
 
 export const kiosk = new URLSearchParams(globalThis.location?.search ?? '').get('kiosk') === '1';
 
-/** Without a touch or a key for so long, the pointer and what needs one are hidden. */
+/** Without a touch or a key for this time, the pointer and what needs one are hidden. */
 const IDLE_MS = 5000;
 const ASK_MS = 30_000;
 

@@ -5,7 +5,7 @@ import { moment } from './freshness.js';
 
 const FIRST_WAIT_MS = 250;
 const LONGEST_WAIT_MS = 4000;
-const SILENCE_MS = 5000; // a server that says nothing for so long is taken for lost, and asked anew
+const SILENCE_MS = 5000; // a server that says nothing for this time is taken for lost, and asked anew
 
 // Codes of the gateway's own with which it ends a link: from REFUSED on; one of them only means that this page slept.
 const REFUSED = 4000;

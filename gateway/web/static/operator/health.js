@@ -47,7 +47,7 @@ function modbus(links) {
   const silent = quiet.length > 0 && Math.min(...quiet) > 5000;
   return {
     state: silent ? 'warn' : sum('open') > 0 ? 'ok' : 'off',
-    text: silent ? 'the PLC asks no more' : sum('open') > 0 ? text('{0} connected', sum('open')) : 'nobody connected',
+    text: silent ? 'the PLC has stopped asking' : sum('open') > 0 ? text('{0} connected', sum('open')) : 'nobody connected',
     detail: peers.slice(0, 3).map((peer) => peer.address).join(', '),
     facts: [['requests', count(sum('requests'))], ['exceptions', count(sum('exceptions'))], ...(quiet.length ? [['last read', age(Math.min(...quiet))]] : [])],
   };

@@ -4,7 +4,7 @@ import { get } from '../lib/api.js';
 
 const LOOK_MS = 1000;
 
-/** Until another start than `boot` answers. `waiting(ms)`: so long so far; what it throws ends the wait. */
+/** Until another start than `boot` answers. `waiting(ms)`: this long so far; what it throws ends the wait. */
 export async function restarted(boot, waiting) {
   const begun = performance.now();
   for (;;) {

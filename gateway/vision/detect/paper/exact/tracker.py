@@ -42,7 +42,7 @@ LONGEST_LEAP = 4.0  # frames may be so many times as far apart as before; a gues
 
 
 @dataclass(frozen=True, slots=True)
-class Marker:
+class TrackedMarker:
     """Where the chosen contour was."""
 
     box: Box
@@ -66,8 +66,8 @@ class ExactTracker:
         self.search = ExactSearch(params, now_ns, kernel=kernel)
         self._params = params
         self._now_ns = now_ns
-        self._marker: Marker | None = None
-        self._before: Marker | None = None
+        self._marker: TrackedMarker | None = None
+        self._before: TrackedMarker | None = None
         self._others: OtherRed | None = None
         self._shape: tuple[int, ...] = ()
         self._turn = 0  # which share of the grid is next
@@ -155,7 +155,7 @@ class ExactTracker:
 
     def _moved(self, box: Box, t_ns: int, expected: Box | None = None) -> None:
         error_px = 0 if expected is None else box.farthest_side(expected)
-        self._before, self._marker = self._marker, Marker(box, t_ns, error_px)
+        self._before, self._marker = self._marker, TrackedMarker(box, t_ns, error_px)
 
     def _other_red(self, grid: ScanGrid, found: Found, own: Box) -> OtherRed:
         """All red grid points but the marker's own, and a step of the grid round each."""
