@@ -17,7 +17,7 @@ from gateway.records.comparison import Otherwise, otherwise
 from gateway.records.moment import shown, unix_ns
 from gateway.records.picture_search import files_near
 from gateway.records.recorded_rules import RecordedRules
-from gateway.records.recording import Item, Missing
+from gateway.records.recording import Item, MissingItem
 from gateway.records.replay import Difference, Replay, Step
 from gateway.records.segment import Head
 from gateway.vision.offline.reports.tables import ReportTable
@@ -69,7 +69,7 @@ class _Seen:
     first_ns: int | None = None
     last_ns: int = 0
 
-    def steps(self, items: Iterable[Item | Missing]) -> Iterator[Step]:
+    def steps(self, items: Iterable[Item | MissingItem]) -> Iterator[Step]:
         for found in self.replay.run(items):
             if isinstance(found, Step):
                 self.last_ns = unix_ns(found.place.head, found.state.t_ns)

@@ -14,7 +14,7 @@ from gateway.records.index_rows import MINUTE_COLUMNS, MinuteRow, SegmentRows
 from gateway.records.inquiry import Inquiry
 from gateway.records.picture_search import pictures_near
 from gateway.records.questions import Question, ValuesQuestion, WhyQuestion
-from gateway.records.recording import Missing
+from gateway.records.recording import MissingItem
 from gateway.records.segment import RecordedPicture
 
 LEAST_BUCKET_MS = 100
@@ -50,7 +50,7 @@ def _values(bay: Path, question: ValuesQuestion) -> bytes:
     rows: SegmentRows | None = None
     missing: list[str] = []
     for item in recording.records(_segments(bay, question)):
-        if isinstance(item, Missing):
+        if isinstance(item, MissingItem):
             missing.append(item.why)
             if rows is not None:
                 rows.broken()

@@ -14,7 +14,7 @@ from gateway.records import moment, names, picture_search, recording
 from gateway.records.moment import unix_ns
 from gateway.records.record import Decision, EventRecord, FrameRecord, VisitRecord, outputs
 from gateway.records.recorded_rules import RecordedRules
-from gateway.records.recording import Item, Missing
+from gateway.records.recording import Item, MissingItem
 from gateway.records.replay import Difference, NoTick, Replay, Step
 from gateway.records.segment import RecordedPicture
 from gateway.values.bay_values import BAY_VALUES
@@ -107,13 +107,13 @@ class Excerpt:
         """What vision reported of each frame, by its number and capture time (monotonic ns)."""
         found = {}
         for item in self._items([]):
-            if not isinstance(item, Missing) and isinstance(record := item[1], FrameRecord):
+            if not isinstance(item, MissingItem) and isinstance(record := item[1], FrameRecord):
                 found[record.reading.frame_id, record.reading.t_ns] = record.reading
         return found
 
-    def _items(self, events: list[tuple[int, EventRecord]]) -> Iterator[Item | Missing]:
+    def _items(self, events: list[tuple[int, EventRecord]]) -> Iterator[Item | MissingItem]:
         for item in recording.records(self._needed()):
-            if not isinstance(item, Missing):
+            if not isinstance(item, MissingItem):
                 place, record = item
                 at_ns = unix_ns(place.head, record.t_ns)
                 if isinstance(record, EventRecord):
@@ -164,7 +164,7 @@ def event_row(at_ns: int, event: EventRecord) -> Row:
 
 def _span(paths: list[Path]) -> tuple[int, int]:
     def times(path: Path) -> list[int]:
-        dated = (item for item in recording.records([path]) if not isinstance(item, Missing))
+        dated = (item for item in recording.records([path]) if not isinstance(item, MissingItem))
         return [unix_ns(place.head, record.t_ns) for place, record in dated]
 
     first = next((found[0] for path in paths if (found := times(path))), None)

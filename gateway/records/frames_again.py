@@ -14,7 +14,7 @@ from gateway.core.detection import Circle
 from gateway.core.readings import Quality, VisionReading
 from gateway.errors import ConfigError, ProtocolError
 from gateway.records import picture_search, recording
-from gateway.records.recording import Missing
+from gateway.records.recording import MissingItem
 from gateway.records.segment import BlockKind, DamagedBytes, Head, RecordedPicture, blocks, head_of
 from gateway.vision.detect import registry
 from gateway.vision.detect.geometry import distance_px
@@ -70,7 +70,7 @@ def again(
         params = vision_of(recording.config_of(head), head.bay) if other is None else other(head)
         search = registry.once(params.model_copy(update={"tracking": False}))
         for picture in recording.pictures(path):
-            if isinstance(picture, Missing):
+            if isinstance(picture, MissingItem):
                 continue
             try:
                 image = picture_search.decoded(picture)

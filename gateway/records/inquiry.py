@@ -20,7 +20,7 @@ from gateway.records.factors import Cause, causes
 from gateway.records.moment import unix_ns
 from gateway.records.record import AnyRecord, Checkpoint, Decision, EventRecord
 from gateway.records.recorded_rules import RecordedRules
-from gateway.records.recording import Item, Missing, Place
+from gateway.records.recording import Item, MissingItem, Place
 from gateway.records.replay import Difference, NoTick, Replay, Step
 from gateway.records.segment import Head
 
@@ -29,7 +29,7 @@ LEAD_S = 5.0  # replayed before, so that what led to a change is known
 MOST_BACK = 100  # segments: a day
 MOST_LOADED = 6  # segments in memory; one has some 80,000 records
 
-Dated = tuple[int, Item | Missing]  # Unix ns; of a Missing that of the record before it
+Dated = tuple[int, Item | MissingItem]  # Unix ns; of a Missing that of the record before it
 Progress = Callable[[], None]
 
 
@@ -105,7 +105,7 @@ class Inquiry:
         kept, after = chain.relevant(earlier, found_links[:split], since_ns), tuple(found_links[split:])
         events = tuple(
             (t, record) for t, item in items if begin_ns <= t <= end_ns
-            and not isinstance(item, Missing) and isinstance(record := item[1], EventRecord)
+            and not isinstance(item, MissingItem) and isinstance(record := item[1], EventRecord)
         )  # fmt: skip
         shown = tuple(s for s in steps if begin_ns <= _unix(s))
         return Answer(
@@ -135,7 +135,7 @@ class Inquiry:
             found: list[Dated] = []
             t_ns = 0
             for item in recording.records([path]):
-                t_ns = t_ns if isinstance(item, Missing) else unix_ns(item[0].head, item[1].t_ns)
+                t_ns = t_ns if isinstance(item, MissingItem) else unix_ns(item[0].head, item[1].t_ns)
                 found.append((t_ns, item))
             first = next((t for t, _ in found if t), 0)
             while len(self._loaded) >= MOST_LOADED:
@@ -149,7 +149,7 @@ class Inquiry:
         for n, (t_ns, item) in enumerate(items):
             if t_ns > begin_ns - LEAD_S * NS_PER_S:
                 break
-            if not isinstance(item, Missing) and isinstance(item[1], Checkpoint):
+            if not isinstance(item, MissingItem) and isinstance(item[1], Checkpoint):
                 begin = n
         end = next((n for n, (t_ns, _) in enumerate(items) if n > begin and t_ns > end_ns), len(items))
         # The last item is that behind the window: whether the gateway went on is part of the answer.
@@ -202,7 +202,7 @@ class Inquiry:
                 t_ns, item = items[n]
                 if t_ns > at_ns:
                     continue
-                record = None if isinstance(item, Missing) else item[1]
+                record = None if isinstance(item, MissingItem) else item[1]
                 if isinstance(record, Decision):
                     if newest_first and _pair(record) != _pair(newest_first[0][1]):
                         return self._explained(self._led(items, first), newest_first)
@@ -243,7 +243,7 @@ def _lost(items: Sequence[Dated], begin_ns: int, end_ns: int) -> list[str]:
     """What is missing behind the last record of `begin_ns`, and before those later than `end_ns`."""
     lost: list[str] = []
     for t_ns, item in items:
-        if isinstance(item, Missing):
+        if isinstance(item, MissingItem):
             lost.append(item.why)
         elif t_ns <= begin_ns:
             lost = []
@@ -256,9 +256,9 @@ def _pair(decision: Decision) -> tuple[bool, bool]:
     return decision.stop, decision.may_move
 
 
-def _begins(item: Item | Missing) -> str:
+def _begins(item: Item | MissingItem) -> str:
     """Why what follows does not come of what was before; empty: it does."""
-    if isinstance(item, Missing):
+    if isinstance(item, MissingItem):
         return f"the records before are missing: {item.why}"
     record: AnyRecord = item[1]
     return "the gateway started" if isinstance(record, Checkpoint) and not record.follows else ""
@@ -269,7 +269,7 @@ def _unix(step: Step) -> int:
 
 
 def _head_near(items: Sequence[Dated], at_ns: int) -> Head:
-    places: list[tuple[int, Place]] = [(t, item[0]) for t, item in items if not isinstance(item, Missing)]
+    places: list[tuple[int, Place]] = [(t, item[0]) for t, item in items if not isinstance(item, MissingItem)]
     if not places:
         raise ConfigError("no record near that moment can be read")
     return min(places, key=lambda found: abs(found[0] - at_ns))[1].head

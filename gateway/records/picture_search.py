@@ -10,7 +10,7 @@ from gateway.core.readings import VisionReading
 from gateway.durations import NS_PER_S
 from gateway.errors import ProtocolError
 from gateway.records import names, recording
-from gateway.records.recording import Missing
+from gateway.records.recording import MissingItem
 from gateway.records.replay import Step
 from gateway.records.segment import RecordedPicture
 from gateway.vision.pixels import Image
@@ -43,7 +43,7 @@ def files_of_time(folder: Path, begin_ns: int, end_ns: int) -> Iterator[Path]:
 
 def _pictures(path: Path, begin_ns: int, end_ns: int) -> Iterator[RecordedPicture]:
     for picture in recording.pictures(path):
-        if not isinstance(picture, Missing) and begin_ns <= picture.head.unix_ns <= end_ns:
+        if not isinstance(picture, MissingItem) and begin_ns <= picture.head.unix_ns <= end_ns:
             yield picture
 
 

@@ -40,7 +40,7 @@ class Place:
 
 
 @dataclass(frozen=True, slots=True)
-class Missing:
+class MissingItem:
     """Something is not there. `why` is for people."""
 
     why: str
@@ -73,7 +73,7 @@ def _files(folder: Path, kind: str) -> list[Path]:
     return [folder / str(file.name) for file in files_in(folder) if file.name.kind == kind]
 
 
-def records(paths: Iterable[Path]) -> Iterator[Item | Missing]:
+def records(paths: Iterable[Path]) -> Iterator[Item | MissingItem]:
     """All records of these segments, in order; each batch once. Raises OSError for a file that can't be read."""
     boot, newest = "", 0
     for path in paths:
@@ -81,7 +81,7 @@ def records(paths: Iterable[Path]) -> Iterator[Item | Missing]:
         number = 0
         for block in blocks(path.read_bytes()):
             if isinstance(block, DamagedBytes):
-                yield Missing(f"{path.name}: {block.length} bytes at {block.offset} are damaged or were cut off")
+                yield MissingItem(f"{path.name}: {block.length} bytes at {block.offset} are damaged or were cut off")
                 continue
             try:
                 if block.kind == BlockKind.HEAD:
@@ -97,11 +97,11 @@ def records(paths: Iterable[Path]) -> Iterator[Item | Missing]:
                         yield Place(path, head, number), record
                         number += 1
                         if isinstance(record, Gap):
-                            yield Missing(f"{path.name}: {record.lost} records were {record.why}")
+                            yield MissingItem(f"{path.name}: {record.lost} records were {record.why}")
             except ProtocolError as error:
-                yield Missing(f"{path.name}: {error}")
+                yield MissingItem(f"{path.name}: {error}")
         if head is None:
-            yield Missing(f"{path.name}: its head is damaged")
+            yield MissingItem(f"{path.name}: its head is damaged")
 
 
 def open_visit(folder: Path, boot: str) -> VisitSummary | None:
@@ -109,7 +109,7 @@ def open_visit(folder: Path, boot: str) -> VisitSummary | None:
     for path in reversed(_files(folder, SEGMENT)[-2:]):
         found: VisitSummary | None = None
         for item in records([path]):
-            if isinstance(item, Missing):
+            if isinstance(item, MissingItem):
                 continue
             place, record = item
             if place.head.boot == boot:
@@ -121,16 +121,16 @@ def open_visit(folder: Path, boot: str) -> VisitSummary | None:
     return None
 
 
-def pictures(path: Path) -> Iterator[RecordedPicture | Missing]:
+def pictures(path: Path) -> Iterator[RecordedPicture | MissingItem]:
     """The pictures of one file, oldest first. Raises OSError."""
     for block in blocks(path.read_bytes()):
         if isinstance(block, DamagedBytes):
-            yield Missing(f"{path.name}: {block.length} bytes at {block.offset} are damaged or were cut off")
+            yield MissingItem(f"{path.name}: {block.length} bytes at {block.offset} are damaged or were cut off")
         elif block.kind == BlockKind.PICTURE:
             try:
                 yield picture_of(block.payload)
             except ProtocolError as error:
-                yield Missing(f"{path.name}: {error}")
+                yield MissingItem(f"{path.name}: {error}")
 
 
 def config_of(head: Head) -> GatewayConfig:

@@ -32,7 +32,7 @@ from gateway.records.record import (
     WriteRecord,
     outputs,
 )
-from gateway.records.recording import Item, Missing, Place
+from gateway.records.recording import Item, MissingItem, Place
 from gateway.records.segment import Head
 
 Change = tuple[object, object]  # as recorded, and now
@@ -84,7 +84,7 @@ class Replay:
     checkpoints: int = 0
     missing: list[str] = field(default_factory=list)
 
-    def run(self, items: Iterable[Item | Missing]) -> Iterator[Step | Difference]:
+    def run(self, items: Iterable[Item | MissingItem]) -> Iterator[Step | Difference]:
         """Every step, and behind it what is other than recorded."""
         head: Head | None = None
         rules, order = Rules({}), _BIG
@@ -93,7 +93,7 @@ class Replay:
         recorded: Decision | None = None
         step: Step | None = None  # the newest; its recorded decision may still follow
         for item in items:
-            if isinstance(item, Missing):
+            if isinstance(item, MissingItem):
                 yield from _judged(step, recorded)
                 self.missing.append(item.why)
                 state = recorded = step = None

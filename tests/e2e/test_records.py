@@ -14,7 +14,7 @@ from gateway.core.visit_summary import VisitEnd, VisitSummary
 from gateway.errors import LinkError
 from gateway.records.index_reader import IndexReader
 from gateway.records.record import VisitRecord
-from gateway.records.recording import Missing, pictures, pictures_in, records, segments_of
+from gateway.records.recording import MissingItem, pictures, pictures_in, records, segments_of
 from tests.e2e.plc import Plc
 from tests.e2e.processes import Gateway, command
 
@@ -57,7 +57,7 @@ def test_a_run_is_replayed_bit_for_bit_with_its_pictures(tmp_path: Path) -> None
     assert (code, said["same"], said["missing"]) == (0, True, [])
     assert said["steps"] > 300
     found = [p for path in pictures_in(folder_in(tmp_path)) for p in pictures(path)]
-    assert not any(isinstance(p, Missing) for p in found)
+    assert not any(isinstance(p, MissingItem) for p in found)
     code, said = replay(tmp_path, "--against", str(other_thresholds(tmp_path)))
     assert code == 1
     assert any("in_place 1 -> 0" in row["outputs"] for row in said["otherwise"])
@@ -66,7 +66,7 @@ def test_a_run_is_replayed_bit_for_bit_with_its_pictures(tmp_path: Path) -> None
 def reasons_of_pictures(state: Path) -> set[str]:
     """Of those that are on disk so far."""
     found = (p for path in pictures_in(folder_in(state)) for p in pictures(path))
-    return {why for p in found if not isinstance(p, Missing) for why in p.head.why}
+    return {why for p in found if not isinstance(p, MissingItem) for why in p.head.why}
 
 
 def other_thresholds(folder: Path) -> Path:
@@ -202,7 +202,7 @@ def test_a_visit_across_a_restart_is_one_visit_and_is_in_the_index_before_its_mi
 
 def visits_recorded(state: Path) -> list[VisitRecord]:
     found = records(segments_of([folder_in(state)])) if (state / "records").exists() else ()
-    return [item[1] for item in found if not isinstance(item, Missing) and isinstance(item[1], VisitRecord)]
+    return [item[1] for item in found if not isinstance(item, MissingItem) and isinstance(item[1], VisitRecord)]
 
 
 def indexed(state: Path) -> list[VisitSummary]:

@@ -5,7 +5,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from gateway.vision.offline.calibration.boards import LEAST_MM, LEAST_POINTS, MOST_MM, MOST_POINTS, CalibrationBoardKind
-from gateway.vision.offline.calibration.selection import MissingView, ViewVerdict
+from gateway.vision.offline.calibration.selection import Missing, ViewVerdict
 
 BoardKind = Literal["checkerboard", "circles", "asymmetric-circles"]
 assert set(CalibrationBoardKind) == set(BoardKind.__args__)  # type: ignore[attr-defined]
@@ -21,13 +21,13 @@ VERDICT_MEANING = {
     ViewVerdict.FULL: "no more views are kept: remove some",
 }
 MISSING_MEANING = {
-    MissingView.VIEWS: "more views",
-    MissingView.LEFT: "one with the left edge farther away",
-    MissingView.RIGHT: "one with the right edge farther away",
-    MissingView.TOP: "one with the upper edge farther away",
-    MissingView.BOTTOM: "one with the lower edge farther away",
-    MissingView.DISTANCE: "another distance",
-    MissingView.COVERAGE: "more of the picture",
+    Missing.VIEWS: "more views",
+    Missing.LEFT: "one with the left edge farther away",
+    Missing.RIGHT: "one with the right edge farther away",
+    Missing.TOP: "one with the upper edge farther away",
+    Missing.BOTTOM: "one with the lower edge farther away",
+    Missing.DISTANCE: "another distance",
+    Missing.COVERAGE: "more of the picture",
 }
 
 
@@ -103,7 +103,7 @@ class CalibrationView(Model):
     coverage: list[list[int]] = Field([], description="rows of cells of the picture: points seen in each")
     covered: float = Field(0.0, description="share of the cells in which a point was seen")
     distances: float = Field(1.0, description="ratio of the largest to the smallest board in the picture")
-    missing: list[MissingView] = Field([], description=_meanings(MISSING_MEANING))
+    missing: list[Missing] = Field([], description=_meanings(MISSING_MEANING))
     wanted: int = Field(0, description="so many views are good")
     most: int = Field(0, description="so many views are kept")
 

@@ -17,7 +17,7 @@ from gateway.records.chain import Link
 from gateway.records.collector import Collector
 from gateway.records.factors import Cause, Factor, causes
 from gateway.records.record import array_of, unpacked
-from gateway.records.recording import Item, Missing, Place
+from gateway.records.recording import Item, MissingItem, Place
 from gateway.records.replay import Replay, Step
 from gateway.records.segment import Head
 from tests.visit_bench import Bench, Levels, gateway, truck
@@ -61,7 +61,7 @@ class Story:
             bay="bay1", number=1, boot="a", site="s", instance="g", gateway_version="1", python_version="3",
             t_ns=0, unix_ns=0, config="",
         )  # fmt: skip
-        items: list[Item | Missing] = []
+        items: list[Item | MissingItem] = []
         while (chunk := self._kept.take()) is not None:
             items += [(Place(Path("x.seg"), head, 0), record) for record in unpacked(array_of(chunk.records))]
         replay = Replay(lambda _: (self.bench.rules, "big"))

@@ -5,7 +5,7 @@ import pytest
 from gateway.records import recording
 from gateway.records.record import Decision
 from gateway.records.recorded_rules import RecordedRules
-from gateway.records.recording import Missing
+from gateway.records.recording import MissingItem
 from gateway.records.replay import Difference, Replay
 from tests.recorded_incidents import FOLDER, INCIDENTS, path_of
 
@@ -32,7 +32,7 @@ def test_together_they_show_all_that_a_visit_can() -> None:
         item[1]
         for name in INCIDENTS
         for item in recording.records([path_of(name)])
-        if not isinstance(item, Missing) and isinstance(item[1], Decision)
+        if not isinstance(item, MissingItem) and isinstance(item[1], Decision)
     ]
     reasons = {decision.reason.name for decision in decisions}
     assert reasons >= {

@@ -26,7 +26,7 @@ from gateway.records.record import (
     array_of,
     unpacked,
 )
-from gateway.records.recording import Item, Missing, Place
+from gateway.records.recording import Item, MissingItem, Place
 from gateway.records.replay import Difference, Replay, Step
 from gateway.records.segment import Head
 from tests.visit_bench import Bench, gateway, truck
@@ -47,21 +47,21 @@ def collector() -> Collector:
     return Collector(lambda: UNIX_NS)
 
 
-def items(collected: Collector, of: Head | None = None) -> list[Item | Missing]:
+def items(collected: Collector, of: Head | None = None) -> list[Item | MissingItem]:
     """All that was collected, as it is read back from disk."""
-    found: list[Item | Missing] = []
+    found: list[Item | MissingItem] = []
     the_head = of or head()
     while (chunk := collected.take()) is not None:
         for record in unpacked(array_of(chunk.records)):
             if isinstance(record, Gap):
-                found.append(Missing(record.why))
+                found.append(MissingItem(record.why))
             else:
                 found.append((Place(Path("x.seg"), the_head, len(found)), record))
     return found
 
 
 def replayed(
-    found: list[Item | Missing], rules: Rules, *, exact: bool = True
+    found: list[Item | MissingItem], rules: Rules, *, exact: bool = True
 ) -> tuple[Replay, list[Step | Difference]]:
     replay = Replay(lambda _: (rules, "big"), exact=exact)
     return replay, list(replay.run(found))
@@ -174,7 +174,7 @@ class TestCollector:
         lost = kept.dropped
         bench.run(bench.t_s + 3)
         after = items(kept)
-        assert isinstance(after[0], Missing)
+        assert isinstance(after[0], MissingItem)
         assert isinstance(after[1], tuple)
         assert isinstance(after[1][1], Checkpoint)
         assert kept.dropped == lost

@@ -12,7 +12,7 @@ from gateway.records import recording
 from gateway.records.files import files_in
 from gateway.records.names import PICTURES, PIN, parsed
 from gateway.records.record import Gap, TickRecord, packed
-from gateway.records.recording import Missing
+from gateway.records.recording import MissingItem
 from gateway.records.retention import RetentionLimits
 from gateway.records.segment import Head, PictureHead, picture_block, records_block
 from gateway.records.store import SEGMENT_NS, Store
@@ -35,7 +35,7 @@ def ticks(number: int) -> bytes:
 def read(folder: Path) -> tuple[list[int], list[str]]:
     """Times of the ticks, and what is missing."""
     items = list(recording.records(recording.segments_of([folder])))
-    return [i[1].t_ns for i in items if isinstance(i, tuple)], [i.why for i in items if isinstance(i, Missing)]
+    return [i[1].t_ns for i in items if isinstance(i, tuple)], [i.why for i in items if isinstance(i, MissingItem)]
 
 
 def test_a_new_segment_begins_at_a_checkpoint_after_a_quarter_of_an_hour(tmp_path: Path) -> None:
@@ -125,7 +125,7 @@ def test_pictures_are_complete_or_not_there(tmp_path: Path, monkeypatch: pytest.
             kept.pictures(blocks)
     assert list(tmp_path.iterdir()) == []
     path = kept.pictures(blocks)
-    assert [p.head.frame_id for p in recording.pictures(path) if not isinstance(p, Missing)] == [0, 1, 2]
+    assert [p.head.frame_id for p in recording.pictures(path) if not isinstance(p, MissingItem)] == [0, 1, 2]
     name = parsed(path.name)
     assert name is not None
     assert name.kind == PICTURES

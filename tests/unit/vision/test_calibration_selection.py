@@ -11,7 +11,7 @@ from gateway.durations import NS_PER_S
 from gateway.vision.offline.calibration import boards, drawing, selection
 from gateway.vision.offline.calibration.boards import Board, Points, find, grey_of, look, parse
 from gateway.vision.offline.calibration.selection import (
-    MissingView,
+    Missing,
     Stillness,
     ViewVerdict,
     apart,
@@ -119,13 +119,13 @@ def test_it_must_be_held_still() -> None:
 
 def test_which_kinds_are_missing() -> None:
     nothing = selection.progress(BOARD, [], SIZE, None)
-    assert nothing.missing == tuple(MissingView)
+    assert nothing.missing == tuple(Missing)
     assert (nothing.distances, int(nothing.coverage.sum())) == (1.0, 0)
     poses = (MIDDLE, Pose(0, 0, 420, (25, 0, 0)), Pose(0, 0, 420, (0, 30, 0)), Pose(0, 0, 660, (0, 0, 0)))
     some = selection.progress(BOARD, [points(pose) for pose in poses], SIZE, None)
-    assert some.tilted == {MissingView.LEFT: 1, MissingView.RIGHT: 0, MissingView.TOP: 0, MissingView.BOTTOM: 1}
+    assert some.tilted == {Missing.LEFT: 1, Missing.RIGHT: 0, Missing.TOP: 0, Missing.BOTTOM: 1}
     assert some.distances == pytest.approx(660 / 420, rel=0.03)
-    assert some.missing == (MissingView.VIEWS, MissingView.RIGHT, MissingView.TOP, MissingView.COVERAGE)
+    assert some.missing == (Missing.VIEWS, Missing.RIGHT, Missing.TOP, Missing.COVERAGE)
     corners = [(x, y) for x in (-90, 90) for y in (-60, 60)]
     more = [*POSES, *poses, *(Pose(x, y, 420, (0, 0, 0)) for x, y in corners)]
     assert selection.progress(BOARD, [points(pose) for pose in more], SIZE, None).missing == ()

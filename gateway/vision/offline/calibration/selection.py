@@ -46,7 +46,7 @@ class ViewVerdict(StrEnum):
     FULL = "full"  # no more views are kept
 
 
-class MissingView(StrEnum):
+class Missing(StrEnum):
     """A kind of view that is still needed."""
 
     VIEWS = "views"
@@ -178,26 +178,26 @@ class Progress:
     """What has been seen so far, and which kinds of views are still missing."""
 
     coverage: NDArray[np.int64]  # as `solve.coverage`
-    tilted: dict[MissingView, int]  # views with that edge farther away, by TILTED_DEG and more
+    tilted: dict[Missing, int]  # views with that edge farther away, by TILTED_DEG and more
     distances: float  # ratio of the largest to the smallest size; 1: one distance, or no view
-    missing: tuple[MissingView, ...]
+    missing: tuple[Missing, ...]
 
 
 def progress(board: Board, views: Sequence[Points], size_px: tuple[int, int], lens: Intrinsics | None) -> Progress:
     seen = [appearance(board, points, size_px, lens) for points in views]
     cells = coverage(views, size_px)
     tilted = {
-        MissingView.LEFT: sum(one.right_deg <= -TILTED_DEG for one in seen),
-        MissingView.RIGHT: sum(one.right_deg >= TILTED_DEG for one in seen),
-        MissingView.TOP: sum(one.bottom_deg <= -TILTED_DEG for one in seen),
-        MissingView.BOTTOM: sum(one.bottom_deg >= TILTED_DEG for one in seen),
+        Missing.LEFT: sum(one.right_deg <= -TILTED_DEG for one in seen),
+        Missing.RIGHT: sum(one.right_deg >= TILTED_DEG for one in seen),
+        Missing.TOP: sum(one.bottom_deg <= -TILTED_DEG for one in seen),
+        Missing.BOTTOM: sum(one.bottom_deg >= TILTED_DEG for one in seen),
     }
     sizes = [one.size for one in seen] or [1.0]
     distances = max(sizes) / min(sizes)
     needed = {
-        MissingView.VIEWS: len(views) < GOOD_VIEWS,
+        Missing.VIEWS: len(views) < GOOD_VIEWS,
         **{edge: not count for edge, count in tilted.items()},
-        MissingView.DISTANCE: distances < DISTANCES,
-        MissingView.COVERAGE: float((cells > 0).mean()) < COVERED,
+        Missing.DISTANCE: distances < DISTANCES,
+        Missing.COVERAGE: float((cells > 0).mean()) < COVERED,
     }
     return Progress(cells, tilted, distances, tuple(kind for kind, is_missing in needed.items() if is_missing))
