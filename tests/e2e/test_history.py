@@ -64,6 +64,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
         yield Site(running)
 
 
+@pytest.mark.long
 def test_why_is_answered_by_a_process_that_is_there_only_then(site: Site) -> None:
     view = site.json("records")
     assert (view["recorded"], view["pictures"]) == (True, "shown")
@@ -87,6 +88,7 @@ def test_why_is_answered_by_a_process_that_is_there_only_then(site: Site) -> Non
     assert site.get("why?at_ms=5")[0] == 200  # long before: its answer says that nothing is known
 
 
+@pytest.mark.long
 def test_it_has_few_rights_and_another_one_follows_it(site: Site) -> None:
     assert site.get(f"why?at_ms={AT_MS}")[0] == 200
     (reader,) = site.readers()

@@ -33,7 +33,7 @@ from tests.e2e.debian_machine import (
 FOREIGN = {"amd64": "arm64", "arm64": "amd64"}[HERE]
 BINFMT = Path("/proc/sys/fs/binfmt_misc")
 
-pytestmark = [pytest.mark.xdist_group("package"), pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.xdist_group("package"), pytest.mark.timeout(900), pytest.mark.long]
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +89,6 @@ def with_other_defaults(package: Path) -> Path:
     return package
 
 
-@pytest.mark.long
 def test_a_machine_without_a_network(machine: Machine, package: Path, picture: Path, tmp_path: Path) -> None:
     """One life of an installation: its parts share what takes long."""
     # Installed.

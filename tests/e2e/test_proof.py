@@ -57,6 +57,7 @@ def test_a_gateway_that_is_harmed_shows_nothing_that_is_not_so_and_recovers(tmp_
     assert list(report["recovered_s"]) == [name]
 
 
+@pytest.mark.long
 def test_hostile_clients_at_every_door_get_right_answers_and_leave_nothing_behind(tmp_path: Path) -> None:
     short = ("--minutes", "0.06", "--calm-s", "1", "--clients", "12", "--later-ms", "10000", "--again-s", "90")
     report = told(tmp_path, "neighbours", *short)

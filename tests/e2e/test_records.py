@@ -139,6 +139,7 @@ range_deadline_s = 5.0
 """
 
 
+@pytest.mark.long
 @pytest.mark.failure_mode("G13")
 def test_an_index_that_cannot_be_written_is_reported_and_stops_no_recording(tmp_path: Path) -> None:
     settings, instance = tmp_path / "settings.toml", f"index-{os.getpid()}"
@@ -166,6 +167,7 @@ LEAVES = (
 )
 
 
+@pytest.mark.long
 def test_a_visit_across_a_restart_is_one_visit_and_is_in_the_index_before_its_minute_is_over(tmp_path: Path) -> None:
     settings, scenario, state = tmp_path / "settings.toml", tmp_path / "scenario.toml", tmp_path / "state"
     settings.write_text(PATIENT.format(instance=f"visit-{os.getpid()}"))

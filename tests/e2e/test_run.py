@@ -154,6 +154,7 @@ def kept_in(path: Path) -> str:
     return str(json.loads(path.read_bytes())["function_check"]) if path.exists() else ""
 
 
+@pytest.mark.long
 def test_a_function_check_survives_a_gateway_that_is_killed(tmp_path: Path, video: Path, ranger: Ranger) -> None:
     """Somebody works at the spout: a crash must not let the truck move."""
     config = config_file(tmp_path, video, ranger.port)

@@ -224,6 +224,7 @@ def untouched(polls: list[Poll]) -> bool:
     return {poll.image["reason"] for poll in polls} <= UNTOUCHED
 
 
+@pytest.mark.long
 @pytest.mark.failure_mode("G7")
 def test_one_bays_dead_camera_never_touches_the_others(tmp_path: Path) -> None:
     text = STANDING + 'bay = "bay2"\nfaults = [{ kind = "camera_lost", at_s = 6, for_s = 600 }]\n[camera]\nfps = 15.0\n'
@@ -248,6 +249,7 @@ def test_one_bays_dead_camera_never_touches_the_others(tmp_path: Path) -> None:
                 assert untouched(plc.polls[mark:])
 
 
+@pytest.mark.long
 @pytest.mark.failure_mode("C3")
 def test_a_stuck_picture_of_a_truck_far_away_gives_no_leave_to_move(tmp_path: Path) -> None:
     """Frames go on coming with new times: first they are one picture that ages, then a lost camera.

@@ -20,6 +20,7 @@ from gateway.update.machine import InstallPaths, Machine
 from gateway.update.state import Outcome, Stage, UpdateState
 from tests.e2e.brokers import free_port
 from tests.e2e.sim_ranger import Ranger
+from tests.long import mostly_long
 
 pytestmark = pytest.mark.timeout(300)  # it waits for programs that start, on a machine with other load
 REPOSITORY = Path(__file__).parents[2]
@@ -231,6 +232,7 @@ def plant(tmp_path: Path, video: Path) -> Iterator[Plant]:
         made.join(60)
 
 
+@pytest.mark.long
 def test_a_good_version_whose_watcher_is_killed_is_taken_and_back_by_hand_returns(plant: Plant) -> None:
     plant.kill_watcher = True
     state, told = plant.update("2.0", "", 60)
@@ -272,12 +274,14 @@ def test_back_by_hand_ends_an_update_while_it_is_proven(plant: Plant) -> None:
 
 @pytest.mark.parametrize(
     ("patch", "within_s", "why"),
-    [
-        (EXITS, 60, "it was started again by itself: its process has ended"),
-        (NO_FRAMES, 10, "bay1: no frames of its camera: "),
-        (ALARM, 10, "new alarm bay_file_damaged (bay1: cut off)"),
-        (LOADS, 60, "bay1: its registers are not what is decided: the image contradicts itself"),
-    ],
+    mostly_long(
+        [
+            (EXITS, 60, "it was started again by itself: its process has ended"),
+            (NO_FRAMES, 10, "bay1: no frames of its camera: "),
+            (ALARM, 10, "new alarm bay_file_damaged (bay1: cut off)"),
+            (LOADS, 60, "bay1: its registers are not what is decided: the image contradicts itself"),
+        ]
+    ),
     ids=["exits", "no-frames", "alarm", "loads"],
 )
 def test_a_worse_version_goes_back_by_itself(plant: Plant, patch: str, within_s: int, why: str) -> None:

@@ -82,6 +82,7 @@ def broken(line: bytes, draw: random.Random) -> bytes:
     return bytes(out)
 
 
+@pytest.mark.long
 def test_noise_on_the_emulated_wire_yields_no_wrong_distance() -> None:
     """The damage of the bench itself, 3 % of the bytes: over half of the lines are hit."""
     played = run(MOVING + "noise 0.03\n", 60_000)

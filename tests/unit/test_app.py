@@ -117,6 +117,7 @@ def test_sinks_publish_the_final_state_whatever_ends_the_gateway(
     assert (told.stop, told.may_move, told.reason) == (True, False, Reason.SHUTDOWN)
 
 
+@pytest.mark.one_interpreter
 def test_alarms_are_raised_and_logged_without_pages(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -234,6 +234,7 @@ class TestText:
         assert [sample.unix_s for sample in twice.scale_samples] == [1_700_000_007, 1_600_000_000]
         assert twice == once
 
+    @pytest.mark.one_interpreter
     @given(
         st.sampled_from([FunctionCheck.OFF, FunctionCheck.MAY_MOVE_OFF, FunctionCheck.MAY_MOVE_KEPT]),
         st.lists(
@@ -588,6 +589,7 @@ class TestWork:
         for start in (first, second, third):
             run(start())
 
+    @pytest.mark.one_interpreter
     def test_visits_survive_with_their_dates_and_make_a_scale(self, tmp_path: Path) -> None:
         async def day(visits: int) -> None:
             async with Bench(tmp_path, Disk()) as bench:
@@ -633,6 +635,7 @@ class TestWork:
         for start in (first, second):
             run(start())
 
+    @pytest.mark.one_interpreter
     def test_a_visit_is_two_writes(self, tmp_path: Path) -> None:
         """The disk is a flash memory in most machines."""
         disk = Disk()
@@ -645,6 +648,7 @@ class TestWork:
         run(main())
         assert len(disk.written) == 1 + 3 * 2 + 1, "and once what was tried"
 
+    @pytest.mark.one_interpreter
     def test_nothing_new_is_not_written(self, tmp_path: Path) -> None:
         disk = Disk()
 
@@ -655,6 +659,7 @@ class TestWork:
         run(main())
         assert len(disk.written) == 2, "and what was tried"
 
+    @pytest.mark.one_interpreter
     @pytest.mark.failure_mode("G6")
     def test_a_full_disk_stops_nothing_and_is_told_once(self, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
         disk = Disk(faults=[OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)) for _ in range(20)])

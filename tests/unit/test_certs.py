@@ -30,6 +30,7 @@ def openssl(*args: str | Path) -> str:
     return done.stdout + done.stderr
 
 
+@pytest.mark.one_interpreter
 def test_a_whole_plant(plant: Folder, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["certs", "server", "--host", "10.0.0.5", "--host", "gateway.plant.example", "--host", "::1"]) == 0
     said = capsys.readouterr().out
@@ -223,6 +224,7 @@ sys.exit(main(["certs", "init", sys.argv[1]]))
 """
 
 
+@pytest.mark.one_interpreter
 def test_a_full_disk_leaves_no_half_key_behind(tmp_path: Path) -> None:
     folder = tmp_path / "certs"
     done = subprocess.run([sys.executable, "-c", FULL, folder], capture_output=True, text=True, check=False)

@@ -51,6 +51,7 @@ def test_check_fails_on_drift_and_writes_nothing(
     assert drifted.read_text() == "old"
 
 
+@pytest.mark.one_interpreter
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_every_link_leads_somewhere(path: Path) -> None:
     links = re.findall(r"\]\(([^)#\s]*)(?:#([^)]*))?\)", path.read_text(encoding="utf-8"))

@@ -7,6 +7,7 @@ import pytest
 from tests import fault_bay
 from tests.fault_judge import play, shrunk
 from tests.fault_schedules import Failure, Fault, schedule
+from tests.long import mostly_long
 from tests.planted_faults import PLANTED
 
 pytestmark = pytest.mark.one_interpreter
@@ -14,7 +15,7 @@ pytestmark = pytest.mark.one_interpreter
 SCHEDULES, BLOCK = 1000, 50
 
 
-@pytest.mark.parametrize("first", range(0, SCHEDULES, BLOCK))
+@pytest.mark.parametrize("first", mostly_long(range(0, SCHEDULES, BLOCK), short=2))
 def test_no_schedule_of_faults_brings_an_unsafe_permit_and_each_recovers(first: int) -> None:
     """Replay one: python -m bench.fault_campaign --seed N."""
     outcomes = [play(schedule(seed)) for seed in range(first, first + BLOCK)]

@@ -22,6 +22,7 @@ def played(aid: Aid, **changed: float) -> list[Result]:
     return [approach(Profile.ATTENTIVE, aid, seed, settings(changed)) for seed in range(6)]
 
 
+@pytest.mark.long
 def test_an_attentive_driver_comes_to_stand_in_place_with_the_display_and_not_with_the_bell() -> None:
     shown, late, bell = played(Aid.DISPLAY), played(Aid.DISPLAY, stop_lead_s=0.0), played(Aid.BELL)
     assert sum(result.in_place for result in shown) == 6

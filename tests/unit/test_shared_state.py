@@ -272,6 +272,7 @@ print(json.dumps([reads, torn, backwards, failed, last]), flush=True)
 """
 
 
+@pytest.mark.one_interpreter
 def test_no_torn_vector_while_the_writer_writes_as_fast_as_it_can(own_folder: Path) -> None:
     with SharedStateWriter("line1", "bay1") as writer:
         writer.write(numbered(1))
@@ -289,6 +290,7 @@ def test_no_torn_vector_while_the_writer_writes_as_fast_as_it_can(own_folder: Pa
     assert 20_000 <= last <= seq
 
 
+@pytest.mark.one_interpreter
 @pytest.mark.failure_mode("G11")
 def test_a_gateway_in_another_process(own_folder: Path) -> None:
     """It keeps others of its instance out; stopped, it is alive; killed, it is dead, even while its children live."""
@@ -372,6 +374,7 @@ while True:
 """
 
 
+@pytest.mark.one_interpreter
 def test_readers_never_keep_a_writer_out(own_folder: Path) -> None:
     with other_process(own_folder, READERS), other_process(own_folder, READERS):
         for _ in range(40):

@@ -123,6 +123,7 @@ OTHERS = st.sampled_from(
 WAIT = st.tuples(st.just("wait"), st.sampled_from([1, 30, 260, 450, 5000]))
 
 
+@pytest.mark.one_interpreter
 @given(history=st.lists(st.one_of(SEEN, HEARD, STANDS, WAIT, OTHERS), max_size=25))
 @settings(max_examples=examples(60), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_no_two_outputs_ever_disagree(history: list[tuple[Any, ...]]) -> None:
@@ -232,6 +233,7 @@ def _files_with(attribute: str, of: str = ".*") -> set[str]:
     return found
 
 
+@pytest.mark.one_interpreter
 def test_only_the_control_task_reads_the_hub_s_state() -> None:
     assert _files_with("state", of="_*hub_*") == {"bay.py"}
 

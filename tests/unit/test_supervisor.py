@@ -78,6 +78,7 @@ class Failing:
 # The backoff.
 
 
+@pytest.mark.one_interpreter
 @given(st.floats(0.01, 60), st.floats(0, 600), st.integers(0, 10_000), st.integers(0, 2**32))
 @settings(max_examples=examples(200), deadline=None)
 def test_delay_lies_between_its_limits(min_s: float, more_s: float, attempt: int, seed: int) -> None:

@@ -244,6 +244,7 @@ async def _a_taken_port(manager: socket.socket, monkeypatch: pytest.MonkeyPatch)
         await running
 
 
+@pytest.mark.one_interpreter
 def test_a_taken_port_is_waited_for_and_ready_is_told_when_it_is_open(
     manager: socket.socket, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -482,6 +482,7 @@ class TestSummaryAndHistory:
         assert (first.id, first.state, first.active) == ("bay2.camera_down", AlarmState.RETURNED, False)
         assert (second.id, second.state) == ("bay1.maintenance", AlarmState.UNACKNOWLEDGED)
 
+    @pytest.mark.one_interpreter
     def test_the_history_is_bounded_and_shows_what_it_has_lost(self) -> None:
         alarms = new_engine()
         for second in range(0, 20 * HISTORY, 20):

@@ -93,6 +93,7 @@ class Bay:
         return [change.id for change in self.changes if change.after is AlarmState.UNACKNOWLEDGED]
 
 
+@pytest.mark.one_interpreter
 def test_a_visit_without_writes_raises_no_alarm() -> None:
     """Nobody can release a truck there: every departure is a move."""
     bay = Bay()
@@ -106,6 +107,7 @@ def test_a_visit_without_writes_raises_no_alarm() -> None:
     assert bay.announced == []
 
 
+@pytest.mark.one_interpreter
 def test_a_visit_that_the_plc_releases_raises_no_alarm() -> None:
     bay = Bay(writes=True).loaded()
     bay.see(2, 280)
@@ -115,6 +117,7 @@ def test_a_visit_that_the_plc_releases_raises_no_alarm() -> None:
     assert bay.announced == []
 
 
+@pytest.mark.one_interpreter
 def test_with_writes_a_truck_that_leaves_unreleased_has_moved() -> None:
     bay = Bay(writes=True).loaded()
     bay.see(2, 280)
@@ -127,6 +130,7 @@ def test_with_writes_a_truck_that_leaves_unreleased_has_moved() -> None:
     }  # gone, but somebody must have a look
 
 
+@pytest.mark.one_interpreter
 @pytest.mark.parametrize("way_mm", [-60.0, 60.0])
 def test_a_truck_that_rolls_under_the_spout_is_reported_at_once(way_mm: float) -> None:
     bay = Bay().loaded()
@@ -141,6 +145,7 @@ def test_a_truck_that_rolls_under_the_spout_is_reported_at_once(way_mm: float) -
     assert bay.state.stop
 
 
+@pytest.mark.one_interpreter
 def test_a_truck_seen_elsewhere_when_the_spout_goes_up_has_moved_under_it() -> None:
     bay = Bay().loaded()
     bay.now_ns += STEP_MS * MS
@@ -162,6 +167,7 @@ def test_one_frame_without_the_marker_does_not_make_a_departure_an_alarm() -> No
     assert bay.announced == []
 
 
+@pytest.mark.one_interpreter
 def test_a_truck_that_moves_after_the_hold_has_ended_is_reported_too() -> None:
     bay = Bay(visit=VisitConfig(hold_limit_s=10))
     bay.comes_to_stand()
@@ -172,6 +178,7 @@ def test_a_truck_that_moves_after_the_hold_has_ended_is_reported_too() -> None:
     assert bay.announced == ["bay1.in_place_lost", "bay1.truck_rolling", "bay1.truck_moved"]
 
 
+@pytest.mark.one_interpreter
 def test_in_place_lost_is_reported_until_it_is_confirmed_again() -> None:
     bay = Bay().loaded()
     bay.see(8, None, marker=False)  # the spout is in the ranger's way; an alive ranger that hears nothing

@@ -103,6 +103,7 @@ CASES = [
 
 
 @pytest.mark.one_interpreter
+@pytest.mark.one_interpreter
 @pytest.mark.failure_mode(
     "C1", "C2", "C4", "V1", "M1", "M2", "M4", "R1", "R2", "R3", "R4", "R5", "R6", "R8", "R9", "R10", "G4", "P2"
 )  # fmt: skip
@@ -115,6 +116,7 @@ def test_a_failure_shows_on_the_outputs_what_its_row_states(mode: FailureMode, d
         assert late_ms <= (mode.within_ms or 0)
 
 
+@pytest.mark.one_interpreter
 def test_every_row_has_a_test_and_every_mark_a_row() -> None:
     assert set(marked_tests(TESTS)) == set(ROWS)
     here = Path(__file__).name

@@ -181,6 +181,7 @@ def test_all_or_nothing(machine: Machine, monkeypatch: pytest.MonkeyPatch) -> No
     assert machine.files() == before
 
 
+@pytest.mark.one_interpreter
 def test_while_a_gateway_of_this_name_runs_nothing_is_written(
     machine: Machine, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -240,6 +241,7 @@ def test_without_secrets_a_file_that_is_named_as_a_certificate_is_one(machine: M
     ]
 
 
+@pytest.mark.one_interpreter
 def test_it_is_whole_while_everything_is_written(machine: Machine, monkeypatch: pytest.MonkeyPatch) -> None:
     """Configuration and bay file are one of the two that there were at any moment; a recording grows meanwhile."""
     recorded = Recorded(machine.state / "records", f"site1.{machine.root.name}")

@@ -104,6 +104,7 @@ def test_what_is_known_now_and_then_adds_up(tmp_path: Path, quiet: tuple[TrialRe
     assert ended_s - quiet[1] == pytest.approx(0.5 + 4.2 - 2, abs=0.3)
 
 
+@pytest.mark.one_interpreter
 def test_nobody_waits_for_ever(tmp_path: Path, quiet: tuple[TrialReport, float]) -> None:
     report, ended_s = run(tmp_path, at_near(lambda truth, stood_s: None))
     assert report.undecided == 1

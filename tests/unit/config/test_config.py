@@ -641,6 +641,7 @@ JUNK: st.SearchStrategy[Any] = st.recursive(
 )
 
 
+@pytest.mark.one_interpreter
 @given(st.dictionaries(KEYS, JUNK, max_size=5))
 @settings(max_examples=examples(100), deadline=None)
 def test_junk_is_a_config_or_a_config_error(data: dict[str, Any]) -> None:

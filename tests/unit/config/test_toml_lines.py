@@ -127,6 +127,7 @@ VALUES = st.sampled_from(
 )
 
 
+@pytest.mark.one_interpreter
 @given(
     tables=st.lists(st.tuples(st.booleans(), st.integers(0, 3), st.lists(VALUES, max_size=3)), max_size=6),
     comment=st.sampled_from(["", " # x", ' # """ [', "  "]),

@@ -351,6 +351,7 @@ def _monotone(distances: list[float], first_px: float, steps: list[float]) -> li
     return [(of[z_mm], z_mm) for z_mm in distances]
 
 
+@pytest.mark.one_interpreter
 @given(
     st.lists(st.floats(301, 4000), min_size=1, max_size=40, unique=True),
     st.floats(1, 200),
@@ -375,6 +376,7 @@ def test_a_series_in_which_r_does_not_follow_z_never_takes_the_place_of_what_was
 _DISTANCES = st.floats(301, 1500)
 
 
+@pytest.mark.one_interpreter
 @given(
     st.lists(
         st.tuples(st.floats(0.1, 3), _DISTANCES, _DISTANCES, st.integers(1, 60), st.none() | _DISTANCES),
@@ -417,6 +419,7 @@ def test_equation_14_alone_asks_no_such_thing() -> None:
         assert pairs.memory == FusionMemory()
 
 
+@pytest.mark.one_interpreter
 @given(st.lists(st.tuples(st.floats(0.01, 500) | st.none(), st.floats(20, 4000) | st.none()), max_size=60))
 @settings(max_examples=examples(100))
 def test_it_is_bounded_and_never_forgets_that_it_doubts(seen: list[tuple[float | None, float | None]]) -> None:

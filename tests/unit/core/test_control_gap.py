@@ -38,6 +38,7 @@ def without_ticks(bench: Bench, for_s: float) -> StateVector:
     return bench.state
 
 
+@pytest.mark.one_interpreter
 @pytest.mark.failure_mode("G1")
 @pytest.mark.parametrize("for_s", [0.26, 0.4, 3.0])
 def test_in_place_does_not_come_back_by_itself(for_s: float) -> None:
@@ -63,6 +64,7 @@ def test_it_is_in_place_again_by_both_sensors() -> None:
     assert not bench.state.visit.restored
 
 
+@pytest.mark.one_interpreter
 def test_a_truck_that_stood_there_during_a_function_check_is_not_in_place_after_it_either() -> None:
     bench = placed()
     bench.check_function(FunctionCheck.MAY_MOVE_OFF)
@@ -97,6 +99,7 @@ def test_a_process_that_was_stopped_altogether() -> None:
     assert returned.detail == "the control task runs again; no decision was valid for 0.03 s"
 
 
+@pytest.mark.one_interpreter
 def test_a_release_is_over_and_its_bit_must_rise_again() -> None:
     bench = placed(COVERED)
     levels = Levels(bench)
@@ -109,6 +112,7 @@ def test_a_release_is_over_and_its_bit_must_rise_again() -> None:
     assert (bench.state.stop, bench.state.may_move) == (True, False)
 
 
+@pytest.mark.one_interpreter
 def test_a_truck_that_drives_off_meanwhile_has_moved() -> None:
     bench = Bench(truck({**IN, "hold_s": 8}, {"distance_cm": 60, "speed_cm_s": 20, "hold_s": 60}))
     bench.run_until(lambda state: state.in_place)

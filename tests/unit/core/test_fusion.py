@@ -114,6 +114,7 @@ def test_thresholds_are_configurable() -> None:
     assert both(90.0, 500.1, config).d is False
 
 
+@pytest.mark.one_interpreter
 @given(
     st.floats(0, 20_000, exclude_min=True),
     st.floats(0, 4000, exclude_min=True),

@@ -354,6 +354,7 @@ def moves(draw: st.DrawFn) -> list[tuple[PlcWrite | None, StateVector]]:
     return made
 
 
+@pytest.mark.one_interpreter
 @given(moves())
 @settings(max_examples=examples(150), deadline=None)
 def test_invariants(played: list[tuple[PlcWrite | None, StateVector]]) -> None:

@@ -450,6 +450,7 @@ def _observation(move: tuple[Any, ...], now_ns: int) -> Observation:
             return TICK
 
 
+@pytest.mark.one_interpreter
 @given(
     st.lists(st.tuples(st.sampled_from([1, 20, 400, 2500]), OBSERVATIONS), min_size=1, max_size=25),
     st.fixed_dictionaries({"latch_stop": BOOL, "fail_safe": BOOL}),

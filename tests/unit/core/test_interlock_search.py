@@ -69,13 +69,14 @@ def test_the_search_reports_a_planted_fault(
 @pytest.mark.parametrize(
     ("what", "then", "complaint"),
     [
-        (
+        pytest.param(
             "how long a truck has stood counts on over a release",
             (
                 *("check:may_move_off", "check:off", "camera:rolled", "ranger:rolled", "plc:idle", "tick"),
                 *["camera:mark", "ranger:mark", "plc:idle", "tick"] * 2,
             )[:-1],
             "in_place 0 s after the truck stood",
+            marks=pytest.mark.long,
         ),
         (
             "a reset is accepted while the sensors do not fit",

@@ -12,6 +12,7 @@ from gateway.core.detection import Circle
 from gateway.core.events import EventKind
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import Fused, GuidanceCode, ReferencePosition
+from tests.long import mostly_long
 from tests.visit_bench import Bench, Levels, gateway, truck
 
 STANDS_S = 10.0  # this long the truck is in place before it moves, from world time 0
@@ -35,6 +36,7 @@ def moving(
     return bench, begins_s
 
 
+@pytest.mark.one_interpreter
 @pytest.mark.parametrize("covered", [False, True])
 @pytest.mark.parametrize("speed_cm_s", [1, 5, 50])
 def test_a_truck_that_begins_to_move_is_reported(speed_cm_s: int, covered: bool) -> None:
@@ -46,6 +48,7 @@ def test_a_truck_that_begins_to_move_is_reported(speed_cm_s: int, covered: bool)
         assert event.detail.startswith("by range: Z 27" if covered else "by vision: Z 27")
 
 
+@pytest.mark.one_interpreter
 def test_under_the_spout_the_driver_is_told_to_brake_until_it_stands_again() -> None:
     bench, _ = moving(2, covered=True, seed=1, to_cm=29.5)
     bench.run_until(lambda state: state.visit.rolling)
@@ -55,6 +58,7 @@ def test_under_the_spout_the_driver_is_told_to_brake_until_it_stands_again() -> 
     assert bench.state.guidance.code is GuidanceCode.OK
 
 
+@pytest.mark.one_interpreter
 @pytest.mark.parametrize("covered", [False, True])
 def test_a_truck_that_creeps_rolls_all_the_way(covered: bool) -> None:
     """1 cm/s is slower than still_mm_s, what a truck in place may do: it has not stopped."""
@@ -68,6 +72,7 @@ def test_a_truck_that_creeps_rolls_all_the_way(covered: bool) -> None:
     assert not bench.state.visit.rolling
 
 
+@pytest.mark.one_interpreter
 @pytest.mark.parametrize(("rolling_mm", "settle_s"), [(12.0, 1.0), (8.0, 1.0), (8.0, 3.0), (12.0, 5.0)])
 def test_a_truck_that_stands_again_rolls_no_more_whatever_the_noise(rolling_mm: float, settle_s: float) -> None:
     """At the latest after two times settle_s: the first may still have seen the end of the motion."""
@@ -82,6 +87,7 @@ def test_a_truck_that_stands_again_rolls_no_more_whatever_the_noise(rolling_mm: 
         bench.run_until(lambda state: not state.visit.rolling, stands_s - bench.t_s + 2 * settle_s + 1)
 
 
+@pytest.mark.one_interpreter
 @pytest.mark.parametrize("speed_cm_s", [3, 10, 50])
 def test_without_writes_a_truck_that_departs_is_not_told_to_brake(speed_cm_s: int) -> None:
     """Each departure rolls there."""
@@ -92,6 +98,7 @@ def test_without_writes_a_truck_that_departs_is_not_told_to_brake(speed_cm_s: in
         assert not any(moment.state.unintended_motion for moment in bench.moments)
 
 
+@pytest.mark.one_interpreter
 @pytest.mark.parametrize("speed_cm_s", [2, 10, 50])
 def test_without_writes_a_truck_that_comes_nearer_is_told_to_brake_until_it_stands(speed_cm_s: int) -> None:
     bench, begins_s = moving(speed_cm_s, covered=False, seed=1, to_cm=18.0, writes=False)
@@ -143,7 +150,8 @@ def test_a_circle_that_is_contradicted_is_forgotten() -> None:
     assert rolling.without_marker(ReferencePosition(270.0)) == ReferencePosition(270.0)
 
 
-@pytest.mark.parametrize("jitter_mm", [1.5, 2.5])
+@pytest.mark.one_interpreter
+@pytest.mark.parametrize("jitter_mm", mostly_long([2.5, 1.5]))
 def test_noise_is_no_motion(jitter_mm: float) -> None:
     """Two minutes, with the marker seen and covered, the spout down and up, dropouts, and an engine that idles."""
     faults = (
@@ -199,6 +207,7 @@ def test_a_distance_of_a_single_echo_is_one_echo(echo_mm: float | None, oldest_m
     assert (reference.rolling_since_ns is not None) is rolls
 
 
+@pytest.mark.one_interpreter
 def test_twenty_minutes_of_echoes_from_a_truck_that_stands_are_no_motion() -> None:
     assert echoes((2.5, 0)) == (0, 0)
 
@@ -218,6 +227,7 @@ def test_a_truck_that_sinks_on_its_springs_does_not_roll(mm_s: float, rolls: boo
     assert (reference.rolling_since_ns is not None) is rolls
 
 
+@pytest.mark.one_interpreter
 def test_a_released_truck_leaves_and_does_not_roll() -> None:
     bench, _ = moving(20, covered=False, seed=3, to_cm=130)
     levels = Levels(bench)

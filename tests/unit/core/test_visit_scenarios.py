@@ -15,6 +15,7 @@ from gateway.core.state import Moved, Reason
 from gateway.sim import scenario as scenarios
 from gateway.sim.scenario import FaultKind
 from tests.examples import examples
+from tests.long import mostly_long
 from tests.visit_bench import MOMENTS_HZ, Bench, Levels, Moment, gateway, truck
 from tests.visit_judge import NEARER, Row, complaints
 from tests.visit_stories import play
@@ -56,7 +57,7 @@ def kinds(bench: Bench) -> list[EventKind]:
     return [event.kind for event in bench.events if event.kind in visit]
 
 
-@pytest.mark.parametrize("config", CONFIGS)
+@pytest.mark.parametrize("config", mostly_long(CONFIGS))
 @pytest.mark.parametrize("name", VISITS)
 def test_no_output_is_ever_wrong(name: str, config: str) -> None:
     bench = played(name, config)

@@ -59,6 +59,7 @@ class TestFolding:
         assert sum(folding.admits("a", 0, 0) for _ in range(50)) == 20
         assert folding.admits("b", 0, 0)
 
+    @pytest.mark.one_interpreter
     def test_all_together_have_a_limit_whatever_their_kinds(self) -> None:
         """A peer may choose the text."""
         folding: Folding[int] = Folding()
@@ -118,6 +119,8 @@ class TestHandler:
         assert "--- Logging error ---" in capsys.readouterr().err
 
 
+@pytest.mark.one_interpreter
+@pytest.mark.long
 def test_a_camera_that_comes_and_goes_writes_less_than_half_a_megabyte_a_day() -> None:
     """A marginal cable: half a second of frames, then none until it is opened again, and so on; all that logs it takes
     part: bay, alarms, supervisor. The second quarter of an hour is that of every later one."""

@@ -1,5 +1,6 @@
 """The byte stream: frames are complete and in order, wherever it is cut, and faults are found at their place."""
 
+import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -28,6 +29,7 @@ def test_a_frame_byte_by_byte() -> None:
     assert frame_bytes(0x1234, 7, b"\x03\x00\x01\x00\x02").hex() == "123400000006070300010002"
 
 
+@pytest.mark.one_interpreter
 @CALM
 @given(st.lists(FRAMES | FOREIGN, max_size=8), st.data())
 def test_any_cut_gives_the_same_frames(frames: list[bytes], data: st.DataObject) -> None:

@@ -689,6 +689,7 @@ def test_node_red_gives_no_output_for_a_frozen_image() -> None:
         assert [out["payload"] for outputs, _ in ran for out in outputs[:2] if out] == [False, False]
 
 
+@pytest.mark.one_interpreter
 def test_node_red_writes_what_is_requested_from_the_first_command_on_and_wants_an_answer() -> None:
     def alive(n: int, echo: int) -> list[int]:
         return placed(n, plc=Handshake(PlcLink.ALIVE, heartbeat=echo))

@@ -80,6 +80,7 @@ def test_exact_words(kind: WireType, value: float | None, scale: float, words: t
     assert packer(kind, scale, "little")(value) == (words[::-1], cut)
 
 
+@pytest.mark.one_interpreter
 @CALM
 @given(value=NUMBERS, case=st.sampled_from(SCALED + PLAIN), order=st.sampled_from(ORDERS))
 def test_integers_are_right_or_at_their_limit_or_nothing(

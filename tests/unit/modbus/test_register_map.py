@@ -445,6 +445,7 @@ NUMBERS = st.one_of(st.floats(), st.floats(-10_000, 10_000), st.integers(-(2**70
 COUNTS = st.integers(0, 2**70)
 
 
+@pytest.mark.one_interpreter
 @given(
     u=NUMBERS,
     v=NUMBERS,

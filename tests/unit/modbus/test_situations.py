@@ -51,6 +51,7 @@ def test_no_row_contradicts_itself(image: dict[str, Any]) -> None:
     assert image["signal_lamps"] & RED or not image["stop"]
 
 
+@pytest.mark.one_interpreter
 def test_the_table_has_a_row_for_each_and_the_figure_every_phase() -> None:
     rows = situations.markdown().splitlines()[2:]
     assert [row.split("|")[1].strip() for row in rows] == list(IMAGES)

@@ -199,6 +199,7 @@ def imported(path: Path) -> Iterator[str]:
                 yield str(value)
 
 
+@pytest.mark.one_interpreter
 def test_no_module_of_the_gateway_imports_what_makes_code_of_bytes() -> None:
     root = Path(gateway.__file__).parent
     found = {

@@ -247,6 +247,7 @@ def test_how_a_stream_is_cut_makes_no_difference(parts: list[bytes], cuts: list[
     assert whole == ragged + decoder.feed(data[at:])
 
 
+@pytest.mark.one_interpreter
 @given(st.lists(measurements, min_size=1, max_size=6), st.data())
 def test_damage_never_makes_a_measurement(sent: list[Measurement], data: st.DataObject) -> None:
     stream = bytearray(b"".join(map(encode_measurement, sent)))
@@ -286,6 +287,7 @@ def test_every_flip_of_two_bits_in_a_line_is_noticed() -> None:
     assert set() == accepted
 
 
+@pytest.mark.one_interpreter
 def test_twenty_thousand_lines_with_random_damage() -> None:
     chance = random.Random(4)
     decoder = Decoder()

@@ -462,6 +462,7 @@ wire = st.one_of(
 )
 
 
+@pytest.mark.one_interpreter
 @settings(max_examples=examples(150))
 @given(st.lists(st.tuples(wire, st.integers(0, 2 * S), st.booleans()), max_size=40))
 @pytest.mark.failure_mode("R7")
@@ -476,6 +477,7 @@ def test_whatever_comes_a_distance_is_good_recent_and_possible(steps: list[tuple
             assert r.t_ns <= now_ns
 
 
+@pytest.mark.one_interpreter
 @given(st.lists(st.integers(1, 30)), st.integers(0, 3))
 def test_how_the_bytes_are_cut_changes_no_value(cuts: list[int], glitch: int) -> None:
     """Dates may differ by a few bytes, values and qualities not."""

@@ -226,6 +226,7 @@ EVENTS = st.lists(
 SPANS = st.tuples(st.integers(0, 3 * DAY), st.integers(0, 3 * DAY)).map(sorted)
 
 
+@pytest.mark.one_interpreter
 @given(EVENTS, st.lists(SPANS, max_size=3), st.integers(T0, T0 + 5 * DAY))
 def test_whatever_happened_the_figures_agree(events: list[dict[str, Any]], spans: list[list[int]], now_ms: int) -> None:
     parts: dict[int, float] = {}

@@ -213,6 +213,7 @@ def test_every_situation_of_the_visit_is_here() -> None:
     assert list(EXPECTED) == list(SITUATIONS)
 
 
+@pytest.mark.one_interpreter
 @pytest.mark.parametrize("name", EXPECTED)
 def test_the_first_cause_is_the_right_one(name: str) -> None:
     expected = EXPECTED[name]
@@ -226,6 +227,7 @@ def test_the_first_cause_is_the_right_one(name: str) -> None:
     assert any(expected.led in why for why in led), led
 
 
+@pytest.mark.one_interpreter
 def test_a_chain_goes_from_the_camera_s_last_frame_to_stop() -> None:
     story = Story(NEAR, faults=(during("camera_freeze", 3, 2),)).run(9)
     links = story.links
@@ -250,6 +252,7 @@ def test_both_thresholds_have_their_times() -> None:
     assert max(led.values()) == links[-1].unix_ns
 
 
+@pytest.mark.one_interpreter
 def test_a_write_is_named_with_its_writer_and_bits() -> None:
     links = released().links
     (link,) = (link for link in links if link.factor is Factor.RELEASED and link.what)
@@ -271,6 +274,7 @@ def test_what_withholds_may_move_alone(required: str, factor: Factor) -> None:
     assert [cause.factor for cause in story.causes] == [factor]
 
 
+@pytest.mark.one_interpreter
 def test_a_stop_that_is_about_to_end_says_for_how_long_yet() -> None:
     story = Story(NEAR, faults=(during("marker_hidden", 3, 1.5),)).run(4)
     story.until(lambda state: state.d is False)
@@ -278,12 +282,14 @@ def test_a_stop_that_is_about_to_end_says_for_how_long_yet() -> None:
     assert "clear_hold_s is" in story.causes[0].text
 
 
+@pytest.mark.one_interpreter
 def test_a_sensor_that_recovers_is_named_with_how_long() -> None:
     story = Story(NEAR, faults=(during("camera_freeze", 3, 1),)).run(4.2)
     assert story.causes[0].factor is Factor.CAMERA
     assert "has been good again for 0." in story.causes[0].text
 
 
+@pytest.mark.one_interpreter
 def test_a_latched_stop_names_when_d_was_1() -> None:
     legs = (IN | {"hold_s": 0.0}, {"distance_cm": 60, "speed_cm_s": 30, "hold_s": 60})
     config = gateway(fusion={"latch_stop": True})
@@ -294,6 +300,7 @@ def test_a_latched_stop_names_when_d_was_1() -> None:
     assert any(link.why == "D became 1" for link in story.links)
 
 
+@pytest.mark.one_interpreter
 def test_causes_are_never_empty_and_tell_a_stop_from_none() -> None:
     story = Story(IN, faults=(during("spout_down", 6.5, 3), during("camera_freeze", 11, 1))).run(14)
     for step in story.steps:
@@ -303,6 +310,7 @@ def test_causes_are_never_empty_and_tell_a_stop_from_none() -> None:
         assert free == step.state.may_move
 
 
+@pytest.mark.one_interpreter
 def test_a_truck_from_before_the_start() -> None:
     story = Story(NEAR).run(3)
     story.bench.power_on(RetainedState(truck=RetainedTruck(place=None)))

@@ -63,6 +63,7 @@ def rows(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+@pytest.mark.one_interpreter
 def test_csv_has_every_state_and_event(bay: tuple[Recorded, Bench], tmp_path: Path) -> None:
     folder, bench = bay
     assert main(["export", str(folder.path), "--csv", str(tmp_path)]) == 0
@@ -81,6 +82,7 @@ def test_csv_has_every_state_and_event(bay: tuple[Recorded, Bench], tmp_path: Pa
     assert all(float(row["distance_mm"]) > 300 for row in moving)
 
 
+@pytest.mark.one_interpreter
 @pytest.mark.failure_mode("G1")
 @pytest.mark.parametrize("sensors", [True, False])
 def test_csv_and_why_have_a_control_task_that_did_not_run_as_the_outputs_showed_it(
@@ -122,6 +124,7 @@ def test_csv_and_why_have_a_control_task_that_did_not_run_as_the_outputs_showed_
     assert "no tick in time" in told_why
 
 
+@pytest.mark.one_interpreter
 def test_csv_has_the_visits_that_ended_in_that_time(tmp_path: Path) -> None:
     folder = Recorded(tmp_path)
     bench = Bench(truck(NEAR), CONFIG, record=folder.collector)
@@ -153,6 +156,7 @@ def test_csv_has_the_visits_that_ended_in_that_time(tmp_path: Path) -> None:
     assert [int(row["begun_ms"]) for row in rows(out / "visits.csv")] == [early.begun_ms]
 
 
+@pytest.mark.one_interpreter
 def test_csv_by_rate_keeps_every_change_of_the_outputs(bay: tuple[Recorded, Bench], tmp_path: Path) -> None:
     folder, bench = bay
     assert main(["export", str(folder.path), "--csv", str(tmp_path), "--hz", "2"]) == 0
@@ -166,6 +170,7 @@ def test_csv_by_rate_keeps_every_change_of_the_outputs(bay: tuple[Recorded, Benc
     assert bench.state.seq == decided[-1][0]
 
 
+@pytest.mark.one_interpreter
 def test_from_and_to(bay: tuple[Recorded, Bench], tmp_path: Path) -> None:
     folder, _ = bay
     begin, end = unix(1009 * S), unix(1011 * S)
@@ -182,6 +187,7 @@ def test_a_text_that_a_spreadsheet_would_calculate_is_none() -> None:
     assert _cells({"a": "=1+1", "b": -3, "c": "10.0.0.9"}) == ["'=1+1", -3, "10.0.0.9"]
 
 
+@pytest.mark.one_interpreter
 def test_mcap_is_read_by_its_own_reader(
     bay: tuple[Recorded, Bench], frames: list[VisionReading], tmp_path: Path
 ) -> None:
@@ -221,6 +227,7 @@ def test_mcap_without_its_library_names_the_extra(
     assert not (tmp_path / "x.mcap").exists()
 
 
+@pytest.mark.one_interpreter
 def test_pictures_are_read_by_evaluate(
     bay: tuple[Recorded, Bench], frames: list[VisionReading], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

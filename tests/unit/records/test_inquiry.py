@@ -53,6 +53,7 @@ def utc(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 class TestTheMoment:
+    @pytest.mark.one_interpreter
     def test_what_keeps_stop_on_and_since_when(self, frozen: Recorded) -> None:
         answer = at(frozen, 47)
         assert answer.state is not None
@@ -64,6 +65,7 @@ class TestTheMoment:
         assert (answer.silence, answer.missing, answer.differing) == ("", (), 0)
         assert any("stop 1 -> 0" in link.what for link in answer.after)
 
+    @pytest.mark.one_interpreter
     def test_the_window_is_replayed_across_segments(self, frozen: Recorded) -> None:
         answer = at(frozen, 47)
         times = [moment.unix_ns(step.place.head, step.state.t_ns) for step in answer.steps]
@@ -71,6 +73,7 @@ class TestTheMoment:
         assert times == sorted(times)
         assert {step.place.path.name[:8] for step in answer.steps} == {"00000002", "00000003", "00000004"}
 
+    @pytest.mark.one_interpreter
     def test_what_began_minutes_before_is_explained_from_there(self, tmp_path: Path) -> None:
         faults = ({"kind": "camera_freeze", "at_s": 5, "for_s": 600},)
         folder, _ = recorded(tmp_path, until_s=95, faults=faults)
@@ -79,6 +82,7 @@ class TestTheMoment:
         assert [link.why.split(",")[0] for link in answer.chain if not link.what] == ["the newest frame"]
         assert answer.chain[-1].what == "stop 0 -> 1, may_move 1 -> 0, reason none -> vision_stale"
 
+    @pytest.mark.one_interpreter
     def test_other_reasons_meanwhile_do_not_end_the_search(self, tmp_path: Path) -> None:
         faults = ({"kind": "camera_freeze", "at_s": 5, "for_s": 2}, {"kind": "marker_hidden", "at_s": 6, "for_s": 600})
         folder, _ = recorded(tmp_path, until_s=56, faults=faults)
@@ -89,6 +93,7 @@ class TestTheMoment:
         assert what[-1] == "reason vision_stale -> no_target"
         assert answer.causes[0].text.startswith("camera: the frame is fine, but no marker is in it")
 
+    @pytest.mark.one_interpreter
     def test_going_back_keeps_little_in_memory(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr("gateway.records.inquiry.MOST_LOADED", 4)
         faults = ({"kind": "camera_freeze", "at_s": 16.2, "for_s": 600},)
@@ -100,6 +105,7 @@ class TestTheMoment:
         assert answer.chain[0].why.startswith("the newest frame, number 4")  # taken in the segment before
         assert answer.chain[1].what == "stop 0 -> 1, may_move 1 -> 0, reason none -> vision_stale"
 
+    @pytest.mark.one_interpreter
     def test_a_start_ends_the_search(self, frozen: Recorded) -> None:
         answer = at(frozen, -3.9)
         assert answer.chain[0].why == "the gateway started"
@@ -107,6 +113,7 @@ class TestTheMoment:
 
 
 class TestWhatIsMissing:
+    @pytest.mark.one_interpreter
     def test_a_gateway_that_was_killed_and_started_again(self, tmp_path: Path) -> None:
         folder = Recorded(tmp_path)
         bench = Bench(truck(NEAR), CONFIG, record=folder.collector)
@@ -124,6 +131,7 @@ class TestWhatIsMissing:
         assert answer.state is not None
         assert (answer.state.reason, answer.causes[0].factor) == (Reason.GATEWAY_FAULT, Factor.GATEWAY)
 
+    @pytest.mark.one_interpreter
     def test_one_that_was_shut_down(self, tmp_path: Path) -> None:
         folder = Recorded(tmp_path)
         bench = Bench(truck(NEAR), CONFIG, record=folder.collector)
@@ -134,6 +142,7 @@ class TestWhatIsMissing:
         assert answer.silence == "the gateway had been shut down"
         assert answer.causes[0].factor is Factor.SHUTDOWN
 
+    @pytest.mark.one_interpreter
     def test_a_control_task_that_stood_still(self, tmp_path: Path) -> None:
         folder = Recorded(tmp_path)
         bench = Bench(truck(NEAR), CONFIG, record=folder.collector)
@@ -147,6 +156,7 @@ class TestWhatIsMissing:
         )
         assert answer.causes[0].factor is Factor.GATEWAY
 
+    @pytest.mark.one_interpreter
     def test_damage_is_named_and_nothing_is_claimed(self, frozen: Recorded, tmp_path: Path) -> None:
         folder = Recorded(tmp_path)
         for path in sorted(frozen.path.glob("*.seg")):
@@ -159,6 +169,7 @@ class TestWhatIsMissing:
         assert "damaged" in answer.silence
         assert answer.causes == ()
 
+    @pytest.mark.one_interpreter
     def test_another_version_s_decision_is_not_passed_off_as_the_recorded_one(
         self, frozen: Recorded, monkeypatch: pytest.MonkeyPatch
     ) -> None:
@@ -167,6 +178,7 @@ class TestWhatIsMissing:
         assert at(frozen, 40).differing > 0
 
 
+@pytest.mark.one_interpreter
 def test_a_clock_that_was_put_back_does_not_hide_what_is_recorded(frozen: Recorded, tmp_path: Path) -> None:
     """The newest segment with the moment counts; one from 1970 that was written later does not."""
     folder = Recorded(tmp_path)
@@ -180,6 +192,7 @@ def test_a_clock_that_was_put_back_does_not_hide_what_is_recorded(frozen: Record
 
 
 class TestTheVerb:
+    @pytest.mark.one_interpreter
     def test_words(self, frozen: Recorded, capsys: pytest.CaptureFixture[str], utc: None) -> None:
         assert main(["why", "02:14:11", "--records", str(frozen.path.parent)]) == 0
         said = capsys.readouterr().out
@@ -191,6 +204,7 @@ class TestTheVerb:
         assert "fusion.vision_deadline_s      0.3" in said
         assert "pictures: 2, 02:14:08.900 to 02:14:12.500" in said
 
+    @pytest.mark.one_interpreter
     def test_json(self, frozen: Recorded, capsys: pytest.CaptureFixture[str], utc: None) -> None:
         assert main(["why", "2026-11-23", "02:14:11", "--records", str(frozen.path), "--json"]) == 0
         said = json.loads(capsys.readouterr().out)
@@ -203,6 +217,7 @@ class TestTheVerb:
         assert said["settings"]["fusion.vision_deadline_s"] == "0.3"
         assert [picture["frame_id"] for picture in said["pictures"]] == [1347, 1455]
 
+    @pytest.mark.one_interpreter
     def test_the_page_is_one_file_with_its_pictures(
         self, frozen: Recorded, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     ) -> None:
@@ -218,6 +233,7 @@ class TestTheVerb:
         assert "<ellipse" not in text
         assert '<circle cx="' in text
 
+    @pytest.mark.one_interpreter
     @pytest.mark.parametrize(
         ("asked", "words"),
         [
@@ -256,6 +272,7 @@ class TestTheVerb:
         assert "no such moment is recorded" in capsys.readouterr().err
 
 
+@pytest.mark.one_interpreter
 def test_who_did_what(tmp_path: Path, capsys: pytest.CaptureFixture[str], utc: None) -> None:
     folder = Recorded(tmp_path)
     bench = Bench(truck(NEAR), CONFIG, record=folder.collector)

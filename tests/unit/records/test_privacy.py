@@ -44,6 +44,7 @@ def test_a_word_that_can_be_read_cannot_be_read_any_more() -> None:
     assert (blurred_outside(lines, (0, 0, 1, 1))[1:, 1:] == blurred_outside(shifted, (0, 0, 1, 1))[1:, 1:]).all()
 
 
+@pytest.mark.one_interpreter
 @given(
     arrays(np.uint8, st.tuples(st.integers(1, 60), st.integers(1, 60), st.just(3))),
     st.tuples(*[st.integers(0, 100)] * 2, *[st.integers(1, 100)] * 2),

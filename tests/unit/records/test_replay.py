@@ -29,6 +29,7 @@ from gateway.records.record import (
 from gateway.records.recording import Item, MissingItem, Place
 from gateway.records.replay import Difference, Replay, Step
 from gateway.records.segment import Head
+from tests.long import mostly_long
 from tests.visit_bench import Bench, gateway, truck
 from tests.visit_stories import play
 
@@ -74,7 +75,8 @@ def recorded_visit() -> tuple[Bench, Collector]:
     return bench, kept
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.one_interpreter
+@pytest.mark.parametrize("seed", mostly_long(range(6), short=2))
 def test_every_decision_of_a_visit_is_taken_again_bit_for_bit(seed: int) -> None:
     kept = collector()
     bench = play(seed, kept)
@@ -88,6 +90,7 @@ def test_every_decision_of_a_visit_is_taken_again_bit_for_bit(seed: int) -> None
     assert newest.state == bench.state
 
 
+@pytest.mark.one_interpreter
 def test_every_record_of_an_output_is_compared() -> None:
     """Each recorded output changed by hand is reported, at its place, with both values."""
     bench, kept = recorded_visit()
@@ -106,6 +109,7 @@ def test_every_record_of_an_output_is_compared() -> None:
         assert differences[0].what == {"may_move": (not decision.may_move, decision.may_move)}
 
 
+@pytest.mark.one_interpreter
 def test_a_register_that_differs_is_named() -> None:
     bench, kept = recorded_visit()
     found = items(kept)
@@ -120,6 +124,7 @@ def test_a_register_that_differs_is_named() -> None:
     assert list(difference.what) == ["register 4 stop"]
 
 
+@pytest.mark.one_interpreter
 def test_a_missing_observation_is_noticed() -> None:
     bench, kept = recorded_visit()
     found = items(kept)
@@ -128,6 +133,7 @@ def test_a_missing_observation_is_noticed() -> None:
     assert any(isinstance(d, Difference) for d in seen)
 
 
+@pytest.mark.one_interpreter
 def test_the_state_at_a_checkpoint_is_compared_and_taken_over() -> None:
     kept = collector()
     bench = Bench(truck({"distance_cm": 150, "speed_cm_s": 1, "hold_s": 300}), record=kept)
@@ -147,6 +153,7 @@ def test_the_state_at_a_checkpoint_is_compared_and_taken_over() -> None:
     assert any("heartbeat" in name for d in differences[1:] for name in d.what)  # it went on from what was recorded
 
 
+@pytest.mark.one_interpreter
 def test_it_can_begin_at_any_checkpoint() -> None:
     kept = collector()
     bench = Bench(truck({"distance_cm": 150, "speed_cm_s": 1, "hold_s": 300}), record=kept)
@@ -163,6 +170,7 @@ def test_it_can_begin_at_any_checkpoint() -> None:
 
 
 class TestCollector:
+    @pytest.mark.one_interpreter
     def test_a_gap_is_recorded_as_one_and_a_replay_goes_on_behind_it(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr("gateway.records.collector.MAX_PENDING_BYTES", 200_000)
         kept = collector()
@@ -184,6 +192,7 @@ class TestCollector:
         assert isinstance(seen[-1], Step)
         assert seen[-1].state == bench.state
 
+    @pytest.mark.one_interpreter
     def test_batches_fit_into_a_message_and_a_segment_can_begin_at_a_checkpoint(self) -> None:
         kept = collector()
         bench = Bench(truck({"distance_cm": 150, "speed_cm_s": 1, "hold_s": 300}), record=kept)
@@ -238,9 +247,11 @@ class TestAgainst:
         _, seen = replayed(items(kept), Rules.of(other.bays[0], other), exact=False)
         return list(otherwise(s for s in seen if isinstance(s, Step)))
 
+    @pytest.mark.one_interpreter
     def test_the_same_rules_change_nothing(self) -> None:
         assert self.compared() == []
 
+    @pytest.mark.one_interpreter
     def test_a_higher_threshold_stops_earlier_by_the_way_between_both(self) -> None:
         found = self.compared(distance_threshold_mm=340.0, radius_threshold_px=150.0)
         first = found[0]
@@ -249,11 +260,13 @@ class TestAgainst:
         assert first.seconds == pytest.approx(0.2, abs=0.1)  # 40 mm at 200 mm/s
         assert first.begin_ns == UNIX_NS + first.state.t_ns
 
+    @pytest.mark.one_interpreter
     def test_a_release_that_was_given_for_nothing_is_seen(self) -> None:
         """Thresholds that the truck never reaches: it may move where it was in place."""
         found = self.compared(radius_threshold_px=250.0)
         assert any("in_place 1 -> 0" in f.what for f in found)
 
+    @pytest.mark.one_interpreter
     def test_one_interval_for_one_kind_of_difference(self) -> None:
         found = self.compared(radius_threshold_px=250.0)
         assert len(found) < 8

@@ -114,6 +114,7 @@ ROWS = st.builds(
 )
 
 
+@pytest.mark.one_interpreter
 @given(st.lists(ROWS, max_size=40), st.floats(0, 1800))
 def test_no_second_is_made_up(rows: list[dict[str, Any]], passed_s: float) -> None:
     found = times_of(rows, passed_s)
@@ -130,6 +131,7 @@ def test_no_second_is_made_up(rows: list[dict[str, Any]], passed_s: float) -> No
     assert lengths == sorted(lengths, reverse=True)
 
 
+@pytest.mark.one_interpreter
 @given(st.lists(st.lists(ROWS, max_size=6), max_size=4))
 def test_days_together_are_their_sum(parts: list[list[dict[str, Any]]]) -> None:
     days = [times_of(rows, 600.0) for rows in parts]

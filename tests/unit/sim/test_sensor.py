@@ -47,6 +47,7 @@ class TestSensor:
 
 
 class TestFrames:
+    @pytest.mark.one_interpreter
     def test_the_scenarios_own_exposure_gives_the_picture_that_it_has_without_control(self) -> None:
         scenario = parse({"camera": SMALL, "light": {"level": 0.7, "warmth": 0.3}})
         truth = World(scenario).truth(1.0)
@@ -63,6 +64,7 @@ class TestFrames:
         assert np.abs(short - Painter(plain).frame(truth, 0, NORMAL).astype(int)).max() <= 1
         assert np.mean(Painter(bright).frame(truth, 0)) > 240, "without control it is"
 
+    @pytest.mark.one_interpreter
     def test_a_longer_exposure_smears_more(self) -> None:
         legs = [{"distance_cm": 100, "lateral_mm": 800, "speed_cm_s": 100, "acceleration_cm_s2": 900}]
         scenario = parse({"camera": {**SMALL, "width_px": 320, "focal_px": 300}, "legs": legs})

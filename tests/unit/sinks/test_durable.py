@@ -131,13 +131,14 @@ def test_when_the_disk_can_be_written_again_it_holds_what_memory_holds(name: str
         until(lambda: rows(path) == ["b-2", "b-3"])
 
 
+@pytest.mark.one_interpreter
 def test_a_real_limit_of_the_system_is_a_full_disk(name: str, tmp_path: Path) -> None:
     """RLIMIT_FSIZE: the kernel itself refuses the write. The limit is the process's: only the disk's file meets it."""
     code = (
         "import resource, sys, threading, time\n"
         "from pathlib import Path\n"
         "from gateway.sinks.outbox.durable import DurableOutbox\n"
-        "from gateway.sinks.outbox.outbox import Entry, Limits\n"
+        "from gateway.sinks.outbox.outbox import OutboxEntry, OutboxLimits\n"
         "from gateway.sinks.outbox.store import EventFile\n"
         "all_put = threading.Event()\n"
         "class Small(EventFile):\n"
@@ -145,9 +146,9 @@ def test_a_real_limit_of_the_system_is_a_full_disk(name: str, tmp_path: Path) ->
         "        all_put.wait()\n"
         "        resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, resource.RLIM_INFINITY))\n"
         "        super().write(*args, **kwargs)\n"
-        "with DurableOutbox(sys.argv[1], Path(sys.argv[2]), Limits(1000), open_file=Small) as outbox:\n"
+        "with DurableOutbox(sys.argv[1], Path(sys.argv[2]), OutboxLimits(1000), open_file=Small) as outbox:\n"
         "    for n in range(60):\n"
-        "        outbox.put(Entry(f'b-{n}', 't', b'x' * 2000, True))\n"
+        "        outbox.put(OutboxEntry(f'b-{n}', 't', b'x' * 2000, True))\n"
         "    all_put.set()\n"
         "    while not outbox.store.fault:\n"
         "        time.sleep(0.01)\n"
@@ -270,6 +271,7 @@ def test_what_nobody_has_a_use_for_expires_on_disk_too(name: str, tmp_path: Path
 FLOOD = 3000  # events of 3 kB
 
 
+@pytest.mark.one_interpreter
 @pytest.mark.parametrize("older", [False, True], ids=["of this version", "of an older version"])
 def test_the_file_is_small_again_after_a_flood(name: str, tmp_path: Path, older: bool) -> None:
     """Also one that an older version has left behind large and empty, where nothing is put any more."""
@@ -335,17 +337,18 @@ def test_a_file_that_cannot_be_made_smaller_loses_nothing_and_is_no_fault(
     assert [record.message for record in caplog.records] == ["no room to make it smaller; it is tried again later"]
 
 
+@pytest.mark.one_interpreter
 def test_killed_at_any_moment_nothing_that_happened_is_lost(name: str, tmp_path: Path) -> None:
     """The child reports an event only after it happened: all that it reported must be there afterwards, in order."""
     code = (
         "import os, sys, time\n"
         "from pathlib import Path\n"
         "from gateway.sinks.outbox.durable import DurableOutbox\n"
-        "from gateway.sinks.outbox.outbox import Entry, Limits\n"
-        "with DurableOutbox(sys.argv[1], Path(sys.argv[2]), Limits(100_000)) as outbox:\n"
+        "from gateway.sinks.outbox.outbox import OutboxEntry, OutboxLimits\n"
+        "with DurableOutbox(sys.argv[1], Path(sys.argv[2]), OutboxLimits(100_000)) as outbox:\n"
         "    first = int(sys.argv[3])\n"
         "    for n in range(first, first + 10_000):\n"
-        "        outbox.put(Entry(f'b-{n}', 't', b'x' * 1500, True))\n"
+        "        outbox.put(OutboxEntry(f'b-{n}', 't', b'x' * 1500, True))\n"
         "        os.write(1, b'%d\\n' % n)\n"
         "        time.sleep(0.0005)\n"
         "        if n % 3 == 0 and (old := outbox.oldest()):\n"

@@ -123,6 +123,7 @@ def test_the_window_grows_by_one_and_is_halved_when_the_link_is_slow() -> None:
 # Nobody subscribes.
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_what_nobody_receives_is_kept_and_the_oldest_tried_again_with_longer_waits() -> None:
     plant = quick("bay1", "bay2", state_period_s=60)
@@ -146,6 +147,7 @@ async def test_what_nobody_receives_is_kept_and_the_oldest_tried_again_with_long
     assert plant.link_errors == []
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_a_subscriber_to_one_bay_makes_the_others_be_tried_at_once() -> None:
     plant = quick("bay1", "bay2", state_period_s=60)
@@ -177,6 +179,7 @@ async def test_a_new_connection_tries_at_once() -> None:
         assert numbers(plant)[-2:] == [1, 2]
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_without_any_subscriber_the_oldest_expire_no_event_is_lost_and_no_alarm_is_raised() -> None:
     plant = quick(state_period_s=60, unsubscribed_h=0.1, outbox_events=50)
@@ -210,6 +213,7 @@ async def test_what_nobody_uses_takes_no_room_of_what_somebody_waits_for() -> No
     assert figures(plant, "events_dropped", "events_unsubscribed", "events_held") == [0, 20, 30]
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_a_subscriber_that_is_lost_is_reported_until_it_is_not_expected_any_more() -> None:
     plant = quick(state_period_s=60, unsubscribed_h=0.1, outbox_events=20)
@@ -301,6 +305,7 @@ async def test_refused_states_and_announcements_are_dropped_and_counted() -> Non
     assert plant.link_errors == []
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_a_topic_after_which_the_broker_ends_the_connection_is_found_and_held() -> None:
     """As MQTT 3.1.1 brokers do, which have no other way to refuse a message."""
@@ -332,6 +337,7 @@ async def test_a_topic_after_which_the_broker_ends_the_connection_is_found_and_h
     assert figures(plant, "events_dropped") == [0]
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_a_broker_that_ends_the_connection_after_a_refusal_does_so_once() -> None:
     """mosquitto 2.0.11 does. It did so nine times in 14 s."""
@@ -386,6 +392,7 @@ async def test_a_network_that_breaks_now_and_then_holds_nothing() -> None:
     assert list(dict.fromkeys(numbers(plant))) == list(range(1, 81))
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_a_broker_that_is_silent_is_not_blamed_on_a_topic() -> None:
     plant = quick(keepalive_s=2)

@@ -203,6 +203,8 @@ async def test_the_preferred_one_is_returned_to_when_it_accepts_a_check() -> Non
     }
 
 
+@pytest.mark.one_interpreter
+@pytest.mark.long
 @in_virtual_time
 async def test_a_preferred_one_that_lets_go_each_time_is_returned_to_less_and_less_often() -> None:
     """It accepts connections, and ends each after 20 s."""

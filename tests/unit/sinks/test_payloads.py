@@ -395,12 +395,14 @@ WILD_STATE = st.builds(
 )
 
 
+@pytest.mark.one_interpreter
 @given(state=WILD_STATE, offset_ns=WILD_TIME, now_ns=WILD_TIME)
 def test_any_state_becomes_a_valid_message(state: StateVector, offset_ns: int, now_ns: int) -> None:
     for state_ in (state, shown(state, now_ns), payloads.final(state, now_ns)):
         sent(state_payload(state_, GATEWAY, offset_ns, 1))
 
 
+@pytest.mark.one_interpreter
 @given(
     state=WILD_STATE,
     kind=st.sampled_from(EventKind),

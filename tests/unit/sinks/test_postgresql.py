@@ -473,6 +473,7 @@ def cleaned(value: Any) -> Any:
     return [cleaned(item) for item in value] if isinstance(value, list) else value
 
 
+@pytest.mark.one_interpreter
 @given(st.lists(json_values, max_size=4))
 def test_documents_lose_nothing_but_nul(values: list[object]) -> None:
     documents = [storable(json.dumps(value).encode()) for value in values]

@@ -22,6 +22,7 @@ from tests.unit.sinks.mqtt_stand_ins import Plant, in_virtual_time, now_s
 from tests.virtual_time import LoopClock
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_online_is_published_only_when_every_bay_s_state_is_new() -> None:
     plant = Plant("bay1", "bay2", "bay3")
@@ -195,6 +196,7 @@ async def test_events_are_published_in_order_and_are_not_retained() -> None:
     assert not any(message.retain for message in found)
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_an_event_carries_the_time_it_happened_not_the_time_it_was_delivered() -> None:
     plant = Plant()

@@ -4,6 +4,7 @@ import contextlib
 import math
 from typing import Any
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -51,6 +52,7 @@ def shown(value: Any, datatype: DataType) -> Any:
     return value & masks[datatype] if datatype in masks and value is not None else value
 
 
+@pytest.mark.one_interpreter
 @given(PAYLOADS)
 @settings(max_examples=examples(200), deadline=None)
 def test_what_we_write_the_compilers_code_reads(payload: Payload) -> None:
@@ -80,6 +82,7 @@ def test_without_types_only_the_types_are_missing(payload: Payload) -> None:
     assert bare == whole
 
 
+@pytest.mark.one_interpreter
 @given(PAYLOADS)
 @settings(max_examples=examples(200), deadline=None)
 def test_what_the_compilers_code_writes_we_read(payload: Payload) -> None:
@@ -89,6 +92,7 @@ def test_what_the_compilers_code_writes_we_read(payload: Payload) -> None:
     }
 
 
+@pytest.mark.one_interpreter
 @given(st.binary(max_size=300) | st.builds(lambda payload, at: encode(payload)[:at], PAYLOADS, st.integers(0, 400)))
 @settings(max_examples=examples(700), deadline=None)
 def test_any_bytes_are_a_payload_or_a_wire_error(data: bytes) -> None:

@@ -66,6 +66,7 @@ def proving(machine: PlayedMachine) -> None:
     machine.restart()
 
 
+@pytest.mark.one_interpreter
 def test_an_update_to_its_end(machine: WatchedMachine, capsys: pytest.CaptureFixture[str]) -> None:
     path = package(machine, Version(name=NEW))
     assert run(machine, path, "--unsigned", "--replay", "0") == 0
@@ -109,6 +110,7 @@ def test_a_log_that_is_gone_does_not_keep_from_returning(machine: WatchedMachine
     assert machine.world.runs == OLD
 
 
+@pytest.mark.one_interpreter
 def test_back_where_the_old_version_cannot_be_proven_is_an_error(machine: WatchedMachine) -> None:
     proving(machine)
     machine.remove(machine.paths.versions / OLD)
@@ -214,6 +216,7 @@ def test_the_question_about_differences(
     assert not machine.paths.watcher.is_symlink()
 
 
+@pytest.mark.one_interpreter
 def test_status_shows_when_and_how_it_was_begun(machine: WatchedMachine, capsys: pytest.CaptureFixture[str]) -> None:
     run(machine, "--status")
     assert "update:    none so far" in capsys.readouterr().out

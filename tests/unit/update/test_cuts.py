@@ -16,6 +16,7 @@ from gateway.update import state as states
 from gateway.update.machine import InstallPaths
 from gateway.update.prepare import UpdateOptions
 from gateway.update.state import Outcome, Stage
+from tests.long import mostly_long
 from tests.unit.update.test_flow import is_tidy
 from tests.unit.update.test_recordings import row
 from tests.update_machine import KILLED, NEW, OLD, PlayedMachine, Version, installed, package
@@ -105,7 +106,7 @@ def _is_sound(machine: PlayedMachine, version: Version, where: str) -> Outcome |
 
 
 @pytest.mark.parametrize("version", [GOOD, WORSE], ids=["good", "worse"])
-@pytest.mark.parametrize("power", [True, False], ids=["power", "killed"])
+@pytest.mark.parametrize("power", mostly_long([True, False]), ids=["power", "killed"])
 def test_a_cut_before_each_action(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, version: Version, power: bool
 ) -> None:

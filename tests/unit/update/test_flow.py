@@ -69,6 +69,7 @@ def test_a_good_version_is_taken_and_the_one_before_stays(tmp_path: Path) -> Non
     is_tidy(machine)
 
 
+@pytest.mark.one_interpreter
 def test_the_configuration_is_migrated_in_a_copy_and_back_by_hand_uses_the_original(tmp_path: Path) -> None:
     machine = installed(tmp_path, Version(name=OLD, wants="old_key"))
     update = Update(machine, Version(name=NEW, wants="new_key", migrates={"old_key": "new_key"}))
@@ -86,6 +87,7 @@ def test_the_configuration_is_migrated_in_a_copy_and_back_by_hand_uses_the_origi
     is_tidy(machine)
 
 
+@pytest.mark.one_interpreter
 @pytest.mark.parametrize("migrates", [{}, {"old_key": "new_key"}])
 def test_what_is_saved_while_a_worse_version_is_tried_is_put_aside(tmp_path: Path, migrates: dict[str, str]) -> None:
     """A technician, on its pages, with a key that the old version does not know."""
@@ -113,6 +115,7 @@ def test_what_is_saved_while_a_worse_version_is_tried_is_put_aside(tmp_path: Pat
     assert kept.read_text() == saved, "the next update leaves it"
 
 
+@pytest.mark.one_interpreter
 def test_what_is_saved_on_the_old_version_after_the_return_stays(tmp_path: Path) -> None:
     """Also where the return is begun again after a power cut."""
     machine = installed(tmp_path)
@@ -138,6 +141,7 @@ def test_what_is_saved_on_the_old_version_after_the_return_stays(tmp_path: Path)
     assert not machine.paths.saved_config(NEW).exists()
 
 
+@pytest.mark.one_interpreter
 def test_back_by_hand_uses_what_was_saved_since_where_nothing_was_migrated(tmp_path: Path) -> None:
     machine = installed(tmp_path)
     assert Update(machine, Version(name=NEW)).run().outcome is Outcome.UPDATED
@@ -166,6 +170,7 @@ def test_what_is_saved_while_the_configuration_is_examined_was_not_examined(
     assert "was changed after 2.0 had examined it" in state.why
 
 
+@pytest.mark.one_interpreter
 @pytest.mark.parametrize(
     ("worse", "why"),
     [
@@ -225,6 +230,7 @@ def test_what_certainly_contradicts_what_is_decided_is_not_waited_for(tmp_path: 
     assert machine.world.began_s < 1100 + 15, "when the old version was started again"
 
 
+@pytest.mark.one_interpreter
 def test_a_version_with_a_newer_map_is_taken_and_back_by_hand_takes_the_older_one(tmp_path: Path) -> None:
     machine = installed(tmp_path)
     assert Update(machine, Version(name=NEW, serves={"map_version": MAP_VERSION + 1})).run().outcome is Outcome.UPDATED
@@ -247,6 +253,7 @@ def test_without_room_nothing_is_begun(tmp_path: Path) -> None:
     is_tidy(machine)
 
 
+@pytest.mark.one_interpreter
 def test_an_old_version_that_cannot_be_proven_either_is_told(tmp_path: Path) -> None:
     """Somebody has pulled the camera's cable meanwhile."""
     machine = installed(tmp_path)
@@ -269,6 +276,7 @@ def test_an_old_version_that_cannot_be_proven_either_is_told(tmp_path: Path) -> 
     assert "1.0 not proven: not proven within 120 s: bay1: no frames" in state.why
 
 
+@pytest.mark.one_interpreter
 def test_it_waits_for_free_bays(tmp_path: Path) -> None:
     machine = installed(tmp_path)
     machine.change(phases={"1000": "in_place", "1400": "leaving", "1500": "empty"})
@@ -370,6 +378,7 @@ def test_an_installation_that_changes_the_version_in_use_is_undone(tmp_path: Pat
     is_tidy(machine)
 
 
+@pytest.mark.one_interpreter
 @pytest.mark.parametrize("how", ["dry", "worse", "refused"])
 def test_a_version_that_was_not_taken_does_not_come_back_with_another_python(tmp_path: Path, how: str) -> None:
     machine = installed(tmp_path)
@@ -386,6 +395,7 @@ def test_a_version_that_was_not_taken_does_not_come_back_with_another_python(tmp
     assert machine.installed() == [OLD, NEW]
 
 
+@pytest.mark.one_interpreter
 def test_back_by_hand_rejects_no_package(tmp_path: Path) -> None:
     """dpkg lists that of the version that runs."""
     machine = installed(tmp_path)
@@ -411,6 +421,7 @@ def test_back_without_a_previous_version(tmp_path: Path) -> None:
     assert Update(machine, None).run().why == "there is no previous version on this machine"
 
 
+@pytest.mark.one_interpreter
 def test_a_failed_update_keeps_the_version_before(tmp_path: Path) -> None:
     machine = installed(tmp_path)
     assert Update(machine, Version(name=NEW)).run().outcome is Outcome.UPDATED

@@ -35,6 +35,8 @@ def picture(chance: np.random.Generator) -> Image:
     return np.asarray(np.clip(np.rint(seen), 0, 255), np.uint8)
 
 
+@pytest.mark.one_interpreter
+@pytest.mark.long
 def test_clear_air_is_what_the_estimate_says(kernel: AirKernel) -> None:
     chance = np.random.default_rng(21)
     clear = veiled = 0

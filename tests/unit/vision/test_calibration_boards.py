@@ -55,6 +55,7 @@ def test_where_the_points_are() -> None:
     assert shifted[-1] == [40, 20, 0]
 
 
+@pytest.mark.one_interpreter
 @pytest.mark.parametrize(("board", "rms_px"), [(CHECKER, 0.06), (SYMMETRIC, 0.05), (ASYMMETRIC, 0.08)], ids=str)
 def test_every_point_is_found_where_it_is(board: Board, rms_px: float) -> None:
     for pose in (POSES[1], POSES[7]):
@@ -72,6 +73,7 @@ def test_light_circles_on_dark_are_found_too() -> None:
     assert find(SYMMETRIC, np.asarray(255 - picture, np.uint8)) is not None
 
 
+@pytest.mark.one_interpreter
 def test_circles_larger_than_the_built_in_limit() -> None:
     board = parse("circles:4x3:100mm")
     camera = Camera(width=960, height=720, fx=1000, fy=1000, cx=480, cy=360, distortion=(0.0, 0.0, 0.0, 0.0))
@@ -100,6 +102,7 @@ def grey() -> NDArray[np.uint8]:
     return np.full((200, 300, 3), 128, np.uint8)
 
 
+@pytest.mark.one_interpreter
 def test_no_board_and_the_wrong_size() -> None:
     for board in (CHECKER, SYMMETRIC, ASYMMETRIC):
         assert find(board, grey()) is None

@@ -63,6 +63,7 @@ def test_how_far_apart_two_views_are() -> None:
     assert moved(turn_deg=(0, 0, 30)) < 0.5, "turned in its own plane, it tells little"
 
 
+@pytest.mark.one_interpreter
 def test_the_views_of_the_other_tests_are_all_worth_taking_once() -> None:
     taken: list[Points] = []
     for n, pose in enumerate(POSES):
@@ -131,6 +132,7 @@ def test_which_kinds_are_missing() -> None:
     assert selection.progress(BOARD, [points(pose) for pose in more], SIZE, None).missing == ()
 
 
+@pytest.mark.one_interpreter
 def test_a_quick_search_finds_the_very_points_of_a_thorough_one() -> None:
     """In a large picture the board is searched in a smaller one, and refined at full size."""
     camera = Camera(1280, 720, 1130.0, 1130.0, 640.0, 360.0, (-0.2, 0.05, 0.0, 0.0))

@@ -74,6 +74,7 @@ def test_without_noise_it_is_exact() -> None:
     assert found.rms_px < 1e-3
 
 
+@pytest.mark.one_interpreter
 def test_how_many_coefficients() -> None:
     for wanted in (0, 4, 5, 8):
         found = calibrate(BOARD, views(), SIZE, wanted)
@@ -114,6 +115,7 @@ def test_all_from_the_front_is_warned_of() -> None:
     assert any(said.startswith("0 views are tilted by 15 degrees or more") for said in found.warnings)
 
 
+@pytest.mark.one_interpreter
 def test_a_focal_length_that_is_left_open_is_no_result() -> None:
     """Both come out precise-looking and wrong by up to a factor of four."""
     flat = tuple(Pose(p.x_mm, p.y_mm, p.z_mm, (0, 0, p.turn_deg[2])) for p in POSES)

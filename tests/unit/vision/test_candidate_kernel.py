@@ -52,6 +52,7 @@ def plane(chance: Chance) -> Plane:
     return steps if kind == 2 else np.asarray(cv2.blur(steps, (3, 3)), np.float32)
 
 
+@pytest.mark.one_interpreter
 def test_the_same_blobs_as_without_a_compiler(kernel: CandidateKernel) -> None:
     chance = np.random.default_rng(1)
     found = 0
@@ -85,6 +86,7 @@ def test_the_median_of_any_values(kernel: CandidateKernel, size: int) -> None:
             assert kernel.blobs(red, SHARES, 1, limits) == candidates._blobs(red, 1, limits)
 
 
+@pytest.mark.one_interpreter
 def test_the_same_votes_as_without_a_compiler(kernel: CandidateKernel) -> None:
     chance = np.random.default_rng(2)
     found = 0
@@ -122,6 +124,8 @@ def test_redness_of_windows_and_of_pictures_upside_down(
         assert np.array_equal(red_plane(PyramidLevel(other, 1)), redness(other))
 
 
+@pytest.mark.one_interpreter
+@pytest.mark.long
 def test_without_wide_registers_not_a_bit_differs(
     kernel: CandidateKernel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -45,6 +45,7 @@ def test_conic_and_back_whatever_its_scale(ellipse: Ellipse, scale: float) -> No
     assert near(back, ellipse, 1e-4)
 
 
+@pytest.mark.one_interpreter
 @given(ellipses, st.floats(0, 2 * math.pi))
 def test_tangent_lies_as_far_out_as_the_support_function_says(ellipse: Ellipse, phi: float) -> None:
     outline = from_ellipse(ellipse)

@@ -38,6 +38,7 @@ def all_agree(library: Path) -> bool:
     return all(part.load(library) is not None for part in (candidates, measurement, red_change, refinement, veil))
 
 
+@pytest.mark.one_interpreter
 def test_with_all_numbers_changed_every_kernel_still_agrees(
     library: Path, monkeypatch: pytest.MonkeyPatch, fresh: None
 ) -> None:
@@ -66,6 +67,7 @@ def answers(library: ctypes.CDLL) -> Iterator[str]:
         yield repr(rim.refine(image, seed, search_px, refinement.DOUBT, opponent))
 
 
+@pytest.mark.one_interpreter
 def test_each_number_is_handed_to_a_kernel(library: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     loaded, numbers = ctypes.CDLL(str(library)), constants.passed()
     usual = list(answers(loaded))

@@ -93,6 +93,7 @@ def stressed(least: float, *, false: bool = False) -> Stressed:
     return found
 
 
+@pytest.mark.one_interpreter
 def test_the_limit_is_the_last_strength_before_the_first_that_is_not_reliable() -> None:
     # Red exceeds green by 170: behind a share a of airlight 170 (1 - a) are left, more or less by 20 % of the depth.
     found = stressed(17.0)
@@ -110,6 +111,7 @@ def test_the_limit_is_the_last_strength_before_the_first_that_is_not_reliable() 
     assert in_words(found)[-1].endswith(f"camera.picture.veil_proven = {int(100 * last.veil) / 100:g}")
 
 
+@pytest.mark.one_interpreter
 def test_no_limit_where_the_mildest_is_not_reliable() -> None:
     blind = stressed(171.0)
     assert asdict(blind.limit("dust")) == {"kind": "dust", "strength": None, "veil": None}

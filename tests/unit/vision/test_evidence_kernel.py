@@ -60,6 +60,7 @@ def anywhere(chance: Chance, shape: tuple[int, ...]) -> Ellipse:
     return Ellipse(u, v, major, major * float(chance.uniform(0.2, 1)), float(chance.uniform(0, math.pi)))
 
 
+@pytest.mark.one_interpreter
 def test_the_same_evidence_as_without_a_compiler(kernel: EvidenceKernel) -> None:
     found = 0
     for levels, seeds, rims in cases(examples(250)):
@@ -70,6 +71,7 @@ def test_the_same_evidence_as_without_a_compiler(kernel: EvidenceKernel) -> None
     assert found > examples(250)
 
 
+@pytest.mark.one_interpreter
 def test_on_a_given_rim_not_a_bit_differs(kernel: EvidenceKernel) -> None:
     for levels, _, rims in cases(examples(100)):
         for one, other in zip(kernel.of_ellipses(levels, rims), of_ellipses_plain(levels, rims), strict=True):
@@ -128,6 +130,8 @@ def test_less_a_veil_and_other_kinds_of_picture_are_left_to_numpy(
         assert measurement.of_ellipses([other], rims) == of_ellipses_plain([other], rims)
 
 
+@pytest.mark.one_interpreter
+@pytest.mark.long
 def test_without_wide_registers_not_a_bit_differs(
     kernel: EvidenceKernel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -211,6 +211,7 @@ def test_bounds_are_used_where_they_hold_for_every_colour(
         assert np.array_equal(sharp.mask(image, Box(0, 0, 256, 256)), plain), r
 
 
+@pytest.mark.long
 def test_without_wide_registers_all_is_the_same(
     kernel: Kernel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

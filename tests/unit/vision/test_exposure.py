@@ -106,6 +106,7 @@ def steady(level: float) -> Radiance:
 
 
 class TestLoop:
+    @pytest.mark.one_interpreter
     @given(
         radiance=st.floats(15, 1500),
         begin=st.floats(200, 8000),
@@ -123,6 +124,7 @@ class TestLoop:
         assert not [n for n, _ in bench.changes if n >= 90]
         assert bench.turns <= 2
 
+    @pytest.mark.one_interpreter
     @given(radiance=st.floats(15, 1500), begin=st.floats(100, 8000), delay=st.integers(0, 3))
     def test_a_linear_camera_settles_within_five_changes(self, radiance: float, begin: float, delay: int) -> None:
         bench = Bench(steady(radiance), WIDE, WIDE.setting(begin), delay=delay).run(100)
@@ -130,6 +132,7 @@ class TestLoop:
         assert len(bench.changes) <= 5
         assert bench.turns <= 1
 
+    @pytest.mark.one_interpreter
     @given(
         lights=st.lists(st.floats(0, 1e6), min_size=1, max_size=8),
         begin=st.floats(1, 1e6),
@@ -321,6 +324,7 @@ class TestLight:
     def test_a_place_that_is_not_in_the_picture(self, place: Ellipse) -> None:
         assert marker_light(scene(180), place) is None
 
+    @pytest.mark.one_interpreter
     @given(
         u=st.floats(-1e4, 1e4), v=st.floats(-1e4, 1e4), a=st.floats(0, 1e4), b=st.floats(0, 1e4), turn=st.floats(0, 3.2)
     )

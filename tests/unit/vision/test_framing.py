@@ -55,6 +55,7 @@ def test_the_crop_is_of_the_delivered_picture_and_a_view_of_it() -> None:
     assert Framing((1, 1, 3, 2), 90).size_px((4, 3)) == (2, 3)
 
 
+@pytest.mark.one_interpreter
 @pytest.mark.parametrize("method", ["robust", "paper"])
 @pytest.mark.parametrize("rotation_deg", [0, 90, 180, 270])
 def test_the_marker_is_found_where_the_framing_puts_it(method: str, rotation_deg: int) -> None:

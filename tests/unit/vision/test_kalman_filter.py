@@ -162,6 +162,7 @@ TIMES = st.one_of(
 )
 
 
+@pytest.mark.one_interpreter
 @given(st.lists(st.tuples(TIMES, CIRCLES, st.none() | st.floats()), max_size=25), TIMES)
 def test_no_input_gives_nonsense(story: list[tuple[int, Circle, float | None]], asked_ns: int) -> None:
     track: Track | None = None

@@ -142,6 +142,7 @@ def test_a_disc_parallel_to_the_image_plane_needs_no_correction_and_gets_little(
     assert math.hypot(found.u_px - u, found.v_px - v) < 0.4
 
 
+@pytest.mark.one_interpreter
 @pytest.mark.parametrize("range_deg", [(0.0, 10.0), (10.0, 20.0), (20.0, 30.0)])
 def test_the_weighted_centre_is_no_worse_than_the_ellipse_s_in_95_of_100_cases(range_deg: tuple[float, float]) -> None:
     """Tilts of any size towards any side: nobody mounts markers so, and still the correction does no harm."""

@@ -63,6 +63,7 @@ def test_a_disc_is_found_where_it_is(r: float, shift: tuple[float, float], colou
     assert found.candidates == 1
 
 
+@pytest.mark.one_interpreter
 def test_the_drawn_scene() -> None:
     """Scratches of paint leave the rim: the enclosing circle holds their stumps."""
     found = pipeline.detect(example_scene.scene(), PAPER)
@@ -72,6 +73,7 @@ def test_the_drawn_scene() -> None:
     assert found.candidates > 1
 
 
+@pytest.mark.one_interpreter
 @pytest.mark.parametrize("seed", range(8))
 def test_same_bits_as_the_plain_opencv_program(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -190,6 +192,7 @@ def test_each_stage_is_timed(image: NDArray[np.uint8]) -> None:
     assert sum(ns for _, ns in pipeline.detect(image, PAPER).stage_ns) == 0
 
 
+@pytest.mark.one_interpreter
 def test_trace_holds_what_each_stage_gives() -> None:
     image = example_scene.scene()
     trace = pipeline.trace(image, PAPER)

@@ -135,6 +135,7 @@ def test_any_picture_is_answered_and_none_of_these_has_a_marker(image: Image) ->
     assert detect(image, LEARNED).circle is None
 
 
+@pytest.mark.one_interpreter
 @given(st.integers(8, 90), st.integers(8, 90), st.integers(0, 2**32 - 1))
 def test_wild_pictures_give_at_most_eight_finite_seeds(width: int, height: int, seed: int) -> None:
     chance = np.random.default_rng(seed)
@@ -216,6 +217,7 @@ def test_a_detector_reads_the_net_before_its_first_frame(made: type, monkeypatch
     made(VisionConfig(proposals="classical"), lambda: 0)
 
 
+@pytest.mark.one_interpreter
 def test_scenes_are_the_same_for_the_same_seed_and_red_where_the_marker_is() -> None:
     made = list(scenes(3, 40))
     again = list(scenes(3, 40))

@@ -20,6 +20,7 @@ PLAIN = VisionConfig(method="paper", tracking=False)
 FOLLOWED = VisionConfig(method="paper", tracking=True)
 
 
+@pytest.mark.one_interpreter
 def test_the_papers_method_by_name() -> None:
     image = disc(100, 90, 40)
     plain = pipeline.detect(image, PLAIN)
@@ -52,6 +53,7 @@ def test_the_robust_method_by_name() -> None:
     assert [name for name, _ in followed(image, 33 * NS_PER_MS).stage_ns] == ["expected", "normalise"]
 
 
+@pytest.mark.one_interpreter
 def test_a_followed_marker_has_the_papers_circle_and_a_label() -> None:
     find = registry.detector(FOLLOWED)
     for n in range(20):
@@ -67,6 +69,7 @@ def test_a_followed_marker_has_the_papers_circle_and_a_label() -> None:
             assert (found.tracking, found.predicted) == (Tracking.MEASURED, None)
 
 
+@pytest.mark.one_interpreter
 def test_two_detectors_share_nothing() -> None:
     one, other = registry.detector(FOLLOWED), registry.detector(FOLLOWED)
     for n in range(5):
@@ -93,6 +96,7 @@ def test_the_default_is_robust_and_followed() -> None:
     assert (VisionConfig().method, VisionConfig().tracking) == ("robust", True)
 
 
+@pytest.mark.one_interpreter
 @pytest.mark.parametrize("method", ["robust", "paper"])
 def test_detectors_that_share_the_frames_each_follow_in_theirs(method: str) -> None:
     params = VisionConfig(method=method, workers=2)

@@ -92,6 +92,7 @@ def both(
     )
 
 
+@pytest.mark.one_interpreter
 def test_the_same_rims_as_without_a_compiler(kernel: RimKernel) -> None:
     rims = 0
     for image, seed, reach, opponent in cases(examples(500)):
@@ -103,6 +104,7 @@ def test_the_same_rims_as_without_a_compiler(kernel: RimKernel) -> None:
     assert rims > examples(500) / 3
 
 
+@pytest.mark.one_interpreter
 def test_the_same_fall_of_redness_as_without_a_compiler(kernel: RimKernel) -> None:
     """To the last bit, also where the rim is cut by the picture's edge."""
     falls = []
@@ -127,6 +129,7 @@ def test_a_red_disc_falls_by_the_redness_of_its_paint(kernel: RimKernel) -> None
     )
 
 
+@pytest.mark.one_interpreter
 def test_samples_are_rounded_as_opencv_rounds_them(kernel: RimKernel) -> None:
     """One in a million of strong noise is another grey level where a processor rounds once more or less in between."""
     chance = np.random.default_rng(5)
@@ -184,6 +187,8 @@ def test_a_picture_whose_pixels_lie_apart_is_left_to_numpy(kernel: RimKernel, mo
     assert fall(apart, seed, 0.25) == fall_plain(image, seed, 0.25)
 
 
+@pytest.mark.one_interpreter
+@pytest.mark.long
 def test_without_wide_registers_not_a_bit_differs(
     kernel: RimKernel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -218,6 +223,7 @@ def test_more_kinds_of_blur_than_are_kept(kernel: RimKernel, library: Path, monk
 # -- what the kernel repeats of OpenCV --------------------------------------------------------------------------------
 
 
+@pytest.mark.one_interpreter
 def test_red_against_green_is_opencvs_for_all_colours() -> None:
     linear, root, weights = lab.linear().astype(np.int64), lab.root().astype(np.int64), lab.weights()
     green, blue = np.meshgrid(np.arange(256), np.arange(256))

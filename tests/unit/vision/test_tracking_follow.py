@@ -342,6 +342,7 @@ def test_a_lamp_beside_a_covered_marker_may_not_move_before_it_is_confirmed() ->
     assert states[29:] == [moving, covered, covered, moving, moving]
 
 
+@pytest.mark.one_interpreter
 @given(st.lists(STEPS, max_size=40), st.floats(0, 3))
 def test_a_coasted_marker_never_raises_or_holds_may_move(
     story: list[tuple[str, Circle, int, float]], coast_s: float

@@ -61,6 +61,7 @@ def test_pixels_go_where_they_belong() -> None:
     assert not example(bay(), Circle(-30, 60, 31)).marked, "what is hardly in the picture has no pixels"
 
 
+@pytest.mark.one_interpreter
 @given(st.lists(st.tuples(st.integers(0, 179), st.integers(0, 255), st.integers(0, 255)), min_size=1, max_size=200),
        st.integers(1, 40), st.integers(0, 40), st.integers(0, 255), st.integers(0, 255))  # fmt: skip
 def test_a_setting_admits_exactly_what_the_method_does(
@@ -152,6 +153,7 @@ def look(label: Label) -> Picture:
     return bay(ground=wood, seed=hash(label.u)) if label.found else np.full((120, 160, 3), wood, np.uint8)
 
 
+@pytest.mark.one_interpreter
 def test_a_study_shows_what_the_method_finds_before_and_after() -> None:
     steps = []
     found = study(labels(8), look, PAPER, lambda: steps.append(1))

@@ -108,6 +108,7 @@ def captured(spec: FewFrames, ring: RingSpec) -> list[Any]:
     return diary.entries
 
 
+@pytest.mark.one_interpreter
 def test_the_source_is_open_before_the_first_frame_can_be_looked_at(ring: RingSpec) -> None:
     """Else a detector that dies on the first frame would be taken for a driver that dies while it opens."""
     opened, first, second, lost = captured(FewFrames(2), ring)

@@ -68,6 +68,7 @@ async def test_state_of_all_bays_and_of_one() -> None:
         assert both[1]["state"]["reason"]["name"] == "STARTING"
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_of_many_bays_all_are_young() -> None:
     async with plant(bays=20) as made:
@@ -126,6 +127,7 @@ VALUES = {
 SILENT_LIMIT_S = 12.0  # a trial's own limit; everything else is answered sooner
 
 
+@pytest.mark.one_interpreter
 @pytest.mark.parametrize(("method", "path"), [(m, path) for path, ways in DOCUMENT["paths"].items() for m in ways])
 @in_virtual_time
 async def test_no_address_fails_or_hangs_while_the_main_process_hangs(method: str, path: str, tmp_path: Path) -> None:
@@ -286,6 +288,7 @@ class TestAlarms:
             alarm = next(one for one in view["alarms"] if one["id"] == "bay1.camera_down")
             assert alarm["who"] == "10.0.0.9 (without login, role technician)"
 
+    @pytest.mark.one_interpreter
     @in_virtual_time
     async def test_every_action_does_what_it_is_called(self) -> None:
         async with plant() as made:

@@ -66,6 +66,7 @@ async def tried(browser: Browser, rule: Rule) -> int:
     return answer.status
 
 
+@pytest.mark.one_interpreter
 @pytest.mark.parametrize(("name", "without_login"), WHO)
 @in_virtual_time
 async def test_every_address_by_everybody(name: str, without_login: str) -> None:
@@ -635,6 +636,7 @@ async def test_a_wrong_password_is_never_served_from_memory() -> None:
 texts = st.text(st.characters(max_codepoint=255), max_size=200)
 
 
+@pytest.mark.one_interpreter
 @given(cookie=texts, host=texts, origin=texts, token=texts, authorization=texts)
 @settings(max_examples=examples(200))
 @in_virtual_time
@@ -653,6 +655,7 @@ async def test_wild_headers_give_no_access_and_no_fault(
     assert all(str(record).isprintable() for record in built.records)
 
 
+@pytest.mark.one_interpreter
 @given(st.lists(st.tuples(st.sampled_from(["g1-session", "other", " g1-session ", "", "G1-SESSION"]), texts)))
 @settings(max_examples=examples(100))
 @in_virtual_time

@@ -114,6 +114,7 @@ async def bench(source: Path | None = None, bays: int = 1) -> AsyncIterator[Benc
         yield Bench(made, api_client(made))
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_views_are_taken_by_themselves_and_the_command_finds_the_same(tmp_path: Path) -> None:
     async with bench() as it:
@@ -177,6 +178,7 @@ async def test_views_are_taken_by_themselves_and_the_command_finds_the_same(tmp_
         assert b"Camera calibration, 320" in report.body
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_what_is_saved_is_what_was_shown(tmp_path: Path) -> None:
     path = tmp_path / "plant.toml"
@@ -236,6 +238,7 @@ async def test_one_session_for_each_bay_and_another_user_is_told() -> None:
         assert (await other.begin())["who"] == "ben"
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_a_view_is_removed_and_the_newest_look_is_shared() -> None:
     async with bench() as it:
@@ -262,6 +265,7 @@ async def test_a_view_is_removed_and_the_newest_look_is_shared() -> None:
         assert (await it.refused("GET", f"/look/{newest['number']}/picture"))[:2] == (404, "gone")
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_why_nothing_is_taken() -> None:
     async with bench() as it:
@@ -302,6 +306,7 @@ async def test_a_camera_without_new_pictures_stays_so_and_its_last_picture_is_no
         assert (await it.look(take=True))["view"] == 1
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_memory_is_bounded_and_what_nobody_watches_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (sessions.MAX_SESSIONS, sessions.MAX_VIEWS, sessions.MAX_BYTES, sessions.IDLE_S) == (2, 40, 128 << 20, 600)

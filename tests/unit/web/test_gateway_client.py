@@ -49,6 +49,7 @@ async def test_a_viewer_is_served_at_once_and_ten_times_a_second_until_the_last_
         assert 5 <= len(made.requests) - before <= 6
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_of_many_bays_those_with_a_viewer_are_always_fresh_and_none_is_forgotten() -> None:
     async with plant(bays=64) as made:
@@ -65,6 +66,7 @@ async def test_of_many_bays_those_with_a_viewer_are_always_fresh_and_none_is_for
     assert all(len(ask.bays) <= MAX_STATES for ask in made.requests)
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_as_many_displays_as_bays_are_all_in_time() -> None:
     async with plant(bays=64) as made:
@@ -121,6 +123,7 @@ async def test_a_new_alarm_comes_with_the_next_answer_and_no_links_where_none_ha
     assert made.handler.answer(StateRequest(1, ("bay1",), links=False, alarm_change=known - 1)).links is not None
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_a_hung_main_process_is_noticed_and_waited_for() -> None:
     async with plant() as made:

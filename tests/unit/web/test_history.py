@@ -319,6 +319,7 @@ def test_the_nearest_picture_is_within_what_was_asked(tmp_path: Path) -> None:
     assert kept_pictures.picture(tmp_path / "nowhere", 2, 0) is None
 
 
+@pytest.mark.one_interpreter
 def test_a_file_that_was_cut_off_lists_what_is_before(tmp_path: Path) -> None:
     bay = recorded(tmp_path)
     (path,) = bay.glob("00000003-*.pictures")

@@ -89,6 +89,7 @@ async def test_a_message_says_how_long_its_question_was_held() -> None:
         assert [view["held_ms"] for view in page.sent[5:15]] == [pytest.approx(70, abs=15)] * 10  # of 100 ms
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_a_page_that_stalled_gets_the_newest_view_and_no_older_one() -> None:
     async with plant() as made:
@@ -123,6 +124,7 @@ async def test_while_the_gateway_hangs_what_is_sent_again_is_as_old_as_it_is(ren
         assert ages_ms(late)[0] == pytest.approx(3000, abs=150)
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_a_page_that_never_answers_is_disconnected() -> None:
     async with plant() as made:

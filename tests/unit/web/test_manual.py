@@ -56,6 +56,7 @@ class Addresses(HTMLParser):
         self.found += [value for key, value in attrs if key in ("href", "src") and value is not None]
 
 
+@pytest.mark.one_interpreter
 def test_every_page_is_listed_and_rendered_with_its_pictures() -> None:
     listed = [
         address.removeprefix("/manual/") for address in Addresses(manual.contents()).found if "manual/" in address

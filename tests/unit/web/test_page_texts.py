@@ -37,6 +37,7 @@ def test_a_language_has_every_text_of_the_operators_page(code: str) -> None:
     assert sorted(required_texts() - LANGUAGES[code]) == [], f"{SHIPPED / code}.json misses these"
 
 
+@pytest.mark.one_interpreter
 def test_what_is_required_is_the_operators_page_and_no_other() -> None:
     required = required_texts()
     assert {"MAY MOVE", "Acknowledge", "Password"} <= required
@@ -45,6 +46,7 @@ def test_what_is_required_is_the_operators_page_and_no_other() -> None:
     assert {alarm.title for alarm in BAY_ALARMS} <= page_texts() - required
 
 
+@pytest.mark.one_interpreter
 def test_one_command_lists_what_a_language_lacks(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -59,6 +61,7 @@ def test_one_command_lists_what_a_language_lacks(
     ]
 
 
+@pytest.mark.one_interpreter
 def test_the_words_that_are_listed_stand_in_some_script() -> None:
     assert WORDS - set().union(*(literals_of(script) for script in DESK)) == set()
 
@@ -67,6 +70,7 @@ def wordy(script: Path) -> list[str]:
     return [f"{text}: {one}" for text, values in templates_of(script) for one in values if WORDY.search(one)]
 
 
+@pytest.mark.one_interpreter
 def test_a_value_that_is_a_word_is_put_into_its_text_by_text(tmp_path: Path) -> None:
     """`${name} is too large` would be looked up as it stands; `text('{0} is too large', name)` is found."""
     assert {script.name: found for script in DESK if (found := wordy(script))} == {}

@@ -96,6 +96,7 @@ def test_the_costliest_hash_sets_what_an_unknown_user_costs() -> None:
     assert passwords._dummy_hash([HASH, dear.password_hash]).split("$")[3] == "m=20000,t=3,p=1"
 
 
+@pytest.mark.one_interpreter
 def test_the_event_loop_goes_on_and_too_many_checks_are_refused() -> None:
     async def checking() -> None:
         book = Passwords(USERS)

@@ -389,6 +389,7 @@ def concerned(line: str, changed: set[str]) -> bool:
     return continued or "[vision]" in line or "vision = {" in line or any(key in line for key in changed)
 
 
+@pytest.mark.one_interpreter
 @settings(max_examples=examples(150), deadline=None)
 @given(text=files(), changes=CHANGES, pick=st.integers(0, 2))
 @example(text="[[bays]]\nname='bay1'\n[fusion]\nradius_threshold_px = 120.0", changes={"method": "paper"}, pick=0)

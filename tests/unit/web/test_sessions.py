@@ -112,6 +112,7 @@ def test_expired_sessions_are_removed_without_a_request() -> None:
     assert len(book) == 1
 
 
+@pytest.mark.one_interpreter
 @given(st.lists(st.tuples(st.sampled_from("abc"), st.integers(0, 20), st.integers(0, HOUR)), max_size=60))
 def test_never_more_than_allowed_and_each_end_is_reported_once(steps: list[tuple[str, int, int]]) -> None:
     ended: list[str] = []

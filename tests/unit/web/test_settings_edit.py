@@ -227,6 +227,7 @@ def at(document: Any, path: str) -> Any:
     return tree
 
 
+@pytest.mark.one_interpreter
 @settings(max_examples=examples(250), deadline=None)
 @given(text=files(), change=CHANGE)
 def test_an_edit_changes_its_key_and_nothing_else(text: str, change: tuple[str, Any]) -> None:

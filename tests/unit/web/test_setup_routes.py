@@ -112,6 +112,7 @@ def test_every_address_is_for_technicians_alone() -> None:
     }
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_the_file_is_shown_with_its_schema_and_without_its_passwords(tmp_path: Path) -> None:
     async with page(tmp_path / "plant.toml") as asked:
@@ -157,6 +158,7 @@ def test_the_schema_takes_what_the_gateway_takes_and_names_unit_secret_and_choic
     assert undescribed == []
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_changes_are_previewed_saved_and_undone(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO)
@@ -193,6 +195,7 @@ async def test_changes_are_previewed_saved_and_undone(tmp_path: Path, caplog: py
         assert (await asked.settings())["waiting"] == []
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_faults_come_back_with_path_line_and_message_and_prevent_saving(tmp_path: Path) -> None:
     async with page(tmp_path / "plant.toml") as asked:
@@ -237,6 +240,7 @@ async def test_a_bay_whose_function_check_can_not_be_kept_is_not_saved(
         assert asked.path.read_text() == FILE
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_a_password_is_replaced_but_never_kept_for_another_address(tmp_path: Path) -> None:
     async with page(tmp_path / "plant.toml") as asked:
@@ -329,6 +333,7 @@ async def test_bays_of_the_command_line_leave_the_files_alone(tmp_path: Path) ->
         assert "its camera.url, 0, is that of bay 'north', too: each bay needs its own" in faults[0]["message"]
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_a_restart_needs_confirmation_time_and_no_truck(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     async with page(tmp_path / "plant.toml") as asked:
@@ -358,6 +363,7 @@ async def test_a_restart_needs_confirmation_time_and_no_truck(tmp_path: Path, ca
         assert boot == {"boot": asked.made.client.about.boot}
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_a_truck_that_was_in_place_is_at_the_bay_also_where_no_sensor_shows_it(tmp_path: Path) -> None:
     async with page(tmp_path / "plant.toml") as asked:
@@ -386,6 +392,7 @@ BROAD = [  # of the picture, nearly all of it is red
 ]
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_settings_of_vision_with_warnings_are_saved_only_when_each_is_accepted(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
@@ -415,6 +422,7 @@ async def test_settings_of_vision_with_warnings_are_saved_only_when_each_is_acce
         assert (await asked.post("save", undo=True)).status == 200
 
 
+@pytest.mark.one_interpreter
 @settings(max_examples=examples(4), deadline=None)
 @given(secret=st.text("abcXYZ019-_.!~", min_size=6, max_size=20))
 def test_no_password_ever_leaves(tmp_path_factory: pytest.TempPathFactory, secret: str) -> None:

@@ -179,6 +179,7 @@ async def test_a_file_has_a_row_for_each_day(tmp_path: Path) -> None:
     assert (before["recorded_s"], before["unrecorded_s"], before["to_position_s_median"]) == ("0.0", "86400.0", "")
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_days_that_cannot_be_answered(tmp_path: Path) -> None:
     indexed(tmp_path)

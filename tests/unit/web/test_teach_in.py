@@ -74,6 +74,7 @@ async def truck(source: Path | None = None) -> AsyncIterator[Truck]:
         yield Truck(made, api_client(made))
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_a_minute_of_a_standing_truck_becomes_changes() -> None:
     async with truck() as it:
@@ -107,6 +108,7 @@ async def test_a_minute_of_a_standing_truck_becomes_changes() -> None:
         assert it.made.client.watchers == 0  # nobody is served at the quick pace any more
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_one_at_a_time_for_each_bay_and_it_can_be_cancelled() -> None:
     async with truck() as it:
@@ -159,6 +161,7 @@ ranger.port = "/dev/ttyACM1"
 """
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_the_changes_are_saved_by_the_settings_addresses(tmp_path: Path) -> None:
     path = tmp_path / "plant.toml"
@@ -183,6 +186,7 @@ async def test_the_changes_are_saved_by_the_settings_addresses(tmp_path: Path) -
     assert "# the paper's" in path.read_text()
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_with_a_recipe_in_force_its_keys_are_taught() -> None:
     async with truck() as it:
@@ -213,6 +217,7 @@ def test_it_does_not_begin_with_a_contradiction() -> None:
     assert "contradict each other" in teach_in.why_not(contradicting, BAY)
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_a_marker_that_is_covered_ends_it() -> None:
     async with truck() as it:
@@ -227,6 +232,7 @@ async def test_a_marker_that_is_covered_ends_it() -> None:
         assert it.made.client.watchers == 0
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_a_gateway_that_reports_nothing_ends_it_and_results_are_forgotten(
     monkeypatch: pytest.MonkeyPatch,
@@ -247,6 +253,7 @@ async def test_a_gateway_that_reports_nothing_ends_it_and_results_are_forgotten(
         assert (await it.view())["phase"] == "none"
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_what_was_measured_may_be_refused() -> None:
     async with truck() as it:

@@ -77,6 +77,7 @@ def test_a_question_whose_asker_is_gone_changes_nothing(
     assert (one.name, [picture.file for picture in one.pictures]) == ("dusk", ["0001-a.png"])
 
 
+@pytest.mark.one_interpreter
 def test_a_disk_that_holds_it_up_is_its_end_before_the_asker_gives_up(tmp_path: Path) -> None:
     assert process.LIMIT_S < client.ANSWER_S
     near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -85,10 +86,10 @@ def test_a_disk_that_holds_it_up_is_its_end_before_the_asker_gives_up(tmp_path: 
         code = (
             "import socket, sys, time; from pathlib import Path; from gateway.processes.channel import Channel;"
             "from gateway.web.ipc.testsets import SETS_QUESTIONS; from gateway.web.testsets import process;"
-            "from gateway.web.testsets.store import Store;"
-            "Store.sets = lambda *_: time.sleep(60); process.LIMIT_S = 1;"
+            "from gateway.web.testsets.store import SetStore;"
+            "SetStore.sets = lambda *_: time.sleep(60); process.LIMIT_S = 1;"
             "far = socket.socket(fileno=int(sys.argv[1]));"
-            "process.take(Channel(far, SETS_QUESTIONS), Store(Path(sys.argv[2]), frozenset(('bay1',))))"
+            "process.take(Channel(far, SETS_QUESTIONS), SetStore(Path(sys.argv[2]), frozenset(('bay1',))))"
         )
         command = [sys.executable, "-c", code, str(far.fileno()), str(tmp_path)]
         ended = subprocess.run(command, pass_fds=[far.fileno()], timeout=50, check=False)

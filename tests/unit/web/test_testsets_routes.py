@@ -125,6 +125,7 @@ async def test_a_set_is_made_filled_labelled_and_evaluated(tmp_path: Path, capsy
         assert (figures["with_marker"], figures["without_marker"], figures["false"]) == (1, 1, 0)
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_a_score_counts_against_the_known_truth(tmp_path: Path) -> None:
     async with bay(tmp_path, "dusk") as page:
@@ -171,6 +172,7 @@ def test_times_are_compared_pair_by_pair_and_answers_by_place() -> None:
     assert not scoring.differs(outcome(1, None), outcome(1, None))
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_settings_go_live_only_with_the_sets_warnings_accepted(tmp_path: Path) -> None:
     async with bay(tmp_path, "dusk 1", "dusk 2", "empty") as page:

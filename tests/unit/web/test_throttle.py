@@ -111,6 +111,7 @@ def test_one_spelling_for_one_address(address: str, spelling: str) -> None:
     assert spelled(address) == spelling
 
 
+@pytest.mark.one_interpreter
 @given(st.lists(st.tuples(st.sampled_from("ab"), st.sampled_from("xy"), st.integers(0, 20 * S), st.booleans())))
 def test_failures_never_outrun_the_allowance(steps: list[tuple[str, str, int, bool]]) -> None:
     """Whatever the order: in no span did more failures pass than the burst and one for each period of it."""

@@ -187,6 +187,7 @@ def decoded(data: bytes) -> np.ndarray:
     return image
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_a_recording_holds_the_frames_of_the_next_seconds() -> None:
     async with bay() as page:
@@ -260,6 +261,7 @@ async def test_settings_go_live_in_a_function_check_and_back_again() -> None:
         assert (await page.post("function-check", mode="off")).json["function_check"] == "off"
 
 
+@pytest.mark.one_interpreter
 @in_virtual_time
 async def test_a_web_process_that_takes_the_place_of_another_can_undo_what_that_one_applied() -> None:
     async with bay() as page:

@@ -192,6 +192,7 @@ def test_a_recording_is_followed_as_it_would_be_live() -> None:
     assert found.from_reference.centre_px < 0.5
 
 
+@pytest.mark.one_interpreter
 def test_a_trial_ends_when_it_is_no_longer_wanted_and_when_the_time_is_over() -> None:
     answers = iter([True, True, False])
     with pytest.raises(EndedError):

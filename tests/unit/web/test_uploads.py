@@ -42,6 +42,7 @@ def png(width: int, height: int) -> bytes:
     return PNG[:16] + struct.pack(">II", width, height) + PNG[24:]
 
 
+@pytest.mark.one_interpreter
 @pytest.mark.parametrize(
     ("data", "why"),
     [
