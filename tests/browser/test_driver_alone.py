@@ -364,7 +364,7 @@ INKED = """() => {
 
 @pytest.mark.parametrize("language", LANGUAGES)
 @pytest.mark.parametrize("screen", SCREENS)
-@pytest.mark.parametrize("font", FONTS)
+@pytest.mark.parametrize("font", mostly_long(FONTS))
 def test_the_distance_can_be_read_at_10_m(display: Display, screen: str, language: str, font: str) -> None:
     width_px, height_px, width_mm = SCREENS[screen]
     for units, amounts_mm in (("metric", (2880.0, 880.0)), ("imperial", (3480.0, 888.0))):

@@ -59,6 +59,7 @@ def test_it_is_accessible(page: Page) -> None:
     judgements.accessible(page)
 
 
+@pytest.mark.long
 def test_it_is_accessible_in_the_dark(page: Page) -> None:
     page.emulate_media(color_scheme="dark")
     try:
@@ -72,10 +73,12 @@ def test_it_can_be_used_by_keyboard(page: Page) -> None:
     judgements.usable_by_keyboard(page)
 
 
+@pytest.mark.long
 def test_it_can_be_used_at_twice_the_size(page: Page) -> None:
     judgements.usable_when_zoomed(page)
 
 
+@pytest.mark.long
 def test_nothing_moves_where_motion_is_not_wanted(page: Page) -> None:
     judgements.still_where_motion_is_not_wanted(page)
 

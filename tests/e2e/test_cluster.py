@@ -19,6 +19,7 @@ from tests.node_function import run_function
 pytestmark = pytest.mark.timeout(240)
 
 
+@pytest.mark.long
 def test_events_survive_the_nodes_of_a_cluster(tmp_path: Path) -> None:
     report = cluster_faults.run(
         tmp_path, events=200, faults=["killed", "killed with the gateway"], hold_s=(1.0, 3.0), per_s=15.0, seed=6

@@ -313,8 +313,9 @@ def test_the_shared_state_vector_can_be_read_by_another_process(tmp_path: Path) 
     assert ended.code == 1 or json.loads(ended.out)["pid"] != gateway.process.pid
 
 
+@pytest.mark.long
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize("method", mostly_long(["robust", "paper"]))
+@pytest.mark.parametrize("method", ["robust", "paper"])
 def test_trials_reproduce_table_ii(method: str) -> None:
     """Ten trials take a minute at true speed; three at twice the speed show that the machinery is right.
 

@@ -248,6 +248,7 @@ def test_a_good_version_whose_watcher_is_killed_is_taken_and_back_by_hand_return
     assert '"version": "1.0"' in plant.paths.status.read_text()
 
 
+@pytest.mark.long
 def test_back_by_hand_ends_an_update_while_it_is_proven(plant: Plant) -> None:
     """The emergency brake: it ends the watcher, which waits and sleeps, and has the old version back."""
     package = plant.package("2.0", "")

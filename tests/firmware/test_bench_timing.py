@@ -22,6 +22,7 @@ def errors_mm(played: Run, against: str) -> list[float]:
     ]
 
 
+@pytest.mark.long
 def test_the_timing_chain_is_good_to_a_fifth_of_a_millimetre_from_5_to_400_cm() -> None:
     """200 distances from a seeded draw, four cycles each; the module itself is exact."""
     draw = random.Random(1)

@@ -54,6 +54,7 @@ def test_the_arduino_ide_finds_what_it_needs() -> None:
         assert (sketch.parent / include).is_file()
 
 
+@pytest.mark.long
 def test_the_core_tests_reach_every_line_and_branch(tmp_path: Path) -> None:
     make("host")
     for notes in COVERED.glob("*.gcno"):

@@ -8,6 +8,7 @@ import pytest
 from gateway.core.state import VisitPhase
 from tests.interlock_search import OUTPUTS_ONLY, TIMES, VALUES, complaints, key, root, search, spaces, taken, visits
 from tests.interlock_walks import ROUND, played, walk
+from tests.long import mostly_long
 from tests.planted_faults import PLANTED
 
 pytestmark = pytest.mark.one_interpreter
@@ -26,7 +27,7 @@ TRANSITIONS: Mapping[str, int] = {
 AT_LEAST = {phase.name.lower() for phase in VisitPhase} - {"empty", "arriving"}
 
 
-@pytest.mark.parametrize("name", SPACES)
+@pytest.mark.parametrize("name", mostly_long(SPACES, short=4))
 def test_no_state_next_to_a_visit_permits_what_a_stated_condition_forbids(name: str) -> None:
     space = SPACES[name]
     found = search(space, visits(space), transitions=TRANSITIONS[name], compare=0.003)
@@ -98,7 +99,7 @@ def test_the_search_reports_a_planted_fault_from_a_truck_that_was_in_place(
     assert [fault for fault, _ in found.faults] == [complaint]
 
 
-@pytest.mark.parametrize("name", SPACES)
+@pytest.mark.parametrize("name", mostly_long(SPACES, short=2))
 def test_no_random_walk_comes_to_a_permit_that_a_stated_condition_forbids(name: str) -> None:
     space = SPACES[name]
     found = walk(space, visits(space), walks=3)

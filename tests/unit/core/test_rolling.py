@@ -73,7 +73,7 @@ def test_a_truck_that_creeps_rolls_all_the_way(covered: bool) -> None:
 
 
 @pytest.mark.one_interpreter
-@pytest.mark.parametrize(("rolling_mm", "settle_s"), [(12.0, 1.0), (8.0, 1.0), (8.0, 3.0), (12.0, 5.0)])
+@pytest.mark.parametrize(("rolling_mm", "settle_s"), mostly_long([(8.0, 1.0), (12.0, 1.0), (8.0, 3.0), (12.0, 5.0)]))
 def test_a_truck_that_stands_again_rolls_no_more_whatever_the_noise(rolling_mm: float, settle_s: float) -> None:
     """At the latest after two times settle_s: the first may still have seen the end of the motion."""
     config = gateway(visit={"rolling_mm": rolling_mm, "settle_s": settle_s})
@@ -88,7 +88,7 @@ def test_a_truck_that_stands_again_rolls_no_more_whatever_the_noise(rolling_mm: 
 
 
 @pytest.mark.one_interpreter
-@pytest.mark.parametrize("speed_cm_s", [3, 10, 50])
+@pytest.mark.parametrize("speed_cm_s", mostly_long([10, 3, 50]))
 def test_without_writes_a_truck_that_departs_is_not_told_to_brake(speed_cm_s: int) -> None:
     """Each departure rolls there."""
     for seed in range(5):

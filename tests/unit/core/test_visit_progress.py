@@ -17,6 +17,7 @@ from gateway.core.visit_progress import RESUME_S, Turns, VisitProgress
 from gateway.core.visit_summary import VisitEnd, VisitSummary, joined, merged
 from gateway.sim import scenario as scenarios
 from tests.examples import examples
+from tests.long import mostly_long
 from tests.visit_bench import UNIX_NS, Bench, Levels, gateway, truck
 from tests.visit_stories import play
 
@@ -197,6 +198,7 @@ def test_a_truck_that_only_one_sensor_sees_is_no_visit(sensor: str) -> None:
     assert len(bench.visits) <= 1
 
 
+@pytest.mark.long
 def test_a_truck_that_waits_beyond_the_leave_distance_is_not_in_the_bay() -> None:
     bench = driven({"distance_cm": 200, "speed_cm_s": 20, "hold_s": 400}, start={"distance_cm": 260}, for_s=320)
     assert (bench.visits, bench.progress.open(bench.now_ns)) == ([], None)
@@ -319,7 +321,7 @@ def test_two_parts_of_a_visit_add_up() -> None:
 # Wild visits.
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3, 5, 8])
+@pytest.mark.parametrize("seed", mostly_long([1, 2, 3, 5, 8]))
 def test_every_visit_made_up_by_chance_adds_up(seed: int) -> None:
     bench = play(seed)
     still = bench.progress.open(bench.now_ns)

@@ -128,7 +128,7 @@ def test_visit_person_is_a_contradiction_that_ends_with_the_person() -> None:
     assert cleared[-1] == stops[-1].t_s
 
 
-@pytest.mark.parametrize("name", ["day", "dusk", "approach"])
+@pytest.mark.parametrize("name", mostly_long(["day", "dusk", "approach"]))
 def test_no_truck_that_drives_away_is_told_to_come_nearer(name: str) -> None:
     """Seven departures of `day`, none of them released."""
     scenario = scenarios.load(ROOT / "scenarios" / f"{name}.toml")
@@ -171,6 +171,7 @@ def test_a_plc_that_holds_its_release_bit_all_day_gains_nothing(name: str) -> No
     assert said[0] == said[1]
 
 
+@pytest.mark.long
 @given(st.integers(0, 2**31))
 @settings(max_examples=examples(12), suppress_health_check=[HealthCheck.too_slow])
 def test_in_random_visits_no_output_is_ever_wrong(seed: int) -> None:

@@ -19,6 +19,7 @@ from gateway.vision.picture.background import LOST_S, TRUSTED_S, Background
 from gateway.vision.picture.judge import PictureJudge
 from gateway.vision.picture.measure import PERIOD_NS, PictureMeter, halved, sharpness, veil
 from gateway.vision.pixels import Image
+from tests.long import mostly_long
 
 pytestmark = pytest.mark.one_interpreter
 
@@ -95,7 +96,7 @@ def covered(level: float) -> Disturb:
 
 
 @pytest.mark.parametrize("name", ["approach", "day", "dusk", "dust", "rusty"])
-@pytest.mark.parametrize("noise", [2.0, 5.0])
+@pytest.mark.parametrize("noise", mostly_long([5.0, 2.0]))
 def test_a_clean_bay_is_in_order_whatever_the_truck_the_light_and_the_clouds_do(name: str, noise: float) -> None:
     healths = [measured(exposed(scene, noise)) for scene in scenes(name)]
     assert faults(healths, 3600) == set()

@@ -217,6 +217,7 @@ def test_a_detector_reads_the_net_before_its_first_frame(made: type, monkeypatch
     made(VisionConfig(proposals="classical"), lambda: 0)
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_scenes_are_the_same_for_the_same_seed_and_red_where_the_marker_is() -> None:
     made = list(scenes(3, 40))

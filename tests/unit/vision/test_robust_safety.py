@@ -17,6 +17,7 @@ from gateway.vision.detect.robust.method import REJECTIONS
 from gateway.vision.pixels import Image
 from tests import decoys
 from tests.examples import examples
+from tests.long import mostly_long
 
 pytestmark = pytest.mark.one_interpreter
 
@@ -25,7 +26,7 @@ WIDTH, HEIGHT = 320, 240
 chance = np.random.default_rng
 
 
-@pytest.mark.parametrize("ground", decoys.GROUNDS)
+@pytest.mark.parametrize("ground", mostly_long(decoys.GROUNDS))
 @pytest.mark.parametrize("name", [name for name in decoys.DECOYS if name != "text"])
 def test_a_decoy_alone_is_no_marker(name: str, ground: str) -> None:
     sheet = decoys.sheet(WIDTH, HEIGHT, ground, 5)
