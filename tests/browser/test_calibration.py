@@ -38,6 +38,7 @@ def without_new_picture(route: Route) -> None:
     route.fulfill(response=answer, json=answer.json() | nothing | {"view": None})
 
 
+@pytest.mark.long
 @pytest.mark.timeout(300)
 def test_a_lens_from_the_board_to_the_file(
     visit: Visit, watches: list[Watch], tmp_path: Path, started: ExitStack

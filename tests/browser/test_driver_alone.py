@@ -436,7 +436,8 @@ ON_THE_WORD = """() => {
 
 
 @pytest.mark.parametrize(
-    ("width_px", "height_px"), [(740, 360), (568, 320), (390, 844), (768, 1024), (960, 540), (1366, 768), (1920, 1080)]
+    ("width_px", "height_px"),
+    mostly_long([(568, 320), (1366, 768), (740, 360), (390, 844), (768, 1024), (960, 540), (1920, 1080)], short=2),
 )
 def test_the_buttons_lie_on_no_word(display: Display, width_px: int, height_px: int) -> None:
     """They are shown for some seconds after a touch, just when a driver looks."""

@@ -239,6 +239,7 @@ def test_a_second_bay_from_nothing_to_its_function_check(
     assert kept_of(file, "north")["function_check"] == "MAY_MOVE_OFF"
 
 
+@pytest.mark.long
 def test_the_bay_that_runs_is_set_up_with_the_devices_that_it_has(
     shipped: Running, visit: Visit, watches: list[Watch]
 ) -> None:
@@ -314,6 +315,7 @@ def at_work(page: Page, bay: str) -> bool:
     return bool(good) and now["function_check"] == "OFF"
 
 
+@pytest.mark.long
 def test_a_found_device_is_picked_for_a_new_bay_then_the_ranger_of_one_that_runs_is_replaced_alone(
     shipped: Running, visit: Visit, tmp_path: Path
 ) -> None:

@@ -407,7 +407,7 @@ def test_in_place_has_a_sign_of_its_own(operator: Open) -> None:
 DIALECT = re.compile(r"D = |R x Z|R and Z|ECHO pin|deadline|quality|protocol|may_move|in_place|_")
 
 
-@pytest.mark.parametrize("bays", [("bay1",), ("bay1", "bay2")])
+@pytest.mark.parametrize("bays", [("bay1",), pytest.param(("bay1", "bay2"), marks=pytest.mark.long)])
 def test_every_reason_is_in_words_that_a_person_would_use(
     operator: Open, client: StandInServer, bays: tuple[str, ...]
 ) -> None:

@@ -10,6 +10,7 @@ from tests.browser.chromium import SERVER_GONE, Watch, until
 from tests.browser.conftest import Visit
 from tests.browser.plant import TO_AND_FRO, Plant, plant
 from tests.e2e.tcp_proxy import NetworkConditions, Proxy
+from tests.long import mostly_long
 
 # For how long after its newest answer was asked for a decision stood on the page, at most; and how many answers came.
 # A busy machine may add to a timer what it likes: what is to be seen is some seconds.
@@ -55,7 +56,7 @@ def in_time(page: Page) -> bool:
     return oldest_ms < LIMIT_MS + SLACK_MS
 
 
-@pytest.mark.parametrize("path", ["/#bay1", "/tune/bay1"])
+@pytest.mark.parametrize("path", mostly_long(["/#bay1", "/tune/bay1"]))
 def test_a_decision_that_was_long_on_its_way_is_not_shown(
     bay: Plant, visit: Visit, watches: list[Watch], path: str
 ) -> None:

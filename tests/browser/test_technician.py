@@ -150,6 +150,7 @@ def test_save_shows_the_difference_and_changes_one_line_of_the_file(
         plc.wait_for(lambda image: image["may_move"] == 1, PATIENCE_S)
 
 
+@pytest.mark.long
 def test_a_second_tab_notices_what_the_first_has_changed(visit: Visit, tmp_path: Path, started: ExitStack) -> None:
     bay = started.enter_context(plant(tmp_path, STANDING))
     first, second = tuning(bay, visit), tuning(bay, visit)
@@ -166,6 +167,7 @@ def test_a_second_tab_notices_what_the_first_has_changed(visit: Visit, tmp_path:
     expect(second.get_by_role("button", name="Begin function check", exact=True)).to_be_visible()
 
 
+@pytest.mark.long
 def test_a_change_is_undone_with_one_click_outside_a_function_check_and_after_the_web_process_was_replaced(
     visit: Visit, watches: list[Watch], tmp_path: Path, started: ExitStack
 ) -> None:
@@ -270,6 +272,7 @@ SAME_FRAME = """() => {
 }"""
 
 
+@pytest.mark.long
 def test_all_pictures_are_of_one_frame_and_a_click_samples_the_one_that_is_seen(
     visit: Visit, tmp_path: Path, started: ExitStack
 ) -> None:
@@ -321,6 +324,7 @@ window.createImageBitmap = async (...all) => {
 OPEN = "() => window.__bitmaps.filter((one) => one.width > 0).length"  # a closed one has no size
 
 
+@pytest.mark.long
 def test_the_memory_of_a_picture_is_given_back_when_the_next_one_is_shown(page: Page) -> None:
     page.evaluate("() => {" + BITMAPS + "}")
     until(page, lambda: page.evaluate("() => window.__bitmaps.length") > 6)

@@ -27,6 +27,7 @@ def drawn(u: int, v: int, radius: int, seed: int) -> bytes:
     return data
 
 
+@pytest.mark.long
 def test_a_test_set_is_made_labelled_scored_and_stands_before_what_goes_live(
     visit: Visit, watches: list[Watch], tmp_path: Path, started: ExitStack
 ) -> None:

@@ -8,6 +8,7 @@ from playwright.sync_api import expect
 
 from tests.browser.conftest import Visit
 from tests.browser.plant import Plant, plant
+from tests.long import mostly_long
 
 # It creeps nearer, within its band, and back, without an end: nearer is an alarm, whether or not a PLC writes.
 CREEPING = """
@@ -61,14 +62,14 @@ def truck(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Plant]:
         yield running
 
 
-@pytest.mark.parametrize("path", PAGES)
+@pytest.mark.parametrize("path", mostly_long(PAGES))
 def test_every_page_shows_the_alarm_of_a_truck_that_rolls(rolls: Plant, visit: Visit, path: str) -> None:
     bar = visit(rolls.url + path).locator(".alarmbar")
     expect(bar).to_contain_text("Truck rolls while in place", timeout=40_000)
 
 
 @pytest.mark.parametrize(
-    ("truck", "word"), [(FAR_OUT, "DRIVE UP"), (CREEPING, "BRAKE"), (LOADED, "LEAVE")], indirect=["truck"]
+    ("truck", "word"), mostly_long([(CREEPING, "BRAKE"), (FAR_OUT, "DRIVE UP"), (LOADED, "LEAVE")]), indirect=["truck"]
 )
 def test_the_driver_is_told_to_come_to_brake_or_to_leave(truck: Plant, visit: Visit, word: str) -> None:
     page = visit(truck.url + "/driver/bay1?lang=en")

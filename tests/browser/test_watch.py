@@ -62,6 +62,7 @@ def test_a_good_page_passes_every_judgement(visit: Visit, site: Site, watches: l
     assert watches[0].requests >= 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("script", "expected"),
     [
@@ -100,6 +101,7 @@ def test_a_lost_server_is_excused_only_when_the_test_ended_it(visit: Visit, site
     watches.clear()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("judge", "body", "style", "expected"),
     [
