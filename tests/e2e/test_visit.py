@@ -54,7 +54,7 @@ ADDRESS = {register.name: register.address for register in REGISTERS}
 
 
 class WritingPlc(Plc):
-    """Its heartbeat counts, its control word is as it is set. What a gateway that is held up refuses is written again."""
+    """Its heartbeat counts, its control word is as it is set. What a gateway refuses in a stall is written again."""
 
     control = 0
     beat = 0
