@@ -84,8 +84,8 @@ def emit(out: Writable, **row: Any) -> None:
 
 
 def _shown(state: StateVector, picked: dict[str, str]) -> dict[str, Any]:
-    rows = {name: BAY_VALUES[value] for name, value in picked.items()}
-    return {name: plain(row, state, _DIGITS[row.unit]) for name, row in rows.items()}
+    rows = ((name, BAY_VALUES[value]) for name, value in picked.items())
+    return {name: plain(row, state, _DIGITS[row.unit]) for name, row in rows}
 
 
 class JsonLines:

@@ -247,7 +247,7 @@ def _reset_unreleased(current: Visit, before: Handshake, plc: Handshake, fused: 
 
 def _cause_gone(fused: Fused) -> bool:
     """Do both sensors show that D is 0? Two that do not fit each other end no stop, not even before that is a fault."""
-    return fused.d is False and fused.memory.disagree_since_ns is None
+    return visit.d_is_zero(fused)
 
 
 def _absent_since(old: FusionMemory, fused: Fused, limits: VisitLimits) -> int | None:

@@ -79,7 +79,7 @@ def step(
     over = has_ended(visit, fused, limits)
     if over:
         visit = _after_visit(visit)
-    checked = function_check or (visit.checked and not over and not _d_is_zero(fused))
+    checked = function_check or (visit.checked and not over and not d_is_zero(fused))
     if checked != visit.checked:
         visit = replace(visit, checked=checked)
     if visit.place is not None and not visit.off_mark and _is_off_mark(fused, limits):
@@ -202,7 +202,7 @@ def _is_off_mark(fused: Fused, limits: VisitLimits) -> bool:
     return fused.d is False and fused.calm and distance_mm is not None and distance_mm > limits.off_mark_mm
 
 
-def _d_is_zero(fused: Fused) -> bool:
+def d_is_zero(fused: Fused) -> bool:
     """By both sensors, which fit each other."""
     return fused.d is False and fused.memory.disagree_since_ns is None
 

@@ -88,7 +88,7 @@ def _form(
     row: Value[Source], form: str, words: str, choices: tuple[str | int, ...], shape: Callable[[Any], Any]
 ) -> dict[str, Value[Source]]:
     def read(source: Source) -> Any:
-        return None if (code := row.of(source)) is None else shape(code)
+        return None if (code := row.read(source)) is None else shape(code)
 
     name, kind = f"{row.name}.{form}", type(choices[0]) if choices else str
     return {name: replace(row, name=name, kind=kind, meaning=row.meaning + words, read=read, choices=choices)}
