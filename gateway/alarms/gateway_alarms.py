@@ -204,7 +204,7 @@ GATEWAY_ALARMS: tuple[AlarmDefinition[GatewayInputs], ...] = (
         "records_lost",
         "Records lost",
         Priority.LOW,
-        "the recorder could not write for this time that records were dropped",
+        "the recorder could not write for so long that records were dropped",
         "the recording has a gap; a replay goes on behind it",
         ("the disk was full, read-only or broken for minutes", "the machine is overloaded"),
         "mend the disk; reset this alarm",

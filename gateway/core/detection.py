@@ -21,7 +21,7 @@ TRACKING_MEANING: dict[Tracking, str] = {
     Tracking.OFF: "every frame is searched completely, by itself",
     Tracking.MEASURED: "the marker was found in this frame and fits its track, or begins one",
     Tracking.COASTED: "the marker was not found in this frame; its place is predicted from its motion",
-    Tracking.LOST: "no marker is followed: none was found yet, or not for this time that its track was given up",
+    Tracking.LOST: "no marker is followed: none was found yet, or not for so long that its track was given up",
 }
 
 

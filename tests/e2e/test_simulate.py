@@ -108,7 +108,7 @@ def test_an_approach_is_seen_by_mbpoll_by_pymodbus_and_by_mosquitto_sub(tmp_path
         assert (told[0], told[-2:]) == ("start", ["stop_raised", "shutdown"])
         turns = [kind for kind in told if kind in ("stop_raised", "stop_cleared")]
         assert turns == ["stop_cleared", "stop_raised"] * (len(turns) // 2)
-        # Twice each, unless the machine stood still for this time that a sensor fell silent: then there are more.
+        # Twice each, unless the machine stood still for so long that a sensor fell silent: then there are more.
         assert len(turns) == 4 or "sensor_fault" in told
         ids = [message.json["id"] for message in scada.on("/event")]
         assert len(set(ids)) == len(ids)

@@ -76,7 +76,7 @@ class TopicAnswers:
             self._hold(topic, now_ns, CUT_RETRY_S, fault=fault)
 
     def unused(self, topic: str) -> None:
-        """Nobody has subscribed to it for this time that nobody is expected to."""
+        """Nobody has subscribed to it for so long that nobody is expected to."""
         self._topics[topic].used = False
 
     def pipelined(self, topic: str) -> bool:
