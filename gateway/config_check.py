@@ -4,7 +4,7 @@ import re
 from collections.abc import Callable, Iterator
 from functools import partial
 
-from gateway.config import SHARED_SECTIONS, GatewayConfig, ModbusConfig, RangerConfig
+from gateway.config import SHARED_SECTIONS, BayConfig, GatewayConfig, ModbusConfig, RangerConfig
 from gateway.config.strict.errors import ConfigFault, FaultsError, located
 from gateway.errors import ConfigError
 from gateway.files import device_at
@@ -39,6 +39,8 @@ def check(config: GatewayConfig, *, source: str, text: str) -> None:
         look(("bays", n, "camera", "exposure"), partial(check_exposure, bay.camera))
         look(("bays", n, "ranger", "port"), partial(check_port, bay.ranger))
         look(("bays", n, "vision", "proposals"), partial(detection_methods.method(bay.vision.method).check, bay.vision))
+        for place, what in _beyond_range(n, bay, config):
+            faults.append(located(place, what, source=source, text=text, shared=SHARED_SECTIONS))
         look(("modbus", "handshake", "trigger_timeout_s"), partial(_check_trigger, config.modbus, bay.ranger))
     if config.modbus.tls is not None:
         look(("modbus", "tls"), partial(tls.check, TlsFiles.of_modbus(config.modbus.tls)))
@@ -69,6 +71,22 @@ def _check_trigger(modbus: ModbusConfig, ranger: RangerConfig) -> None:
             f"{timeout_s:g} is too short for a result: ranger.median = {ranger.median} readings younger than the "
             f"trigger take {ranger.median * period_s:g} s"
         )
+
+
+def _beyond_range(n: int, bay: BayConfig, config: GatewayConfig) -> Iterator[tuple[tuple[str | int, ...], str]]:
+    """Distances that the bay's ranger can't measure: no truck would ever be there."""
+    max_range_mm = ranger_type(bay.ranger).max_range_mm
+    if max_range_mm is None:
+        return
+    distances: list[tuple[tuple[str | int, ...], float | None]] = [
+        (("bays", n, "fusion", "distance_threshold_mm"), bay.fusion.distance_threshold_mm),
+        (("bays", n, "visit", "leave_distance_mm"), bay.visit.leave_distance_mm),
+    ]
+    for m, recipe in enumerate(config.recipes):
+        distances.append((("recipes", m, "fusion", "distance_threshold_mm"), recipe.fusion.distance_threshold_mm))
+    for place, distance_mm in distances:
+        if distance_mm is not None and distance_mm > max_range_mm:
+            yield place, f"the ranger of bay {bay.name!r} ({bay.ranger.type}) measures up to {max_range_mm:g} mm"
 
 
 def check_languages(config: GatewayConfig, *, source: str, text: str) -> None:

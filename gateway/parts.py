@@ -128,7 +128,7 @@ def build_outputs(shared: Shared, sensors: Sensors, in_force: InForce) -> BayOut
     history = EventHistory(hub)
     recorder = RecorderService(config, clock, sensors.frames, shared.boot)
     alarms = AlarmMonitor(
-        {bay.name: bay.fusion for bay in config.bays},
+        {bay.name: bay for bay in config.bays},
         lambda bay: hub.shown(bay, clock.now_ns()),
         clock,
         partial(_on_alarm, recorder),

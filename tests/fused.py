@@ -11,7 +11,15 @@ from gateway.core.state import StateVector, Tick
 def step(
     state: StateVector, observation: fusion.Observation, now_ns: int, config: FusionConfig, **more: Any
 ) -> StateVector:
-    fused = fusion.step(state, observation, now_ns, config, stopped=state.stop, monitored=state.visit.monitored)
+    fused = fusion.step(
+        state,
+        observation,
+        now_ns,
+        config,
+        stopped=state.stop,
+        monitored=state.visit.monitored,
+        max_range_mm=4000.0,  # an HC-SR04's
+    )
     return replace(
         state,
         t_ns=fused.t_ns,

@@ -7,12 +7,13 @@ action is none: an empty bay, a truck in place, a marker hidden for a moment, a 
 from collections.abc import Callable
 
 from gateway.alarms.definition import MINUTE_S, AlarmDefinition, BayInputs, Priority, Suppression
+from gateway.config.sections.ranger import RANGERS
 from gateway.core.ne107 import degraded
 from gateway.core.plc import PlcLink
 from gateway.core.readings import DEAD, EXPOSURE_MEANING, UNCONTROLLED, PictureFault, Quality
 from gateway.core.state import MOVED_MEANING, FunctionCheck, Moved, Reason
 
-ECHO_DUE_MM = 2500.0  # a truck whose marker looks so near must give an echo: the ranger hears 4 m
+ECHO_DUE_SHARE = 0.625  # of the ranger's range: a truck whose marker looks nearer must give an echo
 Condition = Callable[[BayInputs], bool]
 Detail = Callable[[BayInputs], str]
 
@@ -33,14 +34,15 @@ def expected_mm(inputs: BayInputs) -> float | None:
     circle = state.vision.circle
     if circle is None or circle.radius_px <= 0:
         return None
-    return inputs.distance_threshold_mm * inputs.radius_threshold_px / circle.radius_px
+    fusion = inputs.config.fusion
+    return fusion.distance_threshold_mm * fusion.radius_threshold_px / circle.radius_px
 
 
 def _no_echo(inputs: BayInputs) -> bool:
     if inputs.state.range.quality not in (Quality.NO_ECHO, Quality.TOO_FAR):
         return False
-    far_mm = expected_mm(inputs)
-    return far_mm is not None and far_mm < ECHO_DUE_MM
+    far_mm, max_range_mm = expected_mm(inputs), RANGERS.load(inputs.config.ranger.type).max_range_mm
+    return far_mm is not None and max_range_mm is not None and far_mm < ECHO_DUE_SHARE * max_range_mm
 
 
 def _disagree_detail(inputs: BayInputs) -> str:
@@ -228,7 +230,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         "ranger_no_echo",
         "No echo, though the marker is near",
         Priority.MEDIUM,
-        f"the marker looks nearer than {ECHO_DUE_MM / 1000:g} m, and the ranger still hears nothing or something far",
+        "the marker looks well within the ranger's range, and the ranger still hears nothing or something far",
         _STOPS,
         ("the sensor points past the truck", "dust or ice on the sensor", "a surface that swallows sound"),
         "look at the sensor: clean it, point it at the truck's flat side",
@@ -255,7 +257,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         "ranger_too_near",
         "Something on the ranger",
         Priority.MEDIUM,
-        "for a while now something has been nearer than the ranger can measure (2 cm)",
+        "for a while now something has been nearer than the ranger can measure",
         _STOPS,
         ("dirt, ice or a cover on the sensor", "something leans against it"),
         "look at the sensor and clear it",

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
 from typing import Generic, TypeVar
 
+from gateway.config import BayConfig
 from gateway.core.state import FunctionCheck, Reason, StateVector
 
 MINUTE_S = 60.0
@@ -35,11 +36,10 @@ SUPPRESSION_MEANING: dict[Suppression, str] = {
 
 @dataclass(frozen=True, slots=True)
 class BayInputs:
-    """The input of the alarms of one bay. The thresholds are those of the bay's configuration."""
+    """The input of the alarms of one bay."""
 
     state: StateVector
-    radius_threshold_px: float
-    distance_threshold_mm: float
+    config: BayConfig
 
     @property
     def suppressions(self) -> frozenset[Suppression]:

@@ -25,7 +25,7 @@ from gateway.alarms.records import (
 )
 from gateway.alarms.states import AlarmEvent, AlarmState, next_state
 from gateway.alarms.table import alarm_id
-from gateway.config import FusionConfig
+from gateway.config import BayConfig
 from gateway.core.state import StateVector
 from gateway.durations import NS_PER_S
 
@@ -46,14 +46,14 @@ _ORDER = {
 
 
 class AlarmEngine:
-    """`bays`: name -> its thresholds; `bay_alarms`: the alarms of each. Call `update_bay` and `update_gateway` about
+    """`bays`: by name; `bay_alarms`: the alarms of each. Call `update_bay` and `update_gateway` about
     once a second and when something happened; each returns what changed. Times never step back.
     """
 
     def __init__(
-        self, bays: Mapping[str, FusionConfig], bay_alarms: Sequence[AlarmDefinition[BayInputs]] = BAY_ALARMS
+        self, bays: Mapping[str, BayConfig], bay_alarms: Sequence[AlarmDefinition[BayInputs]] = BAY_ALARMS
     ) -> None:
-        self._thresholds = dict(bays)
+        self._configs = dict(bays)
         self._bays = {bay: [_AlarmInstance(kind, bay) for kind in bay_alarms] for bay in bays}
         self._gateway = [_AlarmInstance(kind, None) for kind in GATEWAY_ALARMS]
         self._by_id: dict[str, _AlarmInstance[BayInputs] | _AlarmInstance[GatewayInputs]] = {
@@ -66,9 +66,7 @@ class AlarmEngine:
 
     def update_bay(self, state: StateVector, now_ns: int) -> list[AlarmChange]:
         """`state` as a PLC would be shown it now, a dead control task included. KeyError: no such bay."""
-        fusion = self._thresholds[state.bay]
-        inputs = BayInputs(state, fusion.radius_threshold_px, fusion.distance_threshold_mm)
-        return self._update(self._bays[state.bay], inputs, now_ns)
+        return self._update(self._bays[state.bay], BayInputs(state, self._configs[state.bay]), now_ns)
 
     def update_gateway(self, conditions: GatewayConditions, now_ns: int) -> list[AlarmChange]:
         inputs = GatewayInputs(conditions, self._conditions)

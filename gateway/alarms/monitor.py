@@ -8,7 +8,7 @@ from gateway.alarms.definition import AlarmDefinition, BayInputs, GatewayConditi
 from gateway.alarms.engine import AlarmEngine
 from gateway.alarms.records import ActionReply, Alarm, AlarmChange, AlarmSummary, OperatorAction
 from gateway.clock import Clock
-from gateway.config import FusionConfig
+from gateway.config import BayConfig
 from gateway.core.state import Moved, StateVector
 
 PERIOD_S = 1.0
@@ -22,7 +22,7 @@ class AlarmMonitor:
 
     def __init__(
         self,
-        bays: Mapping[str, FusionConfig],
+        bays: Mapping[str, BayConfig],
         state: Callable[[str], StateVector],
         clock: Clock,
         report: Callable[[AlarmChange], None],

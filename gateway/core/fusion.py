@@ -42,7 +42,7 @@ from gateway.durations import NS_PER_S
 
 Observation = VisionReading | RangeReading | Tick | PlcWrite | PlcConnection | FunctionCheck
 RECOVERING = "good again, but not for long enough yet"
-BEYOND_RANGE_MM = 3600.0  # the ranger hears up to 4 m; a tenth less, for what was learned may be off
+BEYOND_SHARE = 0.9  # of the ranger's range: what was learned of the marker may be off by a tenth
 
 VISION_REASON: dict[Quality, Reason] = {
     Quality.WAITING: Reason.STARTING,
@@ -67,12 +67,20 @@ _REPAIR_FIRST = {Reason.STARTING: 1, Reason.NO_TARGET: 2, Reason.TARGET_COASTED:
 
 
 def step(
-    state: StateVector, observation: Observation, now_ns: int, config: FusionConfig, *, stopped: bool, monitored: bool
+    state: StateVector,
+    observation: Observation,
+    now_ns: int,
+    config: FusionConfig,
+    *,
+    stopped: bool,
+    monitored: bool,
+    max_range_mm: float | None,
 ) -> Fused:
     """What the sensors show after `observation`, as of `now_ns` (monotonic, the clock that stamped the observations).
 
     Of `state`, the readings and the memory go on. `stopped`: the truck has had to stand until now, whatever for;
-    `monitored`: one is or was in place, so that none arrives. Readings older than the one held are ignored but for
+    `monitored`: one is or was in place, so that none arrives. `max_range_mm`: the ranger's; None: not known, and no
+    truck arrives by the camera alone. Readings older than the one held are ignored but for
     their counters; damaged ones (GOOD without a finite value) become a fault. Never raises on any observation.
     """
     vision, rng = state.vision, state.range
@@ -95,7 +103,7 @@ def step(
     known = vision.quality is Quality.GOOD and rng.quality is Quality.GOOD
     d = memory.d if known else None
     fault = _fault(vision, rng, memory)
-    if not monitored and _arrives(memory, vision, rng, config):
+    if not monitored and _arrives(memory, vision, rng, config, max_range_mm):
         d, fault = False, Reason.NONE
     stop = bool(d) or (config.fail_safe and fault is not Reason.NONE)
     reason = Reason.NONE
@@ -315,17 +323,19 @@ def _no_cause_for_long(memory: FusionMemory, now_ns: int, config: FusionConfig) 
     return memory.no_cause_since_ns is not None and now_ns - memory.no_cause_since_ns >= hold_s * NS_PER_S
 
 
-def _arrives(memory: FusionMemory, vision: VisionReading, rng: RangeReading, config: FusionConfig) -> bool:
+def _arrives(
+    memory: FusionMemory, vision: VisionReading, rng: RangeReading, config: FusionConfig, max_range_mm: float | None
+) -> bool:
     """Is D surely 0 though the ranger sees nothing yet? A small marker, beyond the range from which echoes return.
 
     A ranger without echoes is detected when the marker, by its R Z, is within the ranger's range.
     """
-    if not config.arrive_by_camera or memory.d or memory.disagree or vision.circle is None:
+    if not config.arrive_by_camera or max_range_mm is None or memory.d or memory.disagree or vision.circle is None:
         return False
     radius_px = vision.circle.radius_px
     beyond = rng.quality in (Quality.NO_ECHO, Quality.TOO_FAR)
     small = 0 < radius_px <= FAR_SHARE * config.radius_threshold_px
-    return beyond and small and _distance_mm(memory, radius_px, config) >= BEYOND_RANGE_MM
+    return beyond and small and _distance_mm(memory, radius_px, config) >= BEYOND_SHARE * max_range_mm
 
 
 def _distance_mm(memory: FusionMemory, radius_px: float, config: FusionConfig) -> float:

@@ -18,6 +18,7 @@ from gateway.config import (
     RecipeConfig,
     VisitConfig,
 )
+from gateway.config.sections.ranger import RANGERS
 from gateway.core import agreement, fusion, guidance, handshake, ne107, scale, shown, visit
 from gateway.core.plc import Control, Handshake, PlcConnection, PlcLink, PlcWrite, ResetVerdict, WriteVerdict
 from gateway.core.readings import Quality, RangeReading
@@ -52,11 +53,13 @@ class Recipe:
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """One bay's configuration as the step needs it. `handshake` None: writes are off. Recipe 0 is always there."""
+    """One bay's configuration as the step needs it. `handshake` None: writes are off. Recipe 0 is always there.
+    `max_range_mm`: the ranger's; None: not known."""
 
     recipes: Mapping[int, Recipe]
     handshake: HandshakeConfig | None = None
     visit: VisitConfig = field(default_factory=VisitConfig)
+    max_range_mm: float | None = None
 
     @property
     def latch_stop(self) -> bool:
@@ -74,12 +77,14 @@ class Rules:
     @staticmethod
     def of(bay: BayConfig, gateway: GatewayConfig | None = None) -> "Rules":
         """The rules of `bay`; without the gateway's configuration there are no writes and no recipes."""
+        max_range_mm = RANGERS.load(bay.ranger.type).max_range_mm
         recipes = {0: Recipe(bay.fusion, bay.guidance)}
         if gateway is None:
-            return Rules(recipes, visit=bay.visit)
+            return Rules(recipes, None, bay.visit, max_range_mm)
         for recipe in gateway.recipes:
             recipes[recipe.id] = Recipe.of(bay, recipe)
-        return Rules(recipes, gateway.modbus.handshake if gateway.modbus.writes else None, bay.visit)
+        writes = gateway.modbus.handshake if gateway.modbus.writes else None
+        return Rules(recipes, writes, bay.visit, max_range_mm)
 
 
 def initial(bay: str, now_ns: int, rules: Rules, retained: RetainedState | None = None) -> StateVector:
@@ -123,7 +128,15 @@ def _step(state: StateVector, observation: fusion.Observation, now_ns: int, rule
     # A release ends the stop, not the sensors: when it ends, D must have been 0 for clear_hold_s.
     stopped = state.stop or (state.visit.released and not state.visit.off_mark)
     monitored = state.visit.monitored
-    fused = fusion.step(state, observation, now_ns, recipe.fusion, stopped=stopped, monitored=monitored)
+    fused = fusion.step(
+        state,
+        observation,
+        now_ns,
+        recipe.fusion,
+        stopped=stopped,
+        monitored=monitored,
+        max_range_mm=rules.max_range_mm,
+    )
     if rules.handshake is not None:
         plc = handshake.step(plc, write, fused, rules.handshake)
 

@@ -321,7 +321,7 @@ def _ranger_advice(last: RangeReading, good: list[float], noise_mm: float) -> st
     if last.stats.damaged > DAMAGED_SHARE * last.stats.lines:
         return "check baud rate, cable length and shielding"
     if not good:
-        return "normal with nothing within 4 m; else point it at something flat"
+        return "normal with nothing within its range; else point it at something flat"
     if noise_mm > NOISY_MM:
         return "something moves, or the sensor is loose or looks at a slope; with all still it has 1 to 3 mm"
     return ""

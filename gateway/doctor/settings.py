@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 
 from gateway.config import BayConfig, GatewayConfig
 from gateway.config.sections.common import is_loopback
-from gateway.ranger.hcsr04.protocol import PERIOD_MS
+from gateway.ranger.service import ranger_type
 
 USUAL_FPS = 30.0  # of a camera whose rate nobody has set
 FOCAL_SHARE = 0.1  # two focal lengths of one camera that differ more are not both right
@@ -93,11 +93,13 @@ def _deadlines(bay: BayConfig) -> Iterator[str]:
             f"fusion.vision_deadline_s = {fusion.vision_deadline_s:g}: at {rate} a frame comes every "
             f"{1 / fps:.3g} s, so that one lost frame is a stop; at least {2 / fps:.3g}"
         )
-    if bay.ranger.type == "hcsr04":
+    period_s = ranger_type(bay.ranger).period_s
+    if period_s is not None:
         # The median's middle reading is as old as half of the others; the next one is a period later.
-        least_s = (bay.ranger.median // 2 + 2) * PERIOD_MS / 1000
+        least_s = (bay.ranger.median // 2 + 2) * period_s
         if fusion.range_deadline_s < least_s:
             yield (
-                f"fusion.range_deadline_s = {fusion.range_deadline_s:g}: the ranger measures every {PERIOD_MS} ms, and "
-                f"the median of {bay.ranger.median} makes a reading older; at least {least_s:g}"
+                f"fusion.range_deadline_s = {fusion.range_deadline_s:g}: the ranger measures every "
+                f"{1000 * period_s:g} ms, and the median of {bay.ranger.median} makes a reading older; "
+                f"at least {least_s:g}"
             )

@@ -60,3 +60,4 @@ class RangerType:
     connect: Callable[[RangerConfig], Connection] | None = None  # blocks; raises LinkError
     check_url: Callable[[str], None] | None = None  # raises ConfigError for a port that can never be opened
     period_s: float | None = None  # between two readings, as shipped; None: not known
+    max_range_mm: float | None = None  # the farthest distance that it measures; None: not known

@@ -1,6 +1,7 @@
 """What two bays or two servers of one configuration would have to share, however each writes it."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -77,3 +78,20 @@ def test_the_pages_on_the_port_of_modbus_tls(tmp_path: Path, port: int, expected
     found = faults("0", "1", "/dev/ttyACM0", "/dev/ttyACM1", modbus={"tls": tls}, hmi={"enabled": True, "port": port})
     assert expected in found
     assert bool(found) == bool(expected)
+
+
+@pytest.mark.parametrize(
+    ("keys", "place"),
+    [
+        ({"fusion": {"distance_threshold_mm": 4001}}, "fusion.distance_threshold_mm"),
+        ({"visit": {"leave_distance_mm": 4001}}, "visit.leave_distance_mm"),
+        ({"fusion": {"distance_threshold_mm": 4000}}, ""),
+    ],
+)
+def test_a_distance_beyond_the_ranger(keys: dict[str, Any], place: str) -> None:
+    settings = GatewayConfig.model_validate({"bays": [keys]})
+    if not place:
+        config_check.check(settings, source="bay.toml", text="")
+        return
+    with pytest.raises(FaultsError, match=rf"{place}.*ranger of bay 'bay1' \(hcsr04\) measures up to 4000 mm"):
+        config_check.check(settings, source="bay.toml", text="")

@@ -8,6 +8,9 @@ from pydantic import Field, model_validator
 from gateway.config.strict.errors import FieldError
 from gateway.config.strict.section import Section
 
+MAX_DISTANCE_MM = 50_000.0
+"""Of any ranger. What a type of ranger can measure is compared in gateway/config_check.py."""
+
 
 class Reconnect(Section):
     """How a lost link is tried again: exponential backoff with full jitter between the two limits."""

@@ -4,6 +4,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
+from gateway.config.sections.common import MAX_DISTANCE_MM
 from gateway.config.strict.errors import FieldError
 from gateway.config.strict.section import Section
 
@@ -23,7 +24,7 @@ class FusionConfig(Section):
     """Equation 14 and its conditions. Stop comes on as in the paper; by default it goes off later."""
 
     radius_threshold_px: float = Field(180.0, gt=0, le=20_000, description="R_th")
-    distance_threshold_mm: float = Field(300.0, gt=0, le=4000, description="Z_th; the paper's 30 cm")
+    distance_threshold_mm: float = Field(300.0, gt=0, le=MAX_DISTANCE_MM, description="Z_th; the paper's 30 cm")
     vision_deadline_s: float = Field(0.3, ge=0.02, le=10, description="an older frame is stale")
     range_deadline_s: float = Field(
         0.4, ge=0.02, le=10, description="an older distance is stale; the median makes a good one up to 0.15 s old"
@@ -118,7 +119,10 @@ class VisitConfig(Section):
         description="a contradiction, or a live ranger without a distance, ends in_place after this time",
     )
     leave_distance_mm: float | None = Field(
-        None, ge=100, le=4000, description="a truck farther away than this has left; default: 700 mm beyond Z_th"
+        None,
+        ge=100,
+        le=MAX_DISTANCE_MM,
+        description="a truck farther away than this has left; default: 700 mm beyond Z_th",
     )
     leave_s: float = Field(
         2.0, ge=0.1, le=600, description="the bay must be clear for this time before a visit is over"
@@ -137,12 +141,14 @@ class GuidanceConfig(Section):
     marker_radius_mm: float | None = Field(
         None, gt=0, le=10_000, description="true radius of the marker, for mm to the side; default: the cross-check's"
     )
-    slow_mm: float = Field(500.0, ge=0, le=4000, description="SLOW when no more than this is to go")
+    slow_mm: float = Field(500.0, ge=0, le=MAX_DISTANCE_MM, description="SLOW when no more than this is to go")
     slow_s: float = Field(6.0, ge=0, le=60, description="SLOW when it is to go within this time at the present speed")
     stop_lead_s: float = Field(
         1.0, ge=0, le=5, description="STOP when D = 1 is so near in time: a driver's reaction time; 0: at D = 1"
     )
-    overshoot_mm: float = Field(100.0, ge=1, le=4000, description="so far past the stopping place is TOO_FAR or BACK")
+    overshoot_mm: float = Field(
+        100.0, ge=1, le=MAX_DISTANCE_MM, description="so far past the stopping place is TOO_FAR or BACK"
+    )
     still_mm_s: float = Field(20.0, gt=0, le=1000, description="a truck slower than this is at rest")
 
 
@@ -150,7 +156,7 @@ class RecipeFusion(Section):
     """What a recipe changes in [fusion]; absent keys stay as they are."""
 
     radius_threshold_px: float | None = Field(None, gt=0, le=20_000, description="R_th")
-    distance_threshold_mm: float | None = Field(None, gt=0, le=4000, description="Z_th")
+    distance_threshold_mm: float | None = Field(None, gt=0, le=MAX_DISTANCE_MM, description="Z_th")
     radius_hysteresis_px: float | None = Field(
         None, ge=0, le=1000, description="an R that ends D = 1 is below R_th minus this"
     )

@@ -1,10 +1,11 @@
 """`[ranger]`: the distance sensor on its port. Pure."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
-from gateway.config.sections.common import Reconnect
+from gateway.config.sections.common import MAX_DISTANCE_MM, Reconnect
+from gateway.config.strict.errors import FieldError
 from gateway.config.strict.section import NameIn, Section
 from gateway.registry import Registry
 
@@ -12,21 +13,47 @@ RANGERS = Registry("ranger", "gateway.rangers", {"hcsr04": "gateway.ranger.hcsr0
 """By name the `RangerType` (gateway/ranger/contract.py) of each distance sensor."""
 
 
+class Hcsr04Config(Section):
+    """`[ranger.hcsr04]`: an ultrasonic sensor's distance depends on the air."""
+
+    temperature_c: float = Field(20.0, ge=-40, le=85, description="of the air; used unless the ranger measures it")
+    temperature_tolerance_c: float = Field(
+        40.0, ge=0, le=200, description="a measured temperature farther than this from temperature_c is not believed"
+    )
+
+
 class RangerConfig(Section):
+    """What every type has, and a section for each type that has keys of its own."""
+
     type: Annotated[str, NameIn(RANGERS)] = Field("hcsr04", description="the kind of sensor and board")
     port: str = Field(
         "/dev/ttyACM0", min_length=1, description="any pyserial URL: device, socket://host:port, rfc2217://host:port"
     )
     baud: int = Field(9600, ge=300, le=2_000_000, description="9600 in the paper")
-    temperature_c: float = Field(20.0, ge=-40, le=85, description="of the air; used unless the ranger measures it")
-    temperature_tolerance_c: float = Field(
-        40.0, ge=0, le=200, description="a measured temperature farther than this from temperature_c is not believed"
-    )
     median: int = Field(3, ge=1, le=15, description="readings in the median filter, odd; 1: off")
     glitch_gate_mm: float = Field(
-        150.0, ge=0, le=4000, description="a jump larger than this must be confirmed by a second reading; 0: off"
+        150.0,
+        ge=0,
+        le=MAX_DISTANCE_MM,
+        description="a jump larger than this must be confirmed by a second reading; 0: off",
     )
     reconnect: Reconnect = Field(default_factory=Reconnect)
+    hcsr04: Hcsr04Config = Field(default_factory=Hcsr04Config)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _keys_of_before(cls, given: Any) -> Any:
+        """The keys of `[ranger.hcsr04]` stood in `[ranger]` in 0.1.0: files and recordings of it are read."""
+        if not isinstance(given, dict):
+            return given
+        old = {key: given[key] for key in Hcsr04Config.model_fields if key in given}
+        own = given.get("hcsr04", {})
+        if not old or not isinstance(own, dict):
+            return given
+        if twice := old.keys() & own.keys():
+            key = min(twice)
+            raise FieldError(f"ranger.hcsr04.{key} is given, too; keep that one", key)
+        return {key: value for key, value in given.items() if key not in old} | {"hcsr04": {**old, **own}}
 
     @field_validator("median")
     @classmethod

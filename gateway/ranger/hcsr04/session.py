@@ -63,8 +63,8 @@ class Hcsr04Session:
     """The state of one ranger in the gateway. Counters outlive connections, the rest does not."""
 
     def __init__(self, config: RangerConfig) -> None:
-        self._temperature_c = config.temperature_c
-        self._temperature_tolerance_c = config.temperature_tolerance_c
+        self._temperature_c = config.hcsr04.temperature_c
+        self._temperature_tolerance_c = config.hcsr04.temperature_tolerance_c
         self._byte_ns = 10 * S // config.baud
         self._conditioner = Conditioner(config, PERIOD_MS * MS)
         self.damage: Counter[str] = Counter()
@@ -245,4 +245,4 @@ class Hcsr04Session:
         return f"no measurement for {seconds:.0f} s"
 
 
-RANGER = RangerType(Hcsr04Session, period_s=PERIOD_MS / 1000)
+RANGER = RangerType(Hcsr04Session, period_s=PERIOD_MS / 1000, max_range_mm=4000.0)

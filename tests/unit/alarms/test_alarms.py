@@ -23,7 +23,7 @@ from gateway.alarms.records import (
     OperatorAction,
 )
 from gateway.alarms.states import AlarmEvent, AlarmState, next_state
-from gateway.config import FusionConfig
+from gateway.config import BayConfig
 from gateway.core.detection import Circle
 from gateway.core.plc import Handshake, PlcLink
 from gateway.core.readings import (
@@ -51,7 +51,7 @@ from tests.permitted import permitted
 
 S = 1_000_000_000
 T0 = 1_000 * S
-FUSION = FusionConfig()
+BAY = BayConfig()
 N, U, A, R = AlarmState.NORMAL, AlarmState.UNACKNOWLEDGED, AlarmState.ACKNOWLEDGED, AlarmState.RETURNED
 LU, LA = AlarmState.LATCHED_UNACKNOWLEDGED, AlarmState.LATCHED_ACKNOWLEDGED
 SH, SU, OUT = AlarmState.SHELVED, AlarmState.SUPPRESSED, AlarmState.OUT_OF_SERVICE
@@ -92,7 +92,7 @@ def test_a_hidden_alarm_returns_by_whether_its_cause_holds() -> None:
 
 
 def new_engine() -> AlarmEngine:
-    return AlarmEngine({"bay1": FUSION, "bay2": FUSION})
+    return AlarmEngine({"bay1": BAY, "bay2": BAY})
 
 
 def camera_down() -> AlarmEngine:

@@ -39,7 +39,7 @@ class Bay:
         self.rules = interlock.Rules.of(bay, gateway)
         self.now_ns = 1_000_000 * MS
         self.state: StateVector = interlock.initial("bay1", self.now_ns, self.rules, self.retained)
-        self.engine = AlarmEngine({"bay1": bay.fusion})
+        self.engine = AlarmEngine({"bay1": bay})
         self.changes: list[AlarmChange] = []
         self.beat = 0
 

@@ -5,7 +5,7 @@ from gateway.alarms.definition import AlarmDefinition, BayInputs, Priority
 from gateway.alarms.engine import AlarmEngine
 from gateway.alarms.records import ActionReply, OperatorAction
 from gateway.alarms.states import AlarmEvent, AlarmState
-from gateway.config import FusionConfig
+from gateway.config import BayConfig
 from gateway.core.detection import Circle
 from gateway.core.readings import Quality, VisionReading
 from tests.permitted import permitted
@@ -26,7 +26,7 @@ OFF_CENTRE: AlarmDefinition[BayInputs] = AlarmDefinition(
 
 
 def test_an_alarm_from_outside_lives_like_any_other() -> None:
-    engine = AlarmEngine({"bay1": FusionConfig()}, (*BAY_ALARMS, OFF_CENTRE))
+    engine = AlarmEngine({"bay1": BayConfig()}, (*BAY_ALARMS, OFF_CENTRE))
     state = permitted(vision=VisionReading(4_960_000_000, Quality.GOOD, Circle(10.0, 240.0, 100.0)))
     assert engine.update_bay(state, 0) == engine.update_bay(state, 2 * S) == []
     (change,) = engine.update_bay(state, 3 * S)

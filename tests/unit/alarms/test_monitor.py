@@ -9,7 +9,7 @@ import pytest
 
 from gateway.alarms.definition import GatewayConditions
 from gateway.alarms.monitor import AlarmMonitor
-from gateway.config import FusionConfig
+from gateway.config import BayConfig
 from gateway.core.state import Moved, ReferencePosition, StateVector, Visit
 from tests.virtual_time import LoopClock, run
 
@@ -37,7 +37,7 @@ def scanned(at_s: float, visit: Visit, before: Visit | None = None) -> list[floa
             moments.append(since_s())
             return GatewayConditions()
 
-        monitor = AlarmMonitor({"bay1": FusionConfig()}, state, clock, lambda change: None)
+        monitor = AlarmMonitor({"bay1": BayConfig()}, state, clock, lambda change: None)
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(UNTIL_S):
                 await monitor.run(conditions)

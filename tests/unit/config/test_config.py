@@ -26,6 +26,7 @@ from gateway.config import (
     parse,
     reference,
 )
+from gateway.config.sections.ranger import Hcsr04Config
 from gateway.config.strict.errors import explain, without_password
 from gateway.config.strict.section import Section, bounds_of, inner_model
 from gateway.config.strict.toml_file import merge
@@ -478,6 +479,13 @@ def test_a_good_override_mends_a_fault_of_the_file(tmp_path: Path) -> None:
 
 
 # Files.
+
+
+def test_keys_of_the_hcsr04_may_stand_where_they_stood() -> None:
+    old = parse({"ranger": {"temperature_c": 5, "hcsr04": {"temperature_tolerance_c": 9}}})
+    assert old.bays[0].ranger.hcsr04 == Hcsr04Config(temperature_c=5, temperature_tolerance_c=9)
+    with pytest.raises(ConfigError, match=r"ranger\.temperature_c.*ranger\.hcsr04\.temperature_c is given, too"):
+        parse({"ranger": {"temperature_c": 5, "hcsr04": {"temperature_c": 6}}})
 
 
 def test_load_names_the_file(tmp_path: Path) -> None:

@@ -156,7 +156,7 @@ def test_a_camera_that_comes_and_goes_writes_less_than_half_a_megabyte_a_day() -
         def on_alarm(change: AlarmChange) -> None:
             logging.getLogger("gateway.app").info("alarm %s", change)
 
-        monitor = AlarmMonitor({"bay1": bay.fusion}, lambda _: control.state(), clock, on_alarm)
+        monitor = AlarmMonitor({"bay1": bay}, lambda _: control.state(), clock, on_alarm)
         tasks = [
             Task("bay1.vision", camera, Reconnect(min_s=0.05, max_s=0.1)),
             Task("bay1.ranger", ranger),

@@ -6,12 +6,15 @@ from importlib.metadata import EntryPoint
 
 import pytest
 
-from gateway import registry
+from gateway import config_check, registry
 from gateway.bay import BayControl
 from gateway.clock import SystemClock
-from gateway.config import GatewayConfig, RangerConfig, parse
+from gateway.config import BayConfig, GatewayConfig, RangerConfig, parse
 from gateway.config.sections.ranger import RANGERS
-from gateway.core.readings import Quality, RangeReading, RangeStats
+from gateway.core import interlock
+from gateway.core.detection import Circle
+from gateway.core.readings import Quality, RangeReading, RangeStats, VisionReading
+from gateway.core.state import Tick
 from gateway.errors import ConfigError, LinkError
 from gateway.hub import Hub
 from gateway.ranger.conditioning import Conditioner
@@ -19,7 +22,8 @@ from gateway.ranger.contract import RangerType
 from gateway.ranger.service import RangerService, check_port
 from gateway.supervisor import Supervisor, Task
 
-CYCLE_NS = 10_000_000
+MS = 1_000_000
+CYCLE_NS = 10 * MS
 
 
 class LaserSession:
@@ -98,7 +102,7 @@ def check_laser(url: str) -> None:
         raise ConfigError(f"{url}: not a laser")
 
 
-LASER = RangerType(LaserSession, LaserPort, check_laser)
+LASER = RangerType(LaserSession, LaserPort, check_laser, max_range_mm=10_000.0)
 
 
 @pytest.fixture(autouse=True)
@@ -144,6 +148,27 @@ def test_its_readings_arrive_in_the_fused_state_and_its_loss_withdraws_them() ->
             running.cancel()
 
     asyncio.run(main(config))
+
+
+@pytest.mark.parametrize(("radius_px", "moves"), [(6.0, True), (6.01, False)])
+def test_a_truck_arrives_by_the_camera_beyond_its_own_range(radius_px: float, moves: bool) -> None:
+    """At 9 m by R Z = 54,000; an HC-SR04's range would let a truck move from 3.6 m on."""
+    rules = interlock.Rules.of(BayConfig(ranger=RangerConfig(type="laser", port="laser:1")))
+    state = interlock.initial("bay1", 0, rules)
+    for now_ns in range(20 * MS, 2000 * MS, 20 * MS):
+        seen = VisionReading(now_ns, Quality.GOOD, Circle(320, 240, radius_px))
+        for observation in (seen, RangeReading(now_ns, Quality.NO_ECHO), Tick()):
+            state = interlock.step(state, observation, now_ns, rules)
+    assert state.may_move is moves
+
+
+def test_a_distance_that_it_cannot_measure_is_a_fault() -> None:
+    laser = {"type": "laser", "port": "laser:1"}
+    near = parse({"ranger": laser, "fusion": {"distance_threshold_mm": 10_000}})
+    config_check.check(near, source="bay.toml", text="")
+    far = parse({"ranger": laser, "recipes": [{"id": 1, "name": "far", "fusion": {"distance_threshold_mm": 10_001}}]})
+    with pytest.raises(ConfigError, match="of bay 'bay1' \\(laser\\) measures up to 10000 mm"):
+        config_check.check(far, source="bay.toml", text="")
 
 
 def test_the_registry_lists_it_and_refuses_what_it_does_not_know() -> None:

@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gateway.config import RangerConfig
+from gateway.config.sections.ranger import Hcsr04Config
 from gateway.core.readings import Quality, RangeReading
 from gateway.ranger.hcsr04.arrival_times import Arrival
 from gateway.ranger.hcsr04.protocol import (
@@ -102,7 +103,7 @@ def test_a_distance_comes_through_within_a_tick(mm: float) -> None:
 
 
 def test_the_configured_temperature_is_used_unless_the_ranger_measures_it() -> None:
-    bench = settled(median=1, temperature_c=30.0)
+    bench = settled(median=1, hcsr04=Hcsr04Config(temperature_c=30.0))
     (reading,) = bench.measures(500.0)
     assert reading.distance_mm == pytest.approx(500.0 * speed_of_sound_m_s(30) / 343.42, abs=0.05)
     (reading,) = bench.measures(500.0, temperature_dc=-95)

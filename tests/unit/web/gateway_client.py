@@ -119,7 +119,7 @@ async def plant(
         for name in names
     }
     monitor = AlarmMonitor(
-        {bay.name: bay.fusion for bay in config.bays},
+        {bay.name: bay for bay in config.bays},
         lambda bay: controls[bay].state(),
         clock,
         lambda _: None,

@@ -7,7 +7,7 @@ from gateway.alarms.monitor import AlarmMonitor
 from gateway.alarms.records import OperatorAction
 from gateway.alarms.states import AlarmEvent
 from gateway.alarms.table import ALARM_DEFINITIONS
-from gateway.config import FusionConfig
+from gateway.config import BayConfig
 from gateway.core.fusion import initial
 from gateway.core.readings import Quality, VisionReading
 from gateway.core.state import Reason, StateVector
@@ -35,7 +35,7 @@ class Plant:
         )
         self.conditions = GatewayConditions(sinks_connected={"mqtt": False})
         self.monitor = AlarmMonitor(
-            {"bay1": FusionConfig()},
+            {"bay1": BayConfig()},
             lambda bay: self.state,
             self.clock,  # type: ignore[arg-type]
             lambda change: None,
