@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from gateway.config.sections.common import MAX_DISTANCE_MM, Reconnect
 from gateway.config.strict.errors import FieldError
@@ -53,6 +53,11 @@ class RangerConfig(Section):
         if twice := old.keys() & own.keys():
             key = min(twice)
             raise FieldError(f"ranger.hcsr04.{key} is given, too; keep that one", key)
+        try:
+            Hcsr04Config.model_validate(old)
+        except ValidationError as error:  # told of the key that stands in the file
+            fault = error.errors()[0]
+            raise FieldError(fault["msg"].removeprefix("Value error, "), *fault["loc"]) from None
         return {key: value for key, value in given.items() if key not in old} | {"hcsr04": {**old, **own}}
 
     @field_validator("median")

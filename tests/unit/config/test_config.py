@@ -486,6 +486,10 @@ def test_keys_of_the_hcsr04_may_stand_where_they_stood() -> None:
     assert old.bays[0].ranger.hcsr04 == Hcsr04Config(temperature_c=5, temperature_tolerance_c=9)
     with pytest.raises(ConfigError, match=r"ranger\.temperature_c.*ranger\.hcsr04\.temperature_c is given, too"):
         parse({"ranger": {"temperature_c": 5, "hcsr04": {"temperature_c": 6}}})
+    with pytest.raises(
+        ConfigError, match=r"file:2: ranger\.temperature_c = 99: Input should be less than or equal to 85"
+    ):
+        parse(tomllib.loads(text := "[ranger]\ntemperature_c = 99"), source="file", text=text)
 
 
 def test_load_names_the_file(tmp_path: Path) -> None:
