@@ -32,6 +32,7 @@ def page(visit: Visit, tmp_path: Path, started: ExitStack) -> Page:
     return page
 
 
+@pytest.mark.long
 def test_an_answer_from_before_a_change_takes_nothing_back(page: Page) -> None:
     """The page asks once a second what the camera has. An answer may be on its way while a value is tried."""
     panel = page.locator("#camera")
@@ -56,6 +57,7 @@ def test_an_answer_from_before_a_change_takes_nothing_back(page: Page) -> None:
     assert posts == [{"controls": {"gain": 5}}, {"controls": {"gain": 5, "exposure_time_absolute": 20}}]
 
 
+@pytest.mark.long
 def test_values_reach_the_camera_in_their_order(page: Page) -> None:
     """The first one's request is held up on its way."""
     panel = page.locator("#camera")

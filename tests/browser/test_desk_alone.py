@@ -113,6 +113,7 @@ def test_a_bay_is_set_up_only_when_its_camera_and_its_ranger_are_seen_working(de
     expect(page.locator("[data-started]")).to_contain_text("NOT KNOWN")
 
 
+@pytest.mark.long
 def test_a_login_that_has_ended_leads_to_the_login(desk: Open, answers: Answers) -> None:
     page = desk("/history", excused="status of 401")
     bar = page.locator(".alarmbar")

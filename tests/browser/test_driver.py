@@ -116,6 +116,7 @@ def test_a_web_process_that_hangs_is_stop_until_it_goes_on(bay: Plant, page: Pag
     driving(page)
 
 
+@pytest.mark.long
 def test_a_web_process_that_dies_is_stop_until_there_is_a_new_one(bay: Plant, page: Page, watches: list[Watch]) -> None:
     watches[0].excused = SERVER_GONE
     first = bay.process("gw-hmi")
@@ -125,6 +126,7 @@ def test_a_web_process_that_dies_is_stop_until_there_is_a_new_one(bay: Plant, pa
     assert bay.process("gw-hmi").pid != first.pid
 
 
+@pytest.mark.long
 def test_a_gateway_that_dies_is_stop(visit: Visit, watches: list[Watch], tmp_path: Path) -> None:
     with plant(tmp_path) as bay:
         page = visit(f"{bay.url}/driver", before=RECORDER)

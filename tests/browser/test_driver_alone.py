@@ -120,6 +120,7 @@ def test_without_scripts_it_is_stop(browser: Browser) -> None:
     context.close()
 
 
+@pytest.mark.mostly_long(short=3)
 @pytest.mark.parametrize(
     "bad",
     [
@@ -382,6 +383,7 @@ def test_the_distance_can_be_read_at_10_m(display: Display, screen: str, languag
         page.context.close()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_it_is_accessible_in_every_language(display: Display, language: str) -> None:
     for theme in ("sun", "night"):
@@ -517,6 +519,7 @@ def test_of_two_languages_the_one_that_was_wished_last_stays(display: Display) -
     expect(page.locator("html")).to_have_attribute("lang", "pl")
 
 
+@pytest.mark.long
 def test_a_language_that_could_not_be_had_is_requested_again(display: Display) -> None:
     page = display()
     says(page, GOOD, "FORWARD")
@@ -535,6 +538,7 @@ def test_a_language_that_could_not_be_had_is_requested_again(display: Display) -
     assert len(failed) == 1  # it does not ask ten times a second
 
 
+@pytest.mark.long
 def test_feet_sound_and_the_light_sensor(display: Display) -> None:
     page = display(
         "?lang=en",

@@ -61,6 +61,7 @@ def iso(stamp: str) -> str:
     return f"{day}T{time}{zone}"
 
 
+@pytest.mark.long
 def test_hover_reads_the_values_and_a_gap_reads_as_one(page: Page) -> None:
     text = hovered(page, BEGIN_MS + 30_000)
     assert re.search(r"^\d{4}-\d\d-\d\d \d\d:\d\d:\d\d [+-]\d\d:\d\d", text)
@@ -109,6 +110,7 @@ def test_visits_are_listed_filtered_and_given_as_a_file(page: Page) -> None:
     assert str(VISIT.begun_ms) in lines[1]
 
 
+@pytest.mark.long
 def test_a_visit_is_a_film(page: Page) -> None:
     page.locator(".visits tbody tr").first.get_by_role("button").click()
     film = page.locator(".film")
@@ -138,6 +140,7 @@ def test_why_is_asked_of_the_chosen_moment(site: Plant, page: Page) -> None:
     assert re.search(rf"/api/bays/bay1/why\.html\?at_ms={LATER_MS + 59_000}$", report)
 
 
+@pytest.mark.long
 def test_it_begins_with_the_time_there_is(site: Plant, browser: Browser) -> None:
     """Where minutes are recorded, with minutes; then as this viewer chose."""
 
@@ -159,6 +162,7 @@ def test_it_begins_with_the_time_there_is(site: Plant, browser: Browser) -> None
         assert watch.complaints == []
 
 
+@pytest.mark.long
 def test_another_bay_and_an_old_link(site: Plant, page: Page) -> None:
     page.get_by_label("bay", exact=True).select_option("bay2")
     expect(page.locator("h1")).to_contain_text("bay2")
@@ -166,6 +170,7 @@ def test_another_bay_and_an_old_link(site: Plant, page: Page) -> None:
     expect(page.locator("h1")).to_contain_text("bay1")
 
 
+@pytest.mark.long
 def test_it_is_accessible_usable_by_keyboard_and_fits(page: Page) -> None:
     page.locator(".visits tbody tr").first.get_by_role("button").click()
     expect(page.locator(".film .controls")).to_contain_text("of 4")
@@ -178,6 +183,7 @@ def test_it_is_accessible_usable_by_keyboard_and_fits(page: Page) -> None:
         judgements.no_sideways_scroll(page)
 
 
+@pytest.mark.long
 def test_where_nothing_is_recorded_it_says_which_key(tmp_path: Path, started: ExitStack, visit: Visit) -> None:
     running = started.enter_context(plant(tmp_path, STANDING))
     page = visit(f"{running.url}/#bay1")

@@ -223,7 +223,8 @@ OF_SITE: dict[str, tuple[str, str, Callable[[Page], None]]] = {
 }
 
 
-@pytest.mark.parametrize("language", mostly_long(SAYS))
+@pytest.mark.long
+@pytest.mark.parametrize("language", SAYS)
 @pytest.mark.parametrize("name", OF_SITE)
 def test_a_page_has_every_text_in_another_language(
     site: Plant, visit: Visit, watches: list[Watch], name: str, language: str
@@ -238,7 +239,8 @@ def test_a_page_has_every_text_in_another_language(
     complete(page)
 
 
-@pytest.mark.parametrize("language", mostly_long(SAYS))
+@pytest.mark.long
+@pytest.mark.parametrize("language", SAYS)
 def test_the_page_that_sets_up_a_bay_has_every_text_in_another_language(
     bay: Plant, visit: Visit, language: str
 ) -> None:
@@ -247,13 +249,15 @@ def test_the_page_that_sets_up_a_bay_has_every_text_in_another_language(
     complete(page)
 
 
-@pytest.mark.parametrize("language", mostly_long(SAYS))
+@pytest.mark.long
+@pytest.mark.parametrize("language", SAYS)
 def test_the_managers_page_has_every_text_in_another_language(week: Pages, visit: Visit, language: str) -> None:
     page = opened(visit, f"{week.url}/manager", language, "() => document.querySelectorAll('.figure').length === 7")
     complete(page)
 
 
-@pytest.mark.parametrize("language", mostly_long(SAYS))
+@pytest.mark.long
+@pytest.mark.parametrize("language", SAYS)
 def test_the_login_has_every_text_in_another_language(
     bay: Plant, visit: Visit, watches: list[Watch], language: str
 ) -> None:

@@ -72,6 +72,7 @@ def test_a_viewer_sees_and_a_technician_tunes(bay: Plant, visit: Visit, watches:
         assert answer.ok == tunes
 
 
+@pytest.mark.long
 def test_the_cookie_is_for_no_script_and_no_other_site_and_ends_with_the_logout(
     bay: Plant, visit: Visit, watches: list[Watch]
 ) -> None:
@@ -90,6 +91,7 @@ def test_the_cookie_is_for_no_script_and_no_other_site_and_ends_with_the_logout(
     assert page.request.get(f"{bay.url}/api/bays/bay1/picture").status == 401
 
 
+@pytest.mark.long
 def test_after_a_logout_nothing_leads_back_to_the_page(bay: Plant, visit: Visit, watches: list[Watch]) -> None:
     """Its links end with the login, too."""
     page = visit(f"{bay.url}/login?next=/history")
@@ -107,6 +109,7 @@ def test_the_drivers_display_needs_no_login(bay: Plant, visit: Visit) -> None:
     expect(page.locator("body")).to_have_attribute("data-fresh", "true")
 
 
+@pytest.mark.long
 def test_the_login_speaks_the_browsers_language_and_remembers_another(bay: Plant, visit: Visit) -> None:
     page = visit(
         f"{bay.url}/login", before="Object.defineProperty(navigator, 'languages', { get: () => ['de-AT', 'en'] })"
@@ -122,6 +125,7 @@ def test_the_login_speaks_the_browsers_language_and_remembers_another(bay: Plant
     judgements.accessible(page)
 
 
+@pytest.mark.long
 def test_an_address_of_no_page_says_so(bay: Plant, visit: Visit, watches: list[Watch]) -> None:
     page = visit(f"{bay.url}/login")
     watches[0].excused = re.compile(r"the server responded with a status of 404")
@@ -130,6 +134,7 @@ def test_an_address_of_no_page_says_so(bay: Plant, visit: Visit, watches: list[W
     judgements.accessible(page)
 
 
+@pytest.mark.long
 def test_who_may_not_see_a_page_is_told_so(bay: Plant, visit: Visit) -> None:
     page = visit(f"{bay.url}/login")
     log_in(page, VIEWER[0], VIEWER[2])

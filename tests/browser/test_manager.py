@@ -87,6 +87,7 @@ def test_pictures_show_what_the_numbers_say(page: Page, week: Week) -> None:
     assert heights == pytest.approx([heights[0] * count / placed[0] for count in placed])
 
 
+@pytest.mark.long
 def test_stops_by_cause_the_longest_first(page: Page, week: Week) -> None:
     faults = page.get_by_role("table", name="Faults that stopped the bay, the longest first").locator("tbody tr")
     assert faults.locator("th").all_inner_texts() == ["camera down", "ranger down", "sensors disagree", "vision stale"]
@@ -102,6 +103,7 @@ def test_stops_by_cause_the_longest_first(page: Page, week: Week) -> None:
     assert seconds == sorted((round(length) for length in week.stop_s.values()), reverse=True)
 
 
+@pytest.mark.long
 def test_alarms_beside_the_standard(page: Page, week: Week) -> None:
     alarms = page.get_by_role("region", name="Alarms", exact=True)
     expect(alarms).to_contain_text("ANSI/ISA-18.2-2016")
@@ -112,6 +114,7 @@ def test_alarms_beside_the_standard(page: Page, week: Week) -> None:
     expect(alarms.get_by_role("table", name="The most frequent alarms")).to_contain_text("Camera down")
 
 
+@pytest.mark.long
 def test_days_are_chosen_and_stand_in_the_address(page: Page) -> None:
     page.get_by_label("from", exact=True).fill("2026-11-18")
     page.get_by_label("to", exact=True).fill("2026-11-18")
@@ -138,6 +141,7 @@ COVERED = """() => {
 }"""
 
 
+@pytest.mark.long
 def test_a_wide_screen_has_no_half_empty_rows(page: Page) -> None:
     for width_px, height_px, across in ((1366, 768, 0.97), (1920, 1080, 0.85), (3840, 2160, 0.98)):
         page.set_viewport_size({"width": width_px, "height": height_px})
@@ -154,6 +158,7 @@ VOID_PX = """() => {
 }"""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("width_px", "most_px"), [(1366, 100), (1920, 100)])
 def test_no_panel_is_half_empty(page: Page, width_px: int, most_px: float) -> None:
     page.set_viewport_size({"width": width_px, "height": 900})
@@ -161,6 +166,7 @@ def test_no_panel_is_half_empty(page: Page, width_px: int, most_px: float) -> No
     assert page.evaluate(VOID_PX) < most_px
 
 
+@pytest.mark.long
 def test_figures_of_few_trucks_are_grey_and_say_of_how_many(page: Page) -> None:
     """A median of nine looks unlike one of three hundred; what is counted over time does not."""
     few = page.locator(".figure.few")
@@ -180,6 +186,7 @@ def test_figures_of_few_trucks_are_grey_and_say_of_how_many(page: Page) -> None:
         assert len(set(marks)) == len(marks) >= 3, marks
 
 
+@pytest.mark.long
 def test_the_file_has_the_same_days(page: Page, tmp_path: Path) -> None:
     with page.expect_download() as waiting:
         page.get_by_role("link", name="CSV").click()
@@ -192,6 +199,7 @@ def test_the_file_has_the_same_days(page: Page, tmp_path: Path) -> None:
     assert rows[0]["begin"] == "2026-11-17T00:00:00+01:00"
 
 
+@pytest.mark.long
 def test_a_week_is_two_sheets_of_a4(page: Page) -> None:
     pdf = page.pdf(prefer_css_page_size=True, print_background=True)
     assert len(re.findall(rb"/Type\s*/Page[^s]", pdf)) == 2
@@ -204,6 +212,7 @@ def test_a_week_is_two_sheets_of_a4(page: Page) -> None:
     assert page.evaluate("() => getComputedStyle(document.documentElement).backgroundColor") == "rgb(255, 255, 255)"
 
 
+@pytest.mark.long
 def test_it_is_accessible_and_fits_into_every_width(page: Page) -> None:
     judgements.accessible(page)
     judgements.usable_by_keyboard(page)
@@ -215,12 +224,14 @@ def test_it_is_accessible_and_fits_into_every_width(page: Page) -> None:
         judgements.no_sideways_scroll(page)
 
 
+@pytest.mark.long
 def test_the_other_pages_lead_here(served: tuple[Pages, Week], visit: Visit) -> None:
     page = visit(f"{served[0].url}/#bay2")
     page.get_by_role("navigation", name="pages").get_by_role("link", name="Manager").click()
     expect(page.get_by_role("heading", level=1)).to_have_text("bay2: what the bay did")
 
 
+@pytest.mark.long
 def test_where_nothing_is_recorded_it_says_what_to_set(browser: Browser, tmp_path: Path) -> None:
     with (
         Pages(tmp_path, recorded=False) as pages,

@@ -164,6 +164,7 @@ def next_step(page: Page, name: str) -> None:
         judgements.no_sideways_scroll(page)
 
 
+@pytest.mark.long
 def test_a_second_bay_from_nothing_to_its_function_check(
     plant: tuple[str, Path],
     visit: Visit,

@@ -95,6 +95,7 @@ def test_the_picture_is_live_and_the_circle_is_that_of_its_frame(page: Page) -> 
     until(page, lambda: lines.evaluate(painted) == 0.0)
 
 
+@pytest.mark.long
 def test_the_trend_moves(page: Page) -> None:
     """What was measured when the page was opened wanders to the left, and new values are added on the right."""
     radius = page.locator(".trend canvas").first
@@ -109,6 +110,7 @@ def test_the_trend_moves(page: Page) -> None:
     assert radius.evaluate(LINE) == still
 
 
+@pytest.mark.long
 def test_the_decision_is_the_plcs(bay: Plant, page: Page) -> None:
     """What the page shows for more than a moment is what the registers say, on and off."""
     stop = page.locator("dl.facts-grid div", has=page.locator("dt", has_text=re.compile("^Stop$"))).locator("dd")

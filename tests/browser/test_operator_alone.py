@@ -789,6 +789,7 @@ def settled(page: Page, frame: tuple[int, int]) -> bool:
 SIZES = ((360, 740), (768, 1024), (1280, 720), (1366, 768), (1920, 1080), (3840, 2160))
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize("frame", [(640, 480), (1280, 720), (720, 720), (720, 1280)], ids=lambda frame: f"{frame}")
 def test_no_shape_of_the_picture_collapses_the_page(
     operator: Open, client: StandInServer, frame: tuple[int, int]

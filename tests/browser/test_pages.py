@@ -104,6 +104,7 @@ new PerformanceObserver((list) => {
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["technician", "one bay", "history"])
 def test_the_layout_stays_where_it_is_while_the_first_answers_arrive(bays: Plant, visit: Visit, name: str) -> None:
     """0.1 is the most that is called good of the sum (Cumulative Layout Shift)."""

@@ -140,6 +140,7 @@ def test_settings_of_vision_with_warnings_are_saved_only_after_they_were_read(
     refusals.clear()
 
 
+@pytest.mark.long
 def test_a_score_that_takes_long_is_waited_for_in_sight_and_may_be_cancelled(
     running: Plant, visit: Visit, watches: list[Watch]
 ) -> None:
@@ -169,6 +170,7 @@ def test_a_score_that_takes_long_is_waited_for_in_sight_and_may_be_cancelled(
     watches[0].complaints[:] = [each for each in watches[0].complaints if "/api/setup/save" not in each]
 
 
+@pytest.mark.long
 def test_a_save_can_be_undone_as_soon_as_its_dialog_has_closed(running: Plant, visit: Visit) -> None:
     """The text that was saved is long in coming."""
     before = running.config.read_text()
@@ -193,6 +195,7 @@ def test_a_save_can_be_undone_as_soon_as_its_dialog_has_closed(running: Plant, v
     assert running.config.read_text() == before
 
 
+@pytest.mark.long
 def test_changes_are_not_checked_beside_the_dialog_that_saves_them(running: Plant, visit: Visit) -> None:
     page = visit(f"{running.url}/setup#bays/bay1/fusion")
     asked: list[str] = []
@@ -206,6 +209,7 @@ def test_changes_are_not_checked_beside_the_dialog_that_saves_them(running: Plan
     until(page, lambda: asked.count("preview") == checks + 1)
 
 
+@pytest.mark.long
 def test_bays_of_the_command_line_are_named_and_the_files_kept(
     visit: Visit, tmp_path: Path, started: ExitStack
 ) -> None:
@@ -222,6 +226,7 @@ def test_bays_of_the_command_line_are_named_and_the_files_kept(
     expect(page.locator("main")).to_contain_text("started with other bays than the file's (--bays)")
 
 
+@pytest.mark.long
 def test_a_restart_is_confirmed_and_the_page_comes_back(running: Plant, visit: Visit, watches: list[Watch]) -> None:
     page = visit(f"{running.url}/setup", width_px=360)
     pid = running.gateway.process.pid

@@ -56,6 +56,7 @@ def in_time(page: Page) -> bool:
     return oldest_ms < LIMIT_MS + SLACK_MS
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("path", mostly_long(["/#bay1", "/tune/bay1"]))
 def test_a_decision_that_was_long_on_its_way_is_not_shown(
     bay: Plant, visit: Visit, watches: list[Watch], path: str
@@ -81,6 +82,7 @@ def test_a_decision_that_was_long_on_its_way_is_not_shown(
         assert in_time(page)
 
 
+@pytest.mark.long
 def test_the_technicians_page_knows_nothing_when_the_web_process_has_died(
     bay: Plant, visit: Visit, watches: list[Watch]
 ) -> None:

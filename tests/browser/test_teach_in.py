@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+import pytest
 from playwright.sync_api import expect
 
 from gateway import config
@@ -21,6 +22,7 @@ start = { distance_cm = 36, lateral_mm = 10 }
 """
 
 
+@pytest.mark.long
 def test_a_truck_that_stands_is_measured_saved_and_in_place_from_then_on(visit: Visit, tmp_path: Path) -> None:
     with plant(tmp_path, FARTHER) as bay, Plc(bay.modbus_port) as plc:
         before = bay.config.read_text()

@@ -198,6 +198,7 @@ def test_a_change_is_undone_with_one_click_outside_a_function_check_and_after_th
     watches[0].complaints.clear()  # of the time without a web process
 
 
+@pytest.mark.long
 def test_settings_with_warnings_go_live_only_after_they_were_read(
     visit: Visit, watches: list[Watch], tmp_path: Path, started: ExitStack
 ) -> None:
@@ -231,6 +232,7 @@ def test_settings_with_warnings_go_live_only_after_they_were_read(
     refusals.clear()
 
 
+@pytest.mark.long
 def test_a_profile_is_exported_and_imported(bay: Plant, page: Page, tmp_path: Path) -> None:
     field = page.locator(f"#k-{AREA}-n")
     field.fill("275")
@@ -247,6 +249,7 @@ def test_a_profile_is_exported_and_imported(bay: Plant, page: Page, tmp_path: Pa
     expect(page.get_by_role("status").filter(has_text="profile.toml: one key differs")).to_be_visible()
 
 
+@pytest.mark.long
 def test_settings_are_tried_on_an_uploaded_picture(page: Page) -> None:
     image = np.full((240, 320, 3), 120, np.uint8)
     cv2.circle(image, (200, 100), 40, (40, 36, 190), -1)
@@ -334,6 +337,7 @@ def test_the_memory_of_a_picture_is_given_back_when_the_next_one_is_shown(page: 
 NOT_YET = "not yet the chosen picture"
 
 
+@pytest.mark.long
 def test_a_picture_that_is_not_the_chosen_one_is_marked_and_not_to_be_clicked(page: Page) -> None:
     held: list[Route] = []
     asked: list[str] = []
@@ -367,6 +371,7 @@ def test_a_picture_that_is_not_the_chosen_one_is_marked_and_not_to_be_clicked(pa
     until(page, lambda: "eyedropper" in asked)
 
 
+@pytest.mark.long
 def test_the_eyedropper_takes_the_colour_at_a_place(page: Page) -> None:
     """The marker stands in the middle of the picture; what is asked for is what is let in."""
     frozen(page)
@@ -380,6 +385,7 @@ def test_the_eyedropper_takes_the_colour_at_a_place(page: Page) -> None:
     until(page, lambda: white(page) > 1000)
 
 
+@pytest.mark.long
 def test_a_function_check_ends_only_when_what_is_saved_is_in_force_and_names_what_follows(
     visit: Visit, tmp_path: Path, started: ExitStack
 ) -> None:

@@ -18,6 +18,7 @@ def recorded(folder: Path) -> int:
     return sum(file.stat().st_size for file in folder.glob("*.seg"))
 
 
+@pytest.mark.long
 def test_a_gateway_is_backed_up_while_it_runs_and_restored_where_it_does_not(
     tmp_path: Path, video: Path, ranger: Ranger, monkeypatch: pytest.MonkeyPatch
 ) -> None:

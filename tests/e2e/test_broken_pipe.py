@@ -53,6 +53,7 @@ def waiting(pipe: int) -> int:
     return int.from_bytes(fcntl.ioctl(pipe, termios.FIONREAD, bytes(4)), sys.byteorder)
 
 
+@pytest.mark.long
 def test_output_that_nobody_reads_holds_up_nobody(tmp_path: Path) -> None:
     process = start(tmp_path, "--json", stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     try:
@@ -77,6 +78,7 @@ def test_output_that_nobody_reads_holds_up_nobody(tmp_path: Path) -> None:
             stream.close()
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize("args", [("--json",), ("--quiet",)])
 def test_a_reader_that_goes_away_ends_it_in_order_and_in_silence(tmp_path: Path, args: tuple[str, ...]) -> None:
     with (tmp_path / "stderr").open("wb") as log:
@@ -114,6 +116,7 @@ def short(*args: str, stdout: int) -> "subprocess.CompletedProcess[bytes]":
     return subprocess.run(command, stdout=stdout, stderr=subprocess.PIPE, timeout=60, check=False)
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize("args", SHORT)
 def test_a_short_verb_without_a_reader_fails_in_silence(args: tuple[str, ...]) -> None:
     read, write = os.pipe()
@@ -123,6 +126,7 @@ def test_a_short_verb_without_a_reader_fails_in_silence(args: tuple[str, ...]) -
     assert (done.returncode, done.stderr) == (1, b"")
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize("args", SHORT)
 def test_a_short_verb_on_a_full_disk_says_so(args: tuple[str, ...]) -> None:
     full = os.open("/dev/full", os.O_WRONLY)

@@ -30,6 +30,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.long
 def test_from_pictures_to_the_configuration(folder: Path) -> None:
     words = ["calibrate", ".", "mixed", "--board", SPEC, "--marker-radius-mm", "150"]
     words += ["--out", "new/lens.toml", "--report", "lens.html", "--picture", "lens.svg"]

@@ -3,6 +3,8 @@
 import asyncio
 from collections.abc import Callable
 
+import pytest
+
 from gateway.clock import SystemClock
 from gateway.config import CameraConfig, ControlsConfig, VisionConfig
 from gateway.core.readings import VisionReading
@@ -20,6 +22,7 @@ SMALL = {
 }
 
 
+@pytest.mark.long
 def test_what_is_tried_outlives_the_process_and_the_file_comes_back() -> None:
     clock = SystemClock()
     readings: list[VisionReading] = []

@@ -51,6 +51,7 @@ def retained(broker: Address, suffixes: tuple[str, ...], tries: int = 10) -> lis
     raise AssertionError(f"no retained messages in {tries} subscriptions: {late.other}")
 
 
+@pytest.mark.long
 def test_a_gateway_that_dies_with_its_node_is_found_out_by_its_states_alone(tmp_path: Path) -> None:
     """Nobody publishes its will: what the cluster retains of it says `online`."""
     with NatsCluster(tmp_path) as cluster:

@@ -279,6 +279,7 @@ def test_a_full_disk_ends_it(folder: Path) -> None:
     assert done.stderr == b"gateway: the output cannot be written: No space left on device\n"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("method", "r"), [("paper", 2001.5), ("robust", 2000.0)])
 def test_a_hundred_megapixels(tmp_path: Path, method: str, r: float) -> None:
     image = np.full((8000, 12500, 3), (95, 95, 92), np.uint8)

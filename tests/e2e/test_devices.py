@@ -81,6 +81,7 @@ port = "{taken.port}"
                 yield Plant(gateway, page, folder, taken, port)
 
 
+@pytest.mark.long
 def test_a_camera_is_shown_until_its_page_is_gone(plant: Plant, pictures: Path, tmp_path: Path) -> None:  # noqa: F811
     other = tmp_path / "other"
     other.mkdir()
@@ -107,6 +108,7 @@ def test_a_camera_is_shown_until_its_page_is_gone(plant: Plant, pictures: Path, 
     assert devices.children() == []
 
 
+@pytest.mark.long
 def test_a_camera_that_is_not_there_or_taken_is_reported(plant: Plant, pictures: Path) -> None:  # noqa: F811
     *_, absent = plant.look({"camera": {"url": "/dev/video77"}})
     assert absent["end"]["verdict"] == "fault"

@@ -106,6 +106,7 @@ def test_a_plant_with_nothing_in_it(tmp_path: Path) -> None:
     assert all(row["remedy"] for row in rows.values() if row["verdict"] == "fault")
 
 
+@pytest.mark.long
 def test_where_the_gateway_runs_it_is_asked(tmp_path: Path, pictures: Path, ranger: Ranger, broker: Mosquitto) -> None:
     path = config_file(tmp_path, pictures, ranger.port, broker.url, free_port())
     with Gateway("run", str(path)) as gateway:

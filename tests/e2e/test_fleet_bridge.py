@@ -98,6 +98,7 @@ def test_a_state_expires_at_the_cluster_as_well(brokers: tuple[Mosquitto, Mosqui
     asyncio.run(life())
 
 
+@pytest.mark.long
 def test_events_of_a_time_without_the_cluster_arrive_afterwards_in_order(brokers: tuple[Mosquitto, Mosquitto]) -> None:
     site, cluster = brokers
 

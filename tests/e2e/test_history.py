@@ -101,6 +101,7 @@ def test_it_has_few_rights_and_another_one_follows_it(site: Site) -> None:
     assert other.pid != reader.pid
 
 
+@pytest.mark.long
 def test_who_goes_away_leaves_no_work_behind(site: Site) -> None:
     assert site.get(f"why?at_ms={AT_MS}")[0] == 200
     for _ in range(10):

@@ -14,6 +14,7 @@ from gateway.web.ipc.messages import StateReply, StateRequest, WebSetup
 from tests.unit.web.gateway_client import plant
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize(
     ("instance", "why"),
     [
@@ -59,6 +60,7 @@ class EndOfTestError(Exception):
     """The web process has been answered."""
 
 
+@pytest.mark.long
 def test_a_web_process_that_starts_more_slowly_than_it_may_gets_more_time_until_it_is_there(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -109,6 +109,7 @@ def technician(address: str) -> dict[str, str]:
         return {"Origin": address, "X-CSRF-Token": said.json()["csrf"], "Cookie": cookie}
 
 
+@pytest.mark.mostly_long(short=12)
 @pytest.mark.parametrize("operation", OPERATIONS, ids=lambda operation: operation.label)
 def test_what_is_promised_is_kept(
     operation: "schemathesis.APIOperation[Any, Any, Any, Any]", address: str, technician: dict[str, str]

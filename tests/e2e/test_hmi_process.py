@@ -147,6 +147,7 @@ def test_the_web_process_has_less_than_the_gateway_s_rights_and_only_the_vision_
     assert got(url, "/login")[0] == 200  # a file is still read
 
 
+@pytest.mark.long
 @pytest.mark.failure_mode("W2")
 def test_a_hung_web_process_costs_the_bay_nothing_and_is_not_missed_at_the_end(gateway: Gateway) -> None:
     url = address_of(gateway)
@@ -189,6 +190,7 @@ def test_a_main_process_that_hangs_is_reported_and_outlived(gateway: Gateway) ->
     assert web(gateway) == [process]
 
 
+@pytest.mark.long
 def test_the_web_process_dies_with_a_gateway_that_is_killed(gateway: Gateway) -> None:
     url = address_of(gateway)
     assert got(url, "/api/bays/bay1/picture")[0] == 200
@@ -234,6 +236,7 @@ def test_a_plants_languages_reach_each_web_process_and_a_faulty_file_stops_no_ba
         assert f"hmi.languages_folder: {folder}/de.json: is not JSON" in gateway.stderr
 
 
+@pytest.mark.long
 def test_a_taken_port_keeps_no_bay_from_working_and_is_tried_again(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]

@@ -509,6 +509,7 @@ def false_broker(answer: bytes) -> Iterator[int]:
 PATIENT = "from gateway.sinks.mqtt import broker_link; broker_link.CONNECT_S = 600.0"
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize("scheme", ["mqtt", "mqtts"])
 @pytest.mark.parametrize("accepts", [True, False], ids=["silent", "unreachable"])
 def test_the_process_ends_in_time_whatever_it_waits_for(scheme: str, accepts: bool) -> None:

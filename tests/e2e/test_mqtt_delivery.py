@@ -77,6 +77,7 @@ def test_a_broker_that_forgets_its_sessions_when_it_is_killed_loses_no_event(bro
         assert counts(subscriber) == list(range(1, 46))
 
 
+@pytest.mark.long
 @pytest.mark.failure_mode("Q6")
 def test_an_acl_that_denies_events_alone_leaves_the_rest_as_it_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

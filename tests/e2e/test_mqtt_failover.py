@@ -49,6 +49,7 @@ def counts(*subscribers: Subscriber) -> list[int]:
     return list(dict.fromkeys(int(checked(m.topic, m.text)["id"].split("-")[1]) for m in arrived))
 
 
+@pytest.mark.long
 def test_a_hung_node_behind_one_name_is_passed_over(nodes: list[Mosquitto], monkeypatch: pytest.MonkeyPatch) -> None:
     nodes[0].pause()
 

@@ -160,6 +160,7 @@ def test_two_gateways_with_one_client_id_throw_each_other_out_and_lose_nothing(b
         asyncio.run(scenario(subscriber))
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize(
     "conditions",
     [

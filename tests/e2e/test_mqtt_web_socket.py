@@ -37,6 +37,7 @@ async def no_proxy() -> AsyncIterator[None]:
     yield
 
 
+@pytest.mark.mostly_long(short=2)
 @pytest.mark.parametrize("proxied", [False, True], ids=["direct", "through a proxy"])
 @pytest.mark.parametrize("scheme", ["ws", "wss", "mqtts"])
 @pytest.mark.parametrize("protocol", ["5", "3.1.1"])

@@ -52,6 +52,7 @@ def test_the_page_has_its_lines() -> None:
     assert named == ["docs/plc/on-mark.toml"]
 
 
+@pytest.mark.long
 def test_every_mbpoll_line_of_the_page_reads_what_the_page_says() -> None:
     scenario = str(ROOT / "docs" / "plc" / "on-mark.toml")
     with Gateway("simulate", "--scenario", scenario, "--modbus-port", "0", "--json") as gateway:

@@ -50,6 +50,7 @@ def number_of(name: str, seed: int) -> int:
     )
 
 
+@pytest.mark.long
 def test_a_gateway_that_is_harmed_shows_nothing_that_is_not_so_and_recovers(tmp_path: Path) -> None:
     name = "no descriptors, and the vision process killed"
     report = told(tmp_path, "chaos", "--seed", "5", "--fault", str(number_of(name, 5)), "--recovery-s", "90")

@@ -251,6 +251,7 @@ async def test_a_question_is_answered_over_the_port(monkeypatch: pytest.MonkeyPa
             await host.until_good()
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize("cut", ["bytes", "ragged", "lines", "pairs"])
 @in_real_time
 async def test_however_the_bytes_are_cut(cut: str) -> None:

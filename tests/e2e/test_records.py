@@ -75,6 +75,7 @@ def other_thresholds(folder: Path) -> Path:
     return path
 
 
+@pytest.mark.long
 @pytest.mark.failure_mode("G12")
 def test_a_killed_recorder_loses_nothing_and_the_plc_notices_nothing(tmp_path: Path) -> None:
     with simulation(tmp_path) as gateway:
@@ -114,6 +115,7 @@ def test_what_was_recorded_up_to_a_second_before_a_crash_is_there(tmp_path: Path
     assert ticks > beats - 120
 
 
+@pytest.mark.long
 def test_a_disk_that_refuses_is_reported_and_stops_nothing(tmp_path: Path) -> None:
     (tmp_path / "records").write_text("in the way")
     with simulation(tmp_path) as gateway:

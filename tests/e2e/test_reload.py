@@ -92,6 +92,7 @@ def test_a_reload_stops_the_bay_for_a_moment_and_a_faulty_file_changes_nothing(
     assert replayed.code == 0, replayed
 
 
+@pytest.mark.long
 def test_under_a_service_manager_a_faulty_file_is_waited_for(
     tmp_path: Path, video: Path, ranger: Ranger, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -32,6 +32,7 @@ range_deadline_s = 5.0
 """
 
 
+@pytest.mark.long
 @pytest.mark.failure_mode("G4")
 def test_a_truck_that_left_while_the_gateway_was_dead_is_stopped_and_reported(tmp_path: Path) -> None:
     settings, scenario, state = tmp_path / "settings.toml", tmp_path / "scenario.toml", tmp_path / "state"

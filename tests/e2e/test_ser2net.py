@@ -110,6 +110,7 @@ class Approach:
         return 3500.0 - SPEED_MM_S * (t_ns - self._origin_ns) / 1e9
 
 
+@pytest.mark.mostly_long
 @pytest.mark.filterwarnings("ignore:set(Daemon|Name)\\(\\) is deprecated:DeprecationWarning")  # pyserial 3.5
 @pytest.mark.parametrize("kind", ACCEPTER)
 @in_real_time

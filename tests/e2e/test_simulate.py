@@ -174,6 +174,7 @@ def shared_files() -> set[tuple[Path, int]]:
     return {(path, path.stat().st_ino) for path in folder().glob(f"loading-gateway.test-{os.getpid()}.*")}
 
 
+@pytest.mark.long
 @pytest.mark.failure_mode("G2")
 def test_nothing_survives_a_sigkill_and_the_next_start_is_clean(tmp_path: Path) -> None:
     bay = ("--scenario", scenario(tmp_path, STANDING), "--config", settings(tmp_path))
@@ -294,6 +295,7 @@ def test_the_registers_go_on_while_the_broker_hangs_and_dies(tmp_path: Path) -> 
         assert gateway.end() == 0
 
 
+@pytest.mark.long
 def test_the_shared_state_vector_can_be_read_by_another_process(tmp_path: Path) -> None:
     args = ("simulate", "--scenario", scenario(tmp_path, STANDING), "--modbus-port", "0", "--json")
     with Gateway(*args) as gateway:
@@ -368,6 +370,7 @@ def state_verb(*args: str) -> dict[str, Any]:
     return found
 
 
+@pytest.mark.long
 def test_simulations_that_start_at_the_same_moment_do_not_meet() -> None:
     with ExitStack() as stack:
         gateways = [stack.enter_context(Gateway("simulate", "--modbus-port", "0", "--json")) for _ in range(3)]

@@ -29,6 +29,7 @@ TAUGHT = {"radius_threshold_px": 145.0, "distance_threshold_mm": 390.0}
 PATIENCE_S = 60.0
 
 
+@pytest.mark.long
 def test_what_is_saved_is_in_force_before_the_function_check_can_end(tmp_path: Path) -> None:
     config, story = tmp_path / "plant.toml", tmp_path / "story.toml"
     config.write_text(CONFIG.format(instance=f"test-{uuid4().hex[:12]}"))

@@ -20,6 +20,7 @@ start = { distance_cm = 45 }
 TRUE_PX = 5400 / 45
 
 
+@pytest.mark.long
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("method", mostly_long(["robust", "paper"]))
 def test_a_covered_marker_stops_the_truck_and_is_only_predicted(tmp_path: Path, method: str) -> None:

@@ -273,6 +273,7 @@ def test_back_by_hand_ends_an_update_while_it_is_proven(plant: Plant) -> None:
     assert plant.paths.rejected.read_text() == "2.0\n"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("patch", "within_s", "why"),
     mostly_long(

@@ -457,6 +457,7 @@ def test_a_detector_that_cannot_be_built_is_told_and_tried_again(
 # Cameras that fail.
 
 
+@pytest.mark.long
 def test_a_source_that_fails_is_noticed_told_and_opened_again_however_it_fails(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -561,6 +562,7 @@ def mjpeg() -> Iterator[MjpegServer]:
         connection.join(5)
 
 
+@pytest.mark.long
 def test_an_http_stream_that_freezes_breaks_off_and_refuses(mjpeg: MjpegServer) -> None:
     port = mjpeg.server_address[1]
     camera = f"http://127.0.0.1:{port}/mjpg"

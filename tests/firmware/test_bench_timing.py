@@ -38,6 +38,7 @@ def test_the_timing_chain_is_good_to_a_fifth_of_a_millimetre_from_5_to_400_cm() 
     assert abs(sum(errors) / len(errors)) < 0.06  # the truncation to whole ticks: no more
 
 
+@pytest.mark.long
 def test_the_modules_own_steps_are_what_is_left() -> None:
     """4 mm steps on a moving target: at most half a step and the chain; its scatter is a tenth of the paper's error."""
     played = run(f"step {STEP_MM}\ntrack 0 250\ntrack 30000 520\n", 30_000)
@@ -67,6 +68,7 @@ FAULTS = {
 CURES = {"distance none": "distance 400", "dropout 1": "dropout 0", "spike 60 1": "spike 60 0"}
 
 
+@pytest.mark.mostly_long(short=3)
 @pytest.mark.parametrize("fault", FAULTS)
 def test_every_fault_has_its_flag_and_ends_with_its_cause(fault: str) -> None:
     """One line in every cycle, the flag from the first whole cycle on, a good line two cycles after the end."""

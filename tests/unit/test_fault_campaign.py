@@ -66,6 +66,7 @@ def test_every_fault_occurs() -> None:
     assert {failure.fault for seed in range(SCHEDULES) for failure in schedule(seed).failures} == set(Fault)
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize(
     ("what", "seed", "faults"),
     [

@@ -74,6 +74,7 @@ def test_a_driver_whose_truck_rolls_brakes_at_once_when_he_notices_it(
     assert truck.speed_mm_s == 0
 
 
+@pytest.mark.long
 def test_the_objective_is_overshoot_first_then_time() -> None:
     rows = [{"overshot": 0.30, "time_s": [9]}, {"overshot": 0.11, "time_s": [10]}, {"overshot": 0.10, "time_s": [12]}]
     assert best(rows) is rows[1]

@@ -38,6 +38,7 @@ def without_ticks(bench: Bench, for_s: float) -> StateVector:
     return bench.state
 
 
+@pytest.mark.mostly_long
 @pytest.mark.one_interpreter
 @pytest.mark.failure_mode("G1")
 @pytest.mark.parametrize("for_s", [0.26, 0.4, 3.0])

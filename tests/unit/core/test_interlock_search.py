@@ -38,6 +38,7 @@ def test_no_state_next_to_a_visit_permits_what_a_stated_condition_forbids(name: 
     assert found.reached.keys() >= AT_LEAST | more, "a search of nothing"
 
 
+@pytest.mark.mostly_long(short=3)
 @pytest.mark.parametrize(
     ("what", "space", "transitions"),
     [

@@ -36,6 +36,7 @@ def moving(
     return bench, begins_s
 
 
+@pytest.mark.mostly_long
 @pytest.mark.one_interpreter
 @pytest.mark.parametrize("covered", [False, True])
 @pytest.mark.parametrize("speed_cm_s", [1, 5, 50])

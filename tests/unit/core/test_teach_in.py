@@ -117,6 +117,7 @@ def test_a_wide_spread_to_the_side_needs_more_tolerance() -> None:
     assert (found.value, found.old) == (56.0, 20.0)  # 4 * 1.4826 * 9 + 2 = 55.4
 
 
+@pytest.mark.mostly_long
 @pytest.mark.one_interpreter
 @pytest.mark.parametrize("place", PLACES, ids=lambda place: f"{place.distance_mm:.0f}mm-{place.sigma_px}px")
 @pytest.mark.parametrize("decision", ["plain", "held"])

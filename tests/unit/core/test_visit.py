@@ -140,6 +140,7 @@ def test_it_is_in_place_settle_s_after_it_stands() -> None:
         assert bench.run_until(lambda state: state.in_place).t_ns - stood_ns == pytest.approx(settle_s * 1e9, abs=2e7)
 
 
+@pytest.mark.mostly_long(short=3)
 @pytest.mark.parametrize(
     ("sensor", "quality"),
     [("vision", quality) for quality in (Quality.NO_TARGET, Quality.COASTED, *DEAD_ONES)]
@@ -299,6 +300,7 @@ OUT = ({"distance_cm": 28, "hold_s": 4}, {"distance_cm": 480, "speed_cm_s": 30, 
 COVERED = {"kind": "marker_hidden", "at_s": 0.5, "for_s": 1.5}  # as by the spout: loading has begun
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize("writes", [True, False])
 def test_a_loaded_truck_that_backs_off_is_told_to_leave_until_it_is_out_of_sight(writes: bool) -> None:
     """From the first moment at which it may move; beyond the end of its visit and the ranger's range."""
@@ -314,6 +316,7 @@ def test_a_loaded_truck_that_backs_off_is_told_to_leave_until_it_is_out_of_sight
     assert complained(bench) == []
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize(
     ("to_cm", "hidden", "code"),
     [
@@ -402,6 +405,7 @@ def test_the_spout_covers_the_marker_and_in_place_is_held_and_stop_stays_on() ->
     assert bench.state.visit.phase is VisitPhase.HELD
 
 
+@pytest.mark.long
 def test_ten_minutes_and_more_of_loading_are_held_up_to_the_limit() -> None:
     bench = held(config=gateway(visit={"hold_limit_s": 900.0}), scenario=stands(faults=(spout(1, 2000),), for_s=3000))
     state = bench.state
@@ -508,6 +512,7 @@ PHASES: Mapping[str, Callable[[], Bench]] = {
 in_each_phase = pytest.mark.parametrize("phase", PHASES)
 
 
+@pytest.mark.mostly_long(short=3)
 @in_each_phase
 @pytest.mark.parametrize("sensor", ["vision", "range"])
 def test_a_sensor_that_dies_ends_everything_good_at_once(phase: str, sensor: str) -> None:
@@ -523,6 +528,7 @@ def test_a_sensor_that_dies_ends_everything_good_at_once(phase: str, sensor: str
             assert not state.visit.released
 
 
+@pytest.mark.mostly_long(short=3)
 @in_each_phase
 @pytest.mark.parametrize("sensor", ["vision", "range"])
 def test_after_a_sensor_was_dead_in_place_must_be_earned_by_both(phase: str, sensor: str) -> None:
@@ -704,6 +710,7 @@ def test_a_truck_that_rolled_and_stands_again_must_earn_it_where_it_stands() -> 
 # The sensors contradict each other.
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize(
     "keys",
     [{}, {"cross_check": CROSS_CHECK}, {"cross_check": {**CROSS_CHECK, "lasting_s": 60.0}}, {"scale_tolerance": 0}],
@@ -1149,6 +1156,7 @@ def test_enable_is_asked_of_a_released_truck_as_of_any() -> None:
 # A technician at work.
 
 
+@pytest.mark.mostly_long(short=3)
 @in_each_phase
 @pytest.mark.parametrize("check", [FunctionCheck.MAY_MOVE_OFF, FunctionCheck.MAY_MOVE_KEPT], ids=lambda c: c.name)
 def test_a_function_check_ends_in_place_at_once_and_keeps_it_off(phase: str, check: FunctionCheck) -> None:

@@ -55,6 +55,7 @@ def restart(bench: Bench, off_s: float = 0.0, drive: bool = True) -> VisitSummar
     return ended
 
 
+@pytest.mark.long
 def test_the_shipped_visit_has_these_numbers() -> None:
     (visit,) = shipped("visit")
     assert visit.end is VisitEnd.CLEAR
@@ -81,6 +82,7 @@ def test_the_shipped_visit_has_these_numbers() -> None:
     assert visit.frame_id == round((visit.frame_ms - UNIX_NS // 10**6 - 1000_000) / 1000 * 30)
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize(
     ("name", "times", "faults"),
     [
@@ -130,6 +132,7 @@ def test_a_released_truck_and_the_one_that_closes_up_are_two() -> None:
     assert second.begun_ms == pytest.approx(first.last_seen_ms, abs=2)
 
 
+@pytest.mark.long
 def test_the_way_back_and_forth_is_counted() -> None:
     back = {"distance_cm": 60, "speed_cm_s": 20, "hold_s": 1}
     (visit,) = driven({**ARRIVAL, "distance_cm": 40, "hold_s": 1}, back, ARRIVAL, AWAY).visits
@@ -187,6 +190,7 @@ def test_one_sensor_alone_makes_no_visit(faults: tuple[dict[str, Any], ...]) -> 
     assert bench.progress.open(bench.now_ns) is None
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize("sensor", ["vision_fault", "range_fault"])
 def test_a_truck_that_only_one_sensor_sees_is_no_visit(sensor: str) -> None:
     bench = Bench(truck(ARRIVAL, GONE))

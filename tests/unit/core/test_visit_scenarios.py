@@ -157,6 +157,7 @@ def test_visit_two_trucks_makes_the_second_earn_it() -> None:
     assert places.pop() == pytest.approx(270, abs=17)
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize("name", ["visit-drive-away", "visit-two-trucks"])
 @pytest.mark.failure_mode("P10")
 def test_a_plc_that_holds_its_release_bit_all_day_gains_nothing(name: str) -> None:
@@ -180,6 +181,7 @@ def test_in_random_visits_no_output_is_ever_wrong(seed: int) -> None:
     assert complaints(rows(bench), bench.config) == []
 
 
+@pytest.mark.long
 def test_the_stories_are_not_about_nothing() -> None:
     benches = [play(seed) for seed in range(4)]
     assert sum(any(m.state.in_place for m in bench.moments) for bench in benches) >= 3
@@ -215,6 +217,7 @@ def test_the_judge_sees_what_is_wrong() -> None:
 # How late.
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize("speed_cm_s", [5.0, 20.0, 60.0])
 def test_a_move_is_reported_within_the_sensors_delay(speed_cm_s: float) -> None:
     """From the truth's leaving the band to `moved`: a ranger cycle, a median, the wire, a tick; less what noise brings.

@@ -106,6 +106,7 @@ def test_a_camera_that_is_well(monkeypatch: pytest.MonkeyPatch) -> None:
     assert marker.result.startswith("in 0 of ")
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize(
     ("camera", "keys", "verdict", "result", "remedy"),
     [
@@ -176,6 +177,7 @@ def spoilt(n: int) -> bytes:
     return line(n).replace(b"HCM", b"HCN") if n % 5 == 4 else line(n)
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize(
     ("measured", "hello", "verdict", "result", "remedy"),
     [

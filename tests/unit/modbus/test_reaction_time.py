@@ -104,6 +104,7 @@ CASES: dict[str, tuple[Dead, tuple[str, ...], Callable[[], float]]] = {
 }  # fmt: skip
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize("cause", CASES)
 @pytest.mark.failure_mode("C2", "G1", "G2", "P1", "P2", "R2")
 def test_no_phase_of_a_fault_takes_longer_than_its_bound(cause: str) -> None:

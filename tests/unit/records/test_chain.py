@@ -213,6 +213,7 @@ def test_every_situation_of_the_visit_is_here() -> None:
     assert list(EXPECTED) == list(SITUATIONS)
 
 
+@pytest.mark.mostly_long(short=6)
 @pytest.mark.one_interpreter
 @pytest.mark.parametrize("name", EXPECTED)
 def test_the_first_cause_is_the_right_one(name: str) -> None:

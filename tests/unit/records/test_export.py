@@ -82,6 +82,7 @@ def test_csv_has_every_state_and_event(bay: tuple[Recorded, Bench], tmp_path: Pa
     assert all(float(row["distance_mm"]) > 300 for row in moving)
 
 
+@pytest.mark.mostly_long
 @pytest.mark.one_interpreter
 @pytest.mark.failure_mode("G1")
 @pytest.mark.parametrize("sensors", [True, False])

@@ -12,6 +12,7 @@ from tests.recorded_incidents import FOLDER, INCIDENTS, path_of
 pytestmark = pytest.mark.one_interpreter
 
 
+@pytest.mark.mostly_long(short=3)
 @pytest.mark.parametrize("name", INCIDENTS)
 def test_the_same_is_decided_as_when_it_was_recorded(name: str) -> None:
     replay = Replay(RecordedRules())

@@ -53,6 +53,7 @@ def utc(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 class TestTheMoment:
+    @pytest.mark.long
     @pytest.mark.one_interpreter
     def test_what_keeps_stop_on_and_since_when(self, frozen: Recorded) -> None:
         answer = at(frozen, 47)
@@ -93,6 +94,7 @@ class TestTheMoment:
         assert what[-1] == "reason vision_stale -> no_target"
         assert answer.causes[0].text.startswith("camera: the frame is fine, but no marker is in it")
 
+    @pytest.mark.long
     @pytest.mark.one_interpreter
     def test_going_back_keeps_little_in_memory(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr("gateway.records.inquiry.MOST_LOADED", 4)

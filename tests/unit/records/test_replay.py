@@ -133,6 +133,7 @@ def test_a_missing_observation_is_noticed() -> None:
     assert any(isinstance(d, Difference) for d in seen)
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_the_state_at_a_checkpoint_is_compared_and_taken_over() -> None:
     kept = collector()

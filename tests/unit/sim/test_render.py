@@ -58,6 +58,7 @@ def test_the_papers_method_finds_the_marker_of_the_default_scene(default: Painte
         assert 0.9 < circle.radius_px - truth.radius_px < 1.8
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize("seed", [2, 3])
 def test_other_seeds_are_as_kind(seed: int) -> None:
     painter = Painter(parse({"seed": seed, "clutter": {"things": 10, "seed": seed}}))
@@ -297,6 +298,7 @@ def test_motion_blur_smears_the_rim_along_the_way(plain: Painter) -> None:
     assert width(plain.frame(fast, 0), down=False) <= 2
 
 
+@pytest.mark.long
 def test_the_documents_pictures_are_up_to_date() -> None:
     """Within a grey level or so: another processor may round differently."""
     made_now = pictures()

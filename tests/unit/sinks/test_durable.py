@@ -166,6 +166,7 @@ def test_a_real_limit_of_the_system_is_a_full_disk(name: str, tmp_path: Path) ->
         assert drained(outbox) == [f"b-{n}" for n in range(60)]
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize("damage", [b"this is no database" * 300, b"SQLite format 3\x00" + b"\xff" * 5000])
 @pytest.mark.failure_mode("Q3")
 def test_a_corrupt_file_is_put_aside_and_a_new_one_begun(name: str, tmp_path: Path, damage: bytes) -> None:
@@ -271,6 +272,7 @@ def test_what_nobody_has_a_use_for_expires_on_disk_too(name: str, tmp_path: Path
 FLOOD = 3000  # events of 3 kB
 
 
+@pytest.mark.mostly_long
 @pytest.mark.one_interpreter
 @pytest.mark.parametrize("older", [False, True], ids=["of this version", "of an older version"])
 def test_the_file_is_small_again_after_a_flood(name: str, tmp_path: Path, older: bool) -> None:
@@ -412,6 +414,7 @@ def test_only_so_many_corrupt_files_are_kept(tmp_path: Path) -> None:
     assert sorted(p.name for p in tmp_path.iterdir()) == [f"x.sqlite.corrupt-{n}" for n in (10, 11, 12)]
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize(
     "damage",
     [

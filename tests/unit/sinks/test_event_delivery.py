@@ -179,6 +179,7 @@ async def test_a_new_connection_tries_at_once() -> None:
         assert numbers(plant)[-2:] == [1, 2]
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 @in_virtual_time
 async def test_without_any_subscriber_the_oldest_expire_no_event_is_lost_and_no_alarm_is_raised() -> None:
@@ -305,6 +306,7 @@ async def test_refused_states_and_announcements_are_dropped_and_counted() -> Non
     assert plant.link_errors == []
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 @in_virtual_time
 async def test_a_topic_after_which_the_broker_ends_the_connection_is_found_and_held() -> None:

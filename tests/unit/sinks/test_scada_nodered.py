@@ -256,6 +256,7 @@ def test_what_a_cluster_delivers_late_is_passed_once() -> None:
     assert (missing, status) == ([], "7 repeated, 8 late, 0 damaged")
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_each_of_any_sequence_is_passed_at_its_first_arrival() -> None:
     randomly = random.Random(6)

@@ -87,6 +87,7 @@ def test_the_configuration_is_migrated_in_a_copy_and_back_by_hand_uses_the_origi
     is_tidy(machine)
 
 
+@pytest.mark.mostly_long
 @pytest.mark.one_interpreter
 @pytest.mark.parametrize("migrates", [{}, {"old_key": "new_key"}])
 def test_what_is_saved_while_a_worse_version_is_tried_is_put_aside(tmp_path: Path, migrates: dict[str, str]) -> None:
@@ -170,6 +171,7 @@ def test_what_is_saved_while_the_configuration_is_examined_was_not_examined(
     assert "was changed after 2.0 had examined it" in state.why
 
 
+@pytest.mark.mostly_long(short=3)
 @pytest.mark.one_interpreter
 @pytest.mark.parametrize(
     ("worse", "why"),

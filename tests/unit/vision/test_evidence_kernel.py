@@ -60,6 +60,7 @@ def anywhere(chance: Chance, shape: tuple[int, ...]) -> Ellipse:
     return Ellipse(u, v, major, major * float(chance.uniform(0.2, 1)), float(chance.uniform(0, math.pi)))
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_the_same_evidence_as_without_a_compiler(kernel: EvidenceKernel) -> None:
     found = 0

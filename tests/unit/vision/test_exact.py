@@ -61,6 +61,7 @@ def test_every_field_is_the_plain_pipelines(kernel_of: KernelOf) -> None:
     assert compared * 0.4 < found < compared  # most have something to find, some nothing
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize("size", [(1, 1), (1, 40), (40, 1), (2, 2), (3, 4), (5, 5), (7, 90), (90, 7), (9, 9)])
 def test_pictures_smaller_than_the_kernels(size: tuple[int, int], kernel_of: KernelOf) -> None:
     params = VisionConfig(method="paper", min_area_px2=0)
@@ -182,6 +183,7 @@ def test_the_compiled_mask_is_equations_1_to_4(kernel_px: int, library: Path) ->
     assert np.array_equal(kernel.mask(image, Box(0, 0, 400, 300)), plain)
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize(
     ("change", "bounded"),
     [

@@ -144,6 +144,7 @@ def longest_error(same: list[bool]) -> int:
     return longest
 
 
+@pytest.mark.long
 def test_wild_sequences_stay_within_the_promise(kernel: Kernel) -> None:
     errors = full = 0
     for seed in range(20):

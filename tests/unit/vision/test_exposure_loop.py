@@ -95,6 +95,7 @@ def played(seconds: float, over: Mapping[str, Any], *, controlled: bool = True, 
     return run
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize("delay", [1, 2, 3])
 def test_dusk_to_head_lamp_within_a_second(delay: int) -> None:
     run = played(6, {"ambient": HEAD_LAMP, "camera": {"exposure_delay": delay}}, method="robust")

@@ -118,6 +118,7 @@ def moved(du: float, dv: float, dr: float = 0.0) -> Move:
     return lambda n: Circle(PLACE.u_px + du * (n - 1.5), PLACE.v_px + dv * (n - 1.5), PLACE.radius_px + dr * (n - 1.5))
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize(
     "move",
     [
@@ -165,6 +166,7 @@ CHANGES: dict[str, Callable[[int], Image]] = {
 }
 
 
+@pytest.mark.mostly_long(short=3)
 @pytest.mark.parametrize("change", CHANGES)
 @pytest.mark.parametrize("veil", [0.95, VEIL])
 def test_what_changed_within_the_frames_did_not_stand(change: str, veil: float) -> None:
@@ -176,6 +178,7 @@ def test_what_changed_within_the_frames_did_not_stand(change: str, veil: float) 
         assert found.circle is None or found.frames == 1
 
 
+@pytest.mark.long
 def test_what_stands_is_seen_to_stand() -> None:
     """In 150 windows, a fiftieth of which may be taken for moved by their noise."""
     seen = 0

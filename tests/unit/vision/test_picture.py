@@ -102,6 +102,7 @@ def test_a_clean_bay_is_in_order_whatever_the_truck_the_light_and_the_clouds_do(
     assert faults(healths, 3600) == set()
 
 
+@pytest.mark.mostly_long(short=3)
 @pytest.mark.parametrize("name", ["approach", "day", "dusk"])
 @pytest.mark.parametrize(
     ("disturb", "noise", "seconds", "expected"),
@@ -407,6 +408,7 @@ def test_a_background_that_is_never_recognised_again_is_forgotten_if_it_may_have
     assert found[-3:] == pytest.approx([0, 0, 0], abs=0.3)
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize("trusted", ["recognised after a visit", "recognised for long"])
 def test_a_trusted_background_that_is_lost_for_an_hour_is_farther_than_can_be_measured(trusted: str) -> None:
     background, t_ns = Background(), T0

@@ -88,6 +88,7 @@ def test_without_a_range_the_lamp_becomes_the_marker() -> None:
     assert sum(is_lamp(one.circle) for one in found) == len(COVERED) - 2
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize("tracking", [True, False])
 def test_a_lamp_of_an_impossible_size_is_never_the_marker_and_the_uncovered_marker_is_at_once(tracking: bool) -> None:
     find = registry.detector(ROBUST.model_copy(update={"tracking": tracking}))

@@ -111,6 +111,7 @@ def test_blur_does_not_shrink_a_small_disc(radius: float) -> None:
     check(found(picture(truth, size=(80, 80), blur=1.2), rough(truth)), truth, 0.03)
 
 
+@pytest.mark.mostly_long
 @pytest.mark.one_interpreter
 def test_a_disc_of_a_thousand_pixels() -> None:
     """Only its band is drawn: the picture would be 40 million points otherwise."""
@@ -132,6 +133,7 @@ def test_motion_blur_keeps_the_place_of_mid_exposure() -> None:
 # -- noise ------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.mostly_long
 @pytest.mark.one_interpreter
 def test_noise_is_averaged_down_to_near_the_floor() -> None:
     """Twice the Cramer-Rao floor, which for this disc at sigma 10 is some 0.010 px (centre) and 0.005 px (radius)."""
@@ -149,6 +151,7 @@ def test_noise_is_averaged_down_to_near_the_floor() -> None:
     assert abs(float(np.mean(radius))) < radius_floor
 
 
+@pytest.mark.mostly_long
 @pytest.mark.one_interpreter
 def test_a_noisy_circle_is_not_taken_for_an_ellipse() -> None:
     """A free ellipse fit makes the semi-major axis of a circle too long, in every picture."""

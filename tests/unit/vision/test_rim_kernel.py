@@ -92,6 +92,7 @@ def both(
     )
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_the_same_rims_as_without_a_compiler(kernel: RimKernel) -> None:
     rims = 0
@@ -129,6 +130,7 @@ def test_a_red_disc_falls_by_the_redness_of_its_paint(kernel: RimKernel) -> None
     )
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_samples_are_rounded_as_opencv_rounds_them(kernel: RimKernel) -> None:
     """One in a million of strong noise is another grey level where a processor rounds once more or less in between."""

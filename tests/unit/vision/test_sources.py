@@ -501,6 +501,7 @@ class StallingHandler(socketserver.StreamRequestHandler):
                 self.wfile.write(film[n * len(film) // 100 : (n + 1) * len(film) // 100])
 
 
+@pytest.mark.long
 def test_what_a_network_held_back_is_as_old_as_the_stream_says(transport_stream: bytes) -> None:
     with StallingServer(("127.0.0.1", 0), StallingHandler) as server:
         server.film = transport_stream

@@ -132,6 +132,7 @@ def test_where_window_and_full_frame_disagree_the_one_with_more_evidence_is_used
     assert found[CHECK - 1].circle == (rival.circle if wins else held.circle)
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize("hidden", [1, 4, 9, 25])
 def test_a_marker_that_reappears_is_measured_in_its_first_frame(hidden: int) -> None:
     def scene(n: int) -> Image:
@@ -152,6 +153,7 @@ def test_a_marker_that_reappears_is_measured_in_its_first_frame(hidden: int) -> 
             assert distance_px(one.predicted, approach(n)) < 8
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize("covered", [1, 2, 15])
 def test_a_lamp_is_not_taken_for_a_marker_that_is_covered_for_a_moment(covered: int) -> None:
     lamp = Circle(270.0, 200.0, 14.0)

@@ -66,6 +66,7 @@ async def tried(browser: Browser, rule: Rule) -> int:
     return answer.status
 
 
+@pytest.mark.mostly_long
 @pytest.mark.one_interpreter
 @pytest.mark.parametrize(("name", "without_login"), WHO)
 @in_virtual_time

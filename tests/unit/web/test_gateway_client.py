@@ -123,6 +123,7 @@ async def test_a_new_alarm_comes_with_the_next_answer_and_no_links_where_none_ha
     assert made.handler.answer(StateRequest(1, ("bay1",), links=False, alarm_change=known - 1)).links is not None
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 @in_virtual_time
 async def test_a_hung_main_process_is_noticed_and_waited_for() -> None:

@@ -389,6 +389,7 @@ def concerned(line: str, changed: set[str]) -> bool:
     return continued or "[vision]" in line or "vision = {" in line or any(key in line for key in changed)
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 @settings(max_examples=examples(150), deadline=None)
 @given(text=files(), changes=CHANGES, pick=st.integers(0, 2))

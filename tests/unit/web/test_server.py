@@ -149,6 +149,7 @@ async def test_silent_and_slow_clients_are_disconnected_and_others_are_served() 
         assert complete.endswith(b"hello")
 
 
+@pytest.mark.long
 @in_real_time
 async def test_a_client_that_waits_for_its_answer_is_not_disconnected() -> None:
     async with served(hello) as port:

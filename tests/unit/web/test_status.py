@@ -125,6 +125,7 @@ def test_a_bays_line_for_the_service_manager_is_what_the_plc_is_told(
     assert in_words(replace(state, function_check=check)) == said + more
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 @in_virtual_time
 async def test_with_everything_broken_at_once_it_still_fits_into_one_message() -> None:
