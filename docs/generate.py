@@ -17,30 +17,36 @@ import cv2
 
 from bench.guidance import report as guidance_report
 from bench.guidance import rolling as rolling_bench
-from gateway.alarms import failure_modes
 from gateway.alarms import states as alarm_states
 from gateway.alarms import table as alarm_table
 from gateway.config import live
 from gateway.config import reference as configdoc
-from gateway.modbus.exports import reference as plc_reference
 from gateway.modbus.exports import tables
 from gateway.modbus.exports.registry import export
 from gateway.modbus.exports.target import Target
-from gateway.modbus.reference import lamps, reaction_time, situations, timing_diagrams
-from gateway.modbus.reference import server as modbus_reference
-from gateway.ranger.hcsr04 import c_header, protocol
+from gateway.ranger.hcsr04 import protocol
 from gateway.records import alarm_rates
 from gateway.sim import scenario
 from gateway.sinks import registry as sink_registry
-from gateway.sinks.mqtt import reference
 from gateway.sinks.postgresql import tables as historian_tables
 from gateway.sinks.sparkplug import metrics as sparkplug_metrics
-from gateway.vision.detect import reference as detection
 from gateway.vision.offline.evaluation import labels, requirements, scoring
 from gateway.web.server import app, openapi
 from gateway.web.server.metrics import text as metrics
 from tests import doc_pictures
 from tests.failure_mode_tests import marked_tests
+from tools import (
+    c_header,
+    detection_methods,
+    failure_modes,
+    lamps,
+    modbus_server,
+    mqtt,
+    plc_integration,
+    reaction_time,
+    situations,
+    timing_diagrams,
+)
 
 DOCS = Path(__file__).resolve().parent
 BLOCK = re.compile(r"(?<=<!-- generated: )([a-z][a-z ]*)( -->\n).*?(?=<!-- end -->)", re.DOTALL)
@@ -99,10 +105,10 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
     "config.md": {"live": live.markdown, "keys": lambda: configdoc.markdown(sink_registry.sections())},
     "fmea.md": {"failure modes": lambda: failure_modes.markdown(marked_tests(DOCS.parent / "tests"))},
     "hmi-security.md": {"access": app.markdown},
-    "modbus-server.md": modbus_reference.BLOCKS,
+    "modbus-server.md": modbus_server.BLOCKS,
     "hmi-api.md": {"metrics": metrics.markdown},
-    "mqtt.md": reference.BLOCKS,
-    "plc-integration.md": plc_reference.BLOCKS,
+    "mqtt.md": mqtt.BLOCKS,
+    "plc-integration.md": plc_integration.BLOCKS,
     "ranger.md": {"wire": protocol.markdown},
     "reaction-time.md": reaction_time.blocks(protocol.PERIOD_MS),
     "registers.md": {"registers": tables.markdown, **lamps.BLOCKS},
@@ -112,8 +118,8 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
         "situations": situations.markdown,
         "rolling": rolling_bench.latency_markdown,
     },
-    "vision.md": {"stages": detection.paper_stages},
-    "vision-robust.md": detection.ROBUST_BLOCKS,
+    "vision.md": {"stages": detection_methods.paper_stages},
+    "vision-robust.md": detection_methods.ROBUST_BLOCKS,
 }
 REPORTS: dict[str, Mapping[str, Callable[[], str]]] = {
     "guidance.md": {
@@ -141,7 +147,7 @@ def texts() -> Iterator[tuple[Path, str]]:
     for folder, pages in ((DOCS, PAGES), (DOCS.parent / "bench/reports", REPORTS)):
         for name, blocks in pages.items():
             yield folder / name, page((folder / name).read_text(encoding="utf-8"), blocks)
-    for name, text in reference.schemas().items():
+    for name, text in mqtt.schemas().items():
         yield DOCS / "schemas" / name, text
     yield DOCS / "scada" / "postgresql.sql", historian_tables.sql_file()
     yield DOCS / "openapi.json", json.dumps(openapi.document(), indent=1, ensure_ascii=False) + "\n"

@@ -16,16 +16,16 @@ from gateway.alarms.records import Alarm
 from gateway.alarms.states import AlarmState
 from gateway.config import FusionConfig
 from gateway.core.state import REASON_MEANING, Reason
-from gateway.sinks.mqtt import reference
 from gateway.sinks.mqtt.messages import StatePayload
 from gateway.web.server import lists, models
 from gateway.web.server.gateway_client import GatewayClient
 from tests.browser import judgements
 from tests.browser.alone import HOST, SOCKET, from_disk, say, with_json
 from tests.browser.chromium import Watch, until
+from tools import mqtt
 
-STATE = reference.examples()["state"].model_dump(mode="json")
-EVENT = reference.examples()["event"].model_dump(mode="json")
+STATE = mqtt.examples()["state"].model_dump(mode="json")
+EVENT = mqtt.examples()["event"].model_dump(mode="json")
 # A picture only where a test wants one; the page asks again and again otherwise.
 NO_PICTURE = """
 window.__pictures = 0;

@@ -19,13 +19,13 @@ from gateway.core.shown import shown
 from gateway.core.state import GuidanceCode, Tick
 from gateway.modbus.exports import node_red_function, structured_text
 from gateway.modbus.exports.target import Target
-from gateway.modbus.reference.situations import EMPTY, Scene
 from gateway.modbus.registers.lamps import Lamp
 from gateway.modbus.registers.register_map import BLOCK_WORDS
 from tests.node_function import Messages, run_each
 from tests.plc_images import ADDRESS, block_of, words
 from tests.structured_text import Program
 from tests.visit_stories import play
+from tools.situations import EMPTY, Scene
 
 pytestmark = [pytest.mark.xdist_group("structured text"), pytest.mark.timeout(300)]  # the parser takes its time
 

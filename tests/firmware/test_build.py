@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from gateway.ranger.hcsr04.c_header import header
 from tests.firmware.builds import make
 from tests.firmware.core import BUILD, COVERED, FIRMWARE, LIBRARY_VARIABLE
+from tools.c_header import header
 
 ROOT = FIRMWARE.parent
 SOURCES = FIRMWARE / "ranger" / "src"

@@ -6,13 +6,14 @@ from typing import Any
 
 import pytest
 
-from gateway.alarms import failure_modes, table
-from gateway.alarms.failure_modes import FailureMode, Outputs
+from gateway.alarms import table
 from gateway.core.readings import Quality
 from gateway.core.state import Reason, StateVector
 from gateway.sim.scenario import FaultKind
 from tests.failure_mode_tests import marked_tests
 from tests.visit_bench import PLC, Bench, Levels, gateway, truck
+from tools import failure_modes
+from tools.failure_modes import FailureMode, Outputs
 
 ROWS = {mode.id: mode for mode in failure_modes.rows()}
 FAULT_S = 4.0  # a truck that starts at 60 cm has been standing for long enough

@@ -30,7 +30,6 @@ from gateway.modbus.exports import (
     node_red,
     node_red_function,
     openplc,
-    reference,
     scl,
     structured_text,
 )
@@ -42,6 +41,7 @@ from gateway.modbus.exports.target import Target
 from gateway.modbus.registers.register_map import BLOCK_WORDS, REGISTERS, decode, encode
 from tests.node_function import Messages, run_each, run_function
 from tests.permitted import permitted, standing
+from tools import plc_integration
 
 TARGET = Target(bay="bay-2", host="10.1.2.3", port=5020, unit_id=7)
 LITTLE = replace(TARGET, word_order="little")
@@ -829,11 +829,11 @@ def test_a_bay_has_a_name_that_plc_languages_take(bay: str, name: str) -> None:
 
 
 def test_every_reason_and_diagnosis_has_a_remedy() -> None:
-    assert set(reference.REMEDY) == set(Reason)
-    assert all(reference.REMEDY.values())
-    shown = reference.diagnoses()
+    assert set(plc_integration.REMEDY) == set(Reason)
+    assert all(plc_integration.REMEDY.values())
+    shown = plc_integration.diagnoses()
     assert sorted(int(n) for n in re.findall(r"^\|[^|]*\| (\d+) \|", shown, re.MULTILINE)) == list(Diagnosis)
     assert EXPORTS.names() == tuple(SUMMARY)
-    formats = reference.formats()
+    formats = plc_integration.formats()
     for name in SUMMARY:
         assert f"| `{name}` |" in formats

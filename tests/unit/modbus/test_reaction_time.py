@@ -15,9 +15,9 @@ from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.shown import shown
 from gateway.core.state import StateVector, Tick
 from gateway.modbus.exports.diagnosis import HEARTBEAT_TIMEOUT_MS
-from gateway.modbus.reference import reaction_time
 from gateway.modbus.registers.register_map import decode, encode
 from gateway.ranger.hcsr04.protocol import PERIOD_MS
+from tools import reaction_time
 
 pytestmark = pytest.mark.one_interpreter
 

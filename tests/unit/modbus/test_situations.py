@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from gateway.core.state import Reason, VisitPhase
-from gateway.modbus.reference import situations
+from tools import situations
 
 IMAGES = situations.images()
 # The lamps, bit by bit: red 1, amber 2, green 4, forward 8.

@@ -11,7 +11,6 @@ from gateway.core.fusion import forced_stop
 from gateway.core.readings import Quality
 from gateway.core.retained import RetainedState, RetainedTruck
 from gateway.core.state import FunctionCheck, Reason, StateVector, Tick
-from gateway.modbus.reference.situations import SITUATIONS
 from gateway.records import chain
 from gateway.records.chain import Link
 from gateway.records.collector import Collector
@@ -21,6 +20,7 @@ from gateway.records.recording import Item, MissingItem, Place
 from gateway.records.replay import Replay, Step
 from gateway.records.segment import Head
 from tests.visit_bench import Bench, Levels, gateway, truck
+from tools.situations import SITUATIONS
 
 IN = {"distance_cm": 28, "speed_cm_s": 30, "hold_s": 60}
 NEAR = {"distance_cm": 70, "speed_cm_s": 50, "hold_s": 60}

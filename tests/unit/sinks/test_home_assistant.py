@@ -5,8 +5,9 @@ from typing import Any
 
 import jinja2
 
-from gateway.sinks.mqtt import home_assistant, payloads, reference
+from gateway.sinks.mqtt import home_assistant, payloads
 from gateway.sinks.mqtt.topics import Gateway, Topics
+from tools import mqtt
 
 GATEWAY = Gateway(Topics("loading", "site1", "gateway"), ("bay1", "bay2"), "1.2.3", "0" * 16)
 
@@ -22,7 +23,7 @@ def shown(state: dict[str, Any]) -> dict[str, str]:
 
 
 def example() -> dict[str, Any]:
-    state: dict[str, Any] = json.loads(payloads.encode(reference.examples()["state"]))
+    state: dict[str, Any] = json.loads(payloads.encode(mqtt.examples()["state"]))
     return state
 
 

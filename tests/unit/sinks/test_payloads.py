@@ -36,11 +36,12 @@ from gateway.core.state import (
     Visit,
     VisitPhase,
 )
-from gateway.sinks.mqtt import messages, payloads, reference
+from gateway.sinks.mqtt import messages, payloads
 from gateway.sinks.mqtt.payloads import encode, event_payload, state_payload, status_payload
 from gateway.sinks.mqtt.topic_plan import PLAN
 from gateway.sinks.mqtt.topics import Gateway, Topics
 from tests.mqtt_messages import checked
+from tools import mqtt
 
 DOCS = Path(__file__).parents[3] / "docs"
 MS = 1_000_000
@@ -424,11 +425,11 @@ def test_every_quality_reason_and_event_has_its_text() -> None:
     assert set(messages.EVENT_MEANING) == set(EventKind)
 
 
-@pytest.mark.parametrize("name", sorted(reference.schemas()))
+@pytest.mark.parametrize("name", sorted(mqtt.schemas()))
 def test_the_schemas_are_schemas(name: str) -> None:
-    jsonschema.Draft202012Validator.check_schema(json.loads(reference.schemas()[name]))
+    jsonschema.Draft202012Validator.check_schema(json.loads(mqtt.schemas()[name]))
 
 
 def test_the_examples_follow_their_schemas() -> None:
-    for example in reference.examples().values():
+    for example in mqtt.examples().values():
         sent(example)

@@ -12,8 +12,9 @@ from typing import Any
 
 import pytest
 
-from gateway.sinks.mqtt import reference, topic_plan
+from gateway.sinks.mqtt import topic_plan
 from tests.node_function import run_function
+from tools import mqtt
 
 DOCS = Path(__file__).parents[3] / "docs"
 FLOW = json.loads((DOCS / "scada" / "node-red-loading-bays.json").read_text(encoding="utf-8"))
@@ -23,7 +24,7 @@ JUDGE, ONCE = NODES["lgb-judge"]["func"], NODES["lgb-once"]["func"]
 STATE_TOPIC = "loading/site1/bay1/state"
 STATUS_TOPIC = "loading/site1/gateway/status"
 EVENT_TOPIC = "loading/site1/bay1/event"
-EXAMPLES = {name: json.loads(model.model_dump_json()) for name, model in reference.examples().items()}
+EXAMPLES = {name: json.loads(model.model_dump_json()) for name, model in mqtt.examples().items()}
 ONLINE = {"topic": STATUS_TOPIC, "payload": json.dumps(EXAMPLES["status"]), "retain": True}
 OFFLINE = {"topic": STATUS_TOPIC, "payload": json.dumps(EXAMPLES["will"]), "retain": False}
 TICK = {"topic": "tick", "payload": 0}

@@ -4,13 +4,13 @@ import json
 from typing import Any
 
 from gateway.config import MqttConfig
-from gateway.sinks.mqtt import reference
 from gateway.sinks.mqtt.messages import StatePayload
 from gateway.sinks.mqtt.topics import Topics
 from gateway.sinks.mqtt.value_topics import ValueTopics
+from tools import mqtt
 
 S = 1_000_000_000
-EXAMPLE = StatePayload.model_validate(reference.examples()["state"].model_dump())
+EXAMPLE = StatePayload.model_validate(mqtt.examples()["state"].model_dump())
 PREFIX = "acme/works/packing/line2/bay1/value/"
 
 

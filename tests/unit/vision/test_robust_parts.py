@@ -8,7 +8,6 @@ import pytest
 
 from gateway.core.detection import Ellipse
 from gateway.vision.detect.geometry import same_ellipse
-from gateway.vision.detect.reference import SHARE_MEANING
 from gateway.vision.detect.robust import candidates, colours, constants, ellipses, measurement
 from gateway.vision.detect.robust.candidates import Seed
 from gateway.vision.detect.robust.colours import EVEN_PX, GOOD, clearest_rim, even, quality, roundness
@@ -20,6 +19,7 @@ from gateway.vision.detect.robust.rim import Rim
 from gateway.vision.detect.robust.search import _rim_near
 from tests import decoys
 from tests.disturb import DISTURBANCES, Disturbance, gain, motion, veil, warm
+from tools.detection_methods import SHARE_MEANING
 
 LIMITS = Limits(min_radius_px=5.0, max_radius_px=200.0, min_confidence=0.5)
 RIM = Rim(

@@ -14,8 +14,9 @@ from gateway.core.plc import Control
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.shown import withdrawn
 from gateway.core.state import Reason, StateVector, VisitPhase
-from gateway.modbus.reference import lamps
-from gateway.modbus.reference.timing_diagrams import (
+from gateway.modbus.registers.register_map import decode, encode
+from tools import lamps
+from tools.timing_diagrams import (
     BIT,
     NEVER_MS,
     NUMBER,
@@ -28,7 +29,6 @@ from gateway.modbus.reference.timing_diagrams import (
     svg,
     word,
 )
-from gateway.modbus.registers.register_map import decode, encode
 
 R_TIMES_Z = 54_000.0  # px mm: the paper's thresholds, 180 px at 300 mm, of one marker and one lens
 FAR_MM, MARK_MM, CREPT_MM = 900.0, 280.0, 350.0
