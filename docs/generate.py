@@ -17,34 +17,29 @@ import cv2
 
 from bench.guidance import report as guidance_report
 from bench.guidance import rolling as rolling_bench
-from gateway.alarms import states as alarm_states
-from gateway.alarms import table as alarm_table
-from gateway.config import live
 from gateway.config import reference as configdoc
-from gateway.modbus.exports import tables
+from gateway.modbus.exports import tables as register_tables
 from gateway.modbus.exports.registry import export
 from gateway.modbus.exports.target import Target
 from gateway.ranger.hcsr04 import protocol
-from gateway.records import alarm_rates
-from gateway.sim import scenario
 from gateway.sinks import registry as sink_registry
 from gateway.sinks.postgresql import tables as historian_tables
 from gateway.sinks.sparkplug import metrics as sparkplug_metrics
-from gateway.vision.offline.evaluation import labels, requirements, scoring
-from gateway.web.server import app, openapi
-from gateway.web.server.metrics import text as metrics
+from gateway.web.server import openapi
 from tests import doc_pictures
 from tests.failure_mode_tests import marked_tests
 from tools import (
-    c_header,
+    alarms,
     detection_methods,
     failure_modes,
+    hcsr04,
     lamps,
     modbus_server,
     mqtt,
     plc_integration,
     reaction_time,
     situations,
+    tables,
     timing_diagrams,
 )
 
@@ -89,31 +84,25 @@ def folders() -> str:
 
 
 PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
-    "alarms.md": {
-        "alarms": alarm_table.summary_markdown,
-        "states": alarm_states.markdown,
-        "designs": alarm_table.suppressions_markdown,
-        "responses": alarm_table.responses_markdown,
-        "benchmarks": alarm_rates.markdown,
-    },
+    "alarms.md": alarms.BLOCKS,
     "architecture.md": {"layers": layers, "folders": folders},
     "technician.md": {
-        "labels": labels.markdown,
-        "requirements": requirements.markdown,
-        "verdicts": scoring.markdown,
+        "labels": tables.labels,
+        "requirements": tables.requirements,
+        "verdicts": tables.verdicts,
     },
-    "config.md": {"live": live.markdown, "keys": lambda: configdoc.markdown(sink_registry.sections())},
+    "config.md": {"live": tables.live_keys, "keys": lambda: configdoc.markdown(sink_registry.sections())},
     "fmea.md": {"failure modes": lambda: failure_modes.markdown(marked_tests(DOCS.parent / "tests"))},
-    "hmi-security.md": {"access": app.markdown},
+    "hmi-security.md": {"access": tables.access},
     "modbus-server.md": modbus_server.BLOCKS,
-    "hmi-api.md": {"metrics": metrics.markdown},
+    "hmi-api.md": {"metrics": tables.metrics},
     "mqtt.md": mqtt.BLOCKS,
     "plc-integration.md": plc_integration.BLOCKS,
-    "ranger.md": {"wire": protocol.markdown},
+    "ranger.md": {"wire": hcsr04.wire},
     "reaction-time.md": reaction_time.blocks(protocol.PERIOD_MS),
-    "registers.md": {"registers": tables.markdown, **lamps.BLOCKS},
+    "registers.md": {"registers": register_tables.markdown, **lamps.BLOCKS},
     "sparkplug.md": {"device metrics": sparkplug_metrics.markdown},
-    "simulator.md": {"keys and faults": scenario.markdown},
+    "simulator.md": {"keys and faults": tables.scenario},
     "visit.md": {
         "situations": situations.markdown,
         "rolling": rolling_bench.latency_markdown,
@@ -156,7 +145,7 @@ def texts() -> Iterator[tuple[Path, str]]:
             yield DOCS / "plc" / file, text.replace("\r\n", "\n")  # as git keeps it
     for name, text in (timing_diagrams.figures() | situations.figures()).items():
         yield DOCS / "images" / f"{name}.svg", text
-    yield DOCS.parent / "firmware" / "ranger" / "src" / "protocol_constants.h", c_header.header()
+    yield DOCS.parent / "firmware" / "ranger" / "src" / "protocol_constants.h", hcsr04.header()
 
 
 def pictures() -> None:

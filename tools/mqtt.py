@@ -14,6 +14,7 @@ from gateway.core.events import Event, EventKind
 from gateway.core.readings import Quality, RangeReading, RangeStats, VisionReading, VisionStats
 from gateway.core.scale import MarkerScale, ScaleSample
 from gateway.core.state import FusionMemory, Reason, StateVector
+from gateway.modbus.exports.tables import markdown_table
 from gateway.sinks.contract import BayAlarms, ShownAlarm
 from gateway.sinks.mqtt import home_assistant, messages, payloads, topic_plan
 from gateway.sinks.mqtt.alarm_topic import alarms_payload
@@ -38,10 +39,31 @@ def _schema(name: str, model: type[BaseModel]) -> str:
 
 def events_markdown() -> str:
     rows = (
-        f"| `{kind.value}` | {'last' if kind in payloads.DROPPED_LAST else 'first'} | {messages.EVENT_MEANING[kind]} |"
+        (f"`{kind.value}`", "last" if kind in payloads.DROPPED_LAST else "first", messages.EVENT_MEANING[kind])
         for kind in EventKind
     )
-    return "\n".join(["| kind | dropped | meaning |", "|---|---|---|", *rows]) + "\n"
+    return markdown_table(("kind", "dropped", "meaning"), rows)
+
+
+def topics_markdown() -> str:
+    return markdown_table(
+        ("topic", "QoS", "retained", "payload", "meaning"),
+        (
+            (
+                f"`{kind.pattern.replace('{', '<').replace('}', '>')}`",
+                str(kind.qos),
+                "yes" if kind.retained else "no",
+                f"[{kind.schema}](schemas/{kind.schema})",
+                kind.meaning,
+            )
+            for kind in topic_plan.PLAN
+        ),
+    )
+
+
+def home_assistant_markdown() -> str:
+    rows = ((one.name, one.platform, f"`{one.shows}`") for one in home_assistant.ENTITIES)
+    return markdown_table(("entity", "platform", "from the state's"), rows)
 
 
 def examples() -> dict[str, BaseModel]:
@@ -104,8 +126,8 @@ def _example(name: str) -> str:
 
 
 BLOCKS: dict[str, Callable[[], str]] = {
-    "topics": topic_plan.markdown,
+    "topics": topics_markdown,
     "events": events_markdown,
-    "home assistant": home_assistant.markdown,
+    "home assistant": home_assistant_markdown,
     **{f"example {name}": partial(_example, name) for name in ("status", "will", "state", "event", "alarms")},
 }

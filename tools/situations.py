@@ -14,6 +14,7 @@ from gateway.core.plc import Control
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.shown import withdrawn
 from gateway.core.state import Reason, StateVector, VisitPhase
+from gateway.modbus.exports.tables import markdown_table
 from gateway.modbus.registers.register_map import decode, encode
 from tools import lamps
 from tools.timing_diagrams import (
@@ -108,9 +109,7 @@ def images() -> dict[str, Image]:
 
 def markdown() -> str:
     """A table: one row a situation."""
-    lines = [f"| situation | {' | '.join(COLUMNS)} |", f"|---|{'---|' * len(COLUMNS)}"]
-    lines += [f"| {name} | {' | '.join(_cells(image))} |" for name, image in images().items()]
-    return "\n".join(lines) + "\n"
+    return markdown_table(("situation", *COLUMNS), ((name, *_cells(image)) for name, image in images().items()))
 
 
 def _cells(image: Image) -> tuple[str, ...]:

@@ -117,20 +117,3 @@ _NEXT: dict[tuple[AlarmState, AlarmEvent, bool, bool], AlarmState] = {
 def next_state(state: AlarmState, event: AlarmEvent, *, latching: bool, active: bool) -> AlarmState | None:
     """The state after `event`; None where no arrow leads on. `active`: does the cause hold?"""
     return _NEXT.get((state, event, latching, active))
-
-
-def markdown() -> str:
-    """The states, and every arrow, for docs/alarms.md."""
-    states = [f"| {letter} | `{state.value}` | {meaning} |" for state, (letter, meaning) in STATE_MEANING.items()]
-    arrows: dict[tuple[AlarmEvent, AlarmState, str], list[str]] = {}
-    for arrow in TRANSITIONS:
-        only = [] if arrow.latching is None else ["latching" if arrow.latching else "not latching"]
-        only += [] if arrow.active is None else ["cause holds" if arrow.active else "cause gone"]
-        key = (arrow.event, arrow.target, ", ".join(only))
-        arrows.setdefault(key, []).append(STATE_MEANING[arrow.source][0])
-    rows = [
-        f"| `{event.value}` | {', '.join(sources)} | {STATE_MEANING[target][0]} | {only} | {EVENT_MEANING[event]} |"
-        for (event, target, only), sources in arrows.items()
-    ]
-    head = ["| | state | meaning |", "|---|---|---|", *states, ""]
-    return "\n".join([*head, "| what happens | from | to | only where | |", "|---|---|---|---|---|", *rows]) + "\n"

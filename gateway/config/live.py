@@ -93,17 +93,6 @@ def in_force(old: GatewayConfig, new: GatewayConfig) -> GatewayConfig:
     return old.model_copy(update={**top, "bays": bays})
 
 
-def markdown() -> str:
-    """The table of docs/config.md."""
-    rows = [f"| {_title(row)} | {', '.join(f'`{key}`' for key in row.but) or '–'} | {row.effect} |" for row in LIVE]
-    return "\n".join(["| live | but not | what happens |", "|---|---|---|", *rows])
-
-
-def _title(row: LiveKeys) -> str:
-    name = ".".join(part for part in row.path if part not in ("bays", "*"))
-    return f"`[{name}]`" if row.but or "." in name else f"`{name}`"
-
-
 def _is_live(path: Path, old: GatewayConfig, new: GatewayConfig) -> bool:
     if path[0] == "bays" and not all(path[1] in {bay.name for bay in one.bays} for one in (old, new)):
         return False  # a bay that is added or removed

@@ -250,18 +250,3 @@ def _stale_on(day: LocalDay, one: Standing) -> bool:
 def _priority(kind: str) -> str:
     definition = ALARM_DEFINITIONS.get(kind)
     return "unknown" if definition is None else definition.priority.name.lower()
-
-
-def markdown() -> str:
-    """The benchmarks, for docs/alarms.md."""
-
-    def amount(one: Benchmark, value: float) -> str:
-        return f"{100 * value:g} %" if one.figure.endswith("_share") else f"{value:g}"
-
-    rows = [
-        f"| {one.title} | {'below ' if one.below else ''}{amount(one, one.acceptable)} | "
-        f"{'' if one.acceptable == one.most else amount(one, one.most)} |"
-        for one in BENCHMARKS
-    ]
-    head = ["| of one operator position | very likely acceptable | at most manageable |", "|---|---|---|"]
-    return "\n".join([*head, *rows]) + "\n"

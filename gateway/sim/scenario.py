@@ -3,17 +3,16 @@
 Everything the simulator shows follows from a scenario and a time; there is no other state. World time starts at 0.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import BaseModel, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from gateway.config import Name
-from gateway.config.reference import key_table
 from gateway.config.strict.errors import explain
-from gateway.config.strict.section import Section, inner_model
+from gateway.config.strict.section import Section
 from gateway.config.strict.toml_file import merge, read_toml
 from gateway.errors import ConfigError
 
@@ -282,19 +281,3 @@ def parse(data: Mapping[str, Any], *, source: str = "scenario", text: str = "") 
         return Scenario.model_validate(data)
     except ValidationError as error:
         raise ConfigError("\n".join(explain(error, source=source, text=text, model=Scenario))) from error
-
-
-def markdown() -> str:
-    """For docs/simulator.md: one table of keys per section, then the kinds of fault."""
-    parts = ["\n".join([f"### `{title}`", "", *key_table(model), ""]) for title, model in _sections()]
-    parts += ["### Kinds of fault\n", "| kind | what happens |", "|---|---|"]
-    parts += [f"| `{kind}` | {meaning} |" for kind, meaning in FAULT_MEANING.items()]
-    return "\n".join(parts) + "\n"
-
-
-def _sections() -> Iterator[tuple[str, type[BaseModel]]]:
-    yield "top level", Scenario
-    for name, info in Scenario.model_fields.items():
-        model = inner_model(info.annotation)
-        if model is not None:
-            yield (f"[[{name}]]" if "tuple" in str(info.annotation) else f"[{name}]"), model

@@ -13,7 +13,7 @@ import pytest
 
 from tests.firmware.builds import make
 from tests.firmware.core import BUILD, COVERED, FIRMWARE, LIBRARY_VARIABLE
-from tools.c_header import header
+from tools.hcsr04 import header
 
 ROOT = FIRMWARE.parent
 SOURCES = FIRMWARE / "ranger" / "src"

@@ -123,9 +123,3 @@ def _component(entity: Entity, device: str, expire_s: int) -> dict[str, Any]:
         "expire_after": expire_s,
         **options,
     }
-
-
-def markdown() -> str:
-    """The entities as a table."""
-    rows = (f"| {e.name} | {e.platform} | `{e.shows}` |" for e in ENTITIES)
-    return "\n".join(["| entity | platform | from the state's |", "|---|---|---|", *rows]) + "\n"

@@ -72,17 +72,3 @@ ALARMS = TopicKind(
     "the alarms of a bay and of its gateway that are not normal (ISA-18.2): active, acknowledged, returned, shelved",
 )
 PLAN = (STATUS, STATE, EVENT, ALARMS)
-
-
-def markdown() -> str:
-    """The plan as a table."""
-    rows = (
-        f"| `{_shown(kind.pattern)}` | {kind.qos} | {'yes' if kind.retained else 'no'} "
-        f"| [{kind.schema}](schemas/{kind.schema}) | {kind.meaning} |"
-        for kind in PLAN
-    )
-    return "\n".join(["| topic | QoS | retained | payload | meaning |", "|---|---|---|---|---|", *rows]) + "\n"
-
-
-def _shown(pattern: str) -> str:
-    return pattern.replace("{", "<").replace("}", ">")

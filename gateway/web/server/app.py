@@ -133,12 +133,3 @@ def routes_app(services: Services, logins: Logins) -> FastAPI:
 
 def app(services: Services, logins: Logins, pace: Clock) -> ASGIApp:
     return SecurityMiddleware(routes_app(services, logins), RULES, logins, pace, services.refusals)
-
-
-def markdown() -> str:
-    """Who may call what, by level, for docs/hmi-security.md."""
-    lines = ["| who | method | address | what |", "|---|---|---|---|"]
-    for rule in sorted(RULES, key=lambda rule: rule.least):
-        who = "everybody" if rule.least == 0 else rule.least.role
-        lines.append(f"| {who} | {rule.method} | `{rule.path}` | {rule.summary} |")
-    return "\n".join(lines)

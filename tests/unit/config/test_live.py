@@ -5,7 +5,7 @@ import tomllib
 import pytest
 
 from gateway.config import GatewayConfig, parse
-from gateway.config.live import HIDDEN, LIVE, changes, in_force, markdown
+from gateway.config.live import HIDDEN, LIVE, changes, in_force
 
 HASH = "$argon2id$v=19$m=65536,t=3,p=4$c2FsdHNhbHRzYWx0$" + "{}" * 43
 ANNA = f'[[hmi.users]]\nname = "anna"\nrole = "technician"\npassword_hash = "{HASH.format(*"a" * 43)}"\n'
@@ -118,4 +118,3 @@ def test_every_row_of_the_table_names_keys_that_exist() -> None:
     for row in LIVE:
         section = default.bays[0].vision if row.path[0] == "bays" else getattr(default, row.path[0])
         assert all(key in type(section).model_fields for key in row.but)
-    assert markdown().count("\n") == 1 + len(LIVE)

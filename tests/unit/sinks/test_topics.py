@@ -10,7 +10,6 @@ from pydantic import ValidationError
 from gateway.config import MqttConfig
 from gateway.errors import ConfigError
 from gateway.sinks.mqtt.broker import Broker, parse
-from gateway.sinks.mqtt.topic_plan import PLAN, markdown
 from gateway.sinks.mqtt.topics import Topics
 
 
@@ -60,14 +59,6 @@ def test_an_instance_with_the_name_of_a_bay_clashes_with_none_of_its_topics() ->
 def test_a_root_that_no_client_could_subscribe_to_is_refused(root: str) -> None:
     with pytest.raises(ConfigError, match=r"mqtt\.root"):
         Topics(root, "site", "gateway")
-
-
-def test_the_table_has_a_row_for_every_kind() -> None:
-    lines = markdown().splitlines()
-    assert len(lines) == 2 + len(PLAN)
-    assert lines[2].startswith("| `<root>/<site>/<instance>/status` | 1 | yes | [status.schema.json]")
-    assert lines[3].startswith("| `<root>/<site>/<bay>/state` | 1 | yes | ")
-    assert lines[4].startswith("| `<root>/<site>/<bay>/event` | 1 | no | ")
 
 
 @pytest.mark.parametrize(

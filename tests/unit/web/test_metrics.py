@@ -29,7 +29,7 @@ from gateway.web.server.live import ViewerCounts
 from gateway.web.server.metrics.bays import BAYS
 from gateway.web.server.metrics.family import PREFIX, MetricsSource, PageStatistics
 from gateway.web.server.metrics.parts import PARTS
-from gateway.web.server.metrics.text import FAMILIES, markdown, text
+from gateway.web.server.metrics.text import FAMILIES, text
 from gateway.web.server.process_usage import ProcessUsage
 from tests.unit.web.gateway_client import Plant, plant
 from tests.unit.web.links import full
@@ -242,12 +242,6 @@ async def test_openmetrics_on_request() -> None:
         assert plain.headers["content-type"].startswith("text/plain")
         processes = {s.labels["process"] for s in parsed(plain.body).families[PREFIX + "process_instances"].samples}
         assert "main" in processes  # of whoever has started the tests, but real
-
-
-def test_the_page_names_every_family() -> None:
-    page = markdown()
-    assert all(f"`{PREFIX}{family.name}" in page for family in FAMILIES)
-    assert f"`{PREFIX}bay_frames_total` | counter | `bay`" in page
 
 
 class TestLatencies:

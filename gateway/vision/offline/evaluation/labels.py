@@ -14,7 +14,6 @@ from typing import Any, Self
 
 from pydantic import ConfigDict, Field, ValidationError, model_validator
 
-from gateway.config.reference import key_table
 from gateway.config.strict.section import Section, bounds_of
 from gateway.core.detection import Circle
 from gateway.errors import ConfigError
@@ -147,11 +146,6 @@ def parse(text: str, *, folder: Path = Path(), source: str = FILE_NAME) -> Label
     if not labels:
         raise ConfigError(f"{source}: holds no label; one JSON object a line is expected, as {_EXAMPLE}")
     return Labels(folder, source, tuple(labels), tuple(lines), tuple(unused))
-
-
-def markdown() -> str:
-    """The keys for docs/technician.md."""
-    return "\n".join(key_table(Label)) + "\n"
 
 
 def outside(label: Label, width_px: int, height_px: int) -> str:

@@ -85,9 +85,3 @@ def parse(texts: Sequence[str]) -> tuple[Requirement, ...]:
             raise ConfigError(f"--require {part}: a share is at most 1; 97 % is 0.97")
         found.append(Requirement(_BY_NAME[name], limit))
     return tuple(found)
-
-
-def markdown() -> str:
-    """The table for docs/technician.md."""
-    rows = [f"| `{g.name}` | {'at least' if g.at_least else 'at most'} | {g.unit} | {g.meaning} |" for g in METRICS]
-    return "\n".join(["| name | limit is | unit | meaning |", "|---|---|---|---|", *rows]) + "\n"

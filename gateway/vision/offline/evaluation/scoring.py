@@ -40,12 +40,6 @@ VERDICT_MEANING: dict[Closeness, str] = {
 ON = frozenset((Closeness.CLOSE, Closeness.LOOSE))
 
 
-def markdown() -> str:
-    """The verdicts for docs/technician.md."""
-    rows = [f"| {verdict} | {meaning} |" for verdict, meaning in VERDICT_MEANING.items()]
-    return "\n".join(["| verdict | meaning |", "|---|---|", *rows]) + "\n"
-
-
 @dataclass(frozen=True, slots=True)
 class ScoredPicture:
     """One picture, its truth, and a method's answer. Errors are None where there is nothing to compare."""

@@ -74,15 +74,3 @@ def _histograms(source: MetricsSource) -> Iterator[Metric]:
         else:
             stages.add_metric([row.bay, row.stage], buckets, row.sum_s)
     return iter((total, stages))
-
-
-def markdown() -> str:
-    """Every family, for docs/hmi-api.md."""
-    rows = [f"| `{PREFIX}{INFO[0]}` | info | | {INFO[1]} |"]
-    for family in FAMILIES:
-        name = family.name + ("_total" if family.form == "counter" else "")
-        labels = ", ".join(f"`{label}`" for label in family.labels)
-        rows.append(f"| `{PREFIX}{name}` | {family.form} | {labels} | {family.help} |")
-    rows.append(f"| `{PREFIX}{LATENCY[0]}` | histogram | `bay` | {LATENCY[1]} |")
-    rows.append(f"| `{PREFIX}{STAGE[0]}` | histogram | `bay`, `stage` | {STAGE[1]} |")
-    return "\n".join(["| name | form | labels | meaning |", "|---|---|---|---|", *rows]) + "\n"

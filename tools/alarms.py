@@ -1,0 +1,101 @@
+"""The generated parts of docs/alarms.md: the alarms, their states and the benchmarks of an operator's load. Pure."""
+
+from collections.abc import Callable, Mapping
+
+from gateway.alarms.bay_alarms import BAY_ALARMS
+from gateway.alarms.definition import MINUTE_S, SUPPRESSION_MEANING, Suppression
+from gateway.alarms.states import EVENT_MEANING, STATE_MEANING, TRANSITIONS, AlarmEvent, AlarmState
+from gateway.alarms.table import ALARM_DEFINITIONS
+from gateway.modbus.exports.tables import markdown_table
+from gateway.records.alarm_rates import BENCHMARKS, Benchmark
+
+
+def summary() -> str:
+    """One line an alarm, the most urgent first."""
+    bays = {kind.id for kind in BAY_ALARMS}
+    return markdown_table(
+        ("id", "alarm", "priority", "respond within", "of", "on-delay", "off-delay", "latching"),
+        (
+            (
+                f"[`{kind.id}`](#{kind.id})",
+                kind.title,
+                kind.priority.name.lower(),
+                _time(kind.respond_min),
+                "each bay" if kind.id in bays else "gateway",
+                _seconds(kind.on_delay_s),
+                _seconds(kind.off_delay_s),
+                "yes" if kind.latching else "",
+            )
+            for kind in sorted(ALARM_DEFINITIONS.values(), key=lambda kind: -kind.priority)
+        ),
+    )
+
+
+def responses() -> str:
+    """What each alarm means and what to do: the alarm response procedures."""
+    parts: list[str] = []
+    for kind in ALARM_DEFINITIONS.values():
+        reasons = [f"`{reason.value}`" for reason in Suppression if reason in kind.suppressed_by]
+        others = kind in BAY_ALARMS and len(reasons) < len(Suppression)
+        suppressed = f"- Suppressed by design: {', '.join(reasons) or 'never'}.\n" if others else ""
+        parts.append(
+            f"### {kind.id}\n\n**{kind.title}**: {kind.meaning}.\n\n- Consequence: {kind.consequence}.\n"
+            f"- What to do, within {_time(kind.respond_min)}: {kind.action}.\n"
+            f"- Likely causes: {'; '.join(kind.causes)}.\n{suppressed}"
+        )
+    return "\n".join(parts)
+
+
+def suppressions() -> str:
+    return markdown_table(("name", "when"), ((f"`{one.value}`", text) for one, text in SUPPRESSION_MEANING.items()))
+
+
+def states() -> str:
+    """The states, and every arrow."""
+    letters = [f"| {letter} | `{state.value}` | {meaning} |" for state, (letter, meaning) in STATE_MEANING.items()]
+    arrows: dict[tuple[AlarmEvent, AlarmState, str], list[str]] = {}
+    for arrow in TRANSITIONS:
+        only = [] if arrow.latching is None else ["latching" if arrow.latching else "not latching"]
+        only += [] if arrow.active is None else ["cause holds" if arrow.active else "cause gone"]
+        key = (arrow.event, arrow.target, ", ".join(only))
+        arrows.setdefault(key, []).append(STATE_MEANING[arrow.source][0])
+    rows = [
+        f"| `{event.value}` | {', '.join(sources)} | {STATE_MEANING[target][0]} | {only} | {EVENT_MEANING[event]} |"
+        for (event, target, only), sources in arrows.items()
+    ]
+    head = ["| | state | meaning |", "|---|---|---|", *letters, ""]
+    return "\n".join([*head, "| what happens | from | to | only where | |", "|---|---|---|---|---|", *rows])
+
+
+def benchmarks() -> str:
+    def amount(one: Benchmark, value: float) -> str:
+        return f"{100 * value:g} %" if one.figure.endswith("_share") else f"{value:g}"
+
+    return markdown_table(
+        ("of one operator position", "very likely acceptable", "at most manageable"),
+        (
+            (
+                one.title,
+                f"{'below ' if one.below else ''}{amount(one, one.acceptable)}",
+                "" if one.acceptable == one.most else amount(one, one.most),
+            )
+            for one in BENCHMARKS
+        ),
+    )
+
+
+def _time(minutes: int) -> str:
+    return f"{minutes} min" if minutes < 120 else f"{minutes // 60} h"
+
+
+def _seconds(seconds: float) -> str:
+    return f"{seconds:g} s" if seconds < 2 * MINUTE_S else f"{seconds / MINUTE_S:g} min"
+
+
+BLOCKS: Mapping[str, Callable[[], str]] = {
+    "alarms": summary,
+    "states": states,
+    "designs": suppressions,
+    "responses": responses,
+    "benchmarks": benchmarks,
+}

@@ -1,0 +1,77 @@
+"""Short generated tables of several pages, each made of one table of the package. Pure."""
+
+from gateway.config.live import LIVE, LiveKeys
+from gateway.config.reference import key_table
+from gateway.config.strict.section import inner_model
+from gateway.modbus.exports.tables import markdown_table
+from gateway.sim.scenario import FAULT_MEANING, Scenario
+from gateway.vision.offline.evaluation.labels import Label
+from gateway.vision.offline.evaluation.requirements import METRICS
+from gateway.vision.offline.evaluation.scoring import VERDICT_MEANING
+from gateway.web.server.app import RULES
+from gateway.web.server.metrics.family import PREFIX
+from gateway.web.server.metrics.text import FAMILIES, INFO, LATENCY, STAGE
+
+
+def live_keys() -> str:
+    """What of a configuration takes effect while the gateway runs: docs/config.md."""
+    rows = ((_title(row), ", ".join(f"`{key}`" for key in row.but) or "–", row.effect) for row in LIVE)
+    return markdown_table(("live", "but not", "what happens"), rows)
+
+
+def access() -> str:
+    """Who may call what, by level: docs/hmi-security.md."""
+    rules = sorted(RULES, key=lambda rule: rule.least)
+    return markdown_table(
+        ("who", "method", "address", "what"),
+        (
+            ("everybody" if rule.least == 0 else rule.least.role, rule.method, f"`{rule.path}`", rule.summary)
+            for rule in rules
+        ),
+    )
+
+
+def metrics() -> str:
+    """Every family of /metrics: docs/hmi-api.md."""
+    rows = [f"| `{PREFIX}{INFO[0]}` | info | | {INFO[1]} |"]
+    for family in FAMILIES:
+        name = family.name + ("_total" if family.form == "counter" else "")
+        labels = ", ".join(f"`{label}`" for label in family.labels)
+        rows.append(f"| `{PREFIX}{name}` | {family.form} | {labels} | {family.help} |")
+    rows.append(f"| `{PREFIX}{LATENCY[0]}` | histogram | `bay` | {LATENCY[1]} |")
+    rows.append(f"| `{PREFIX}{STAGE[0]}` | histogram | `bay`, `stage` | {STAGE[1]} |")
+    return "\n".join(["| name | form | labels | meaning |", "|---|---|---|---|", *rows])
+
+
+def requirements() -> str:
+    """What `gateway evaluate --require` takes: docs/technician.md."""
+    return markdown_table(
+        ("name", "limit is", "unit", "meaning"),
+        ((f"`{one.name}`", "at least" if one.at_least else "at most", one.unit, one.meaning) for one in METRICS),
+    )
+
+
+def verdicts() -> str:
+    """What `gateway evaluate` says of a picture: docs/technician.md."""
+    return markdown_table(("verdict", "meaning"), VERDICT_MEANING.items())
+
+
+def labels() -> str:
+    """The keys of a label: docs/technician.md."""
+    return "\n".join(key_table(Label))
+
+
+def scenario() -> str:
+    """A scenario's keys, a table a section, and the kinds of fault: docs/simulator.md."""
+    sections: list[str] = ["### `top level`", "", *key_table(Scenario), ""]
+    for name, info in Scenario.model_fields.items():
+        if model := inner_model(info.annotation):
+            title = f"[[{name}]]" if "tuple" in str(info.annotation) else f"[{name}]"
+            sections += [f"### `{title}`", "", *key_table(model), ""]
+    faults = ((f"`{kind}`", meaning) for kind, meaning in FAULT_MEANING.items())
+    return "\n".join([*sections, "### Kinds of fault\n", markdown_table(("kind", "what happens"), faults)])
+
+
+def _title(row: LiveKeys) -> str:
+    name = ".".join(part for part in row.path if part not in ("bays", "*"))
+    return f"`[{name}]`" if row.but or "." in name else f"`{name}`"
