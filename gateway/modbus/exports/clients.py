@@ -11,76 +11,19 @@ from collections.abc import Callable
 from gateway.errors import ConfigError
 from gateway.modbus.exports.interface import FIRST_WRITTEN, WRITTEN, Var
 from gateway.modbus.exports.structured_text import BLOCK, PROGRAM, Pou, Section, called, instance
-from gateway.modbus.exports.target import Target
+from gateway.modbus.exports.target import Target, template
 from gateway.modbus.registers.register_map import BLOCK_WORDS
 
 PAUSE_MS = 50
-# What follows the end of a read, with the tool's own words for "went well" and for "writing has ended".
-_AFTER_THE_READ = """\
-  {name}_PollOk := GOOD;
-  IF {name}_PollOk THEN
-    {name}_Words := {name}_Received;
-  END_IF;
-  {name}_Stage := 3;
-ELSIF {name}_Stage = 3 THEN
-  IF {name}_PollOk AND {name}.MayWrite THEN
-    {name}_Stage := 4;
-  ELSE
-    {name}_Stage := 0;
-  END_IF;
-ELSIF ({name}_Stage = 4) AND WRITTEN THEN
-  {name}_Stage := 0;
-END_IF;
-{call}"""
-_TWINCAT = """\
-(* {bay} *)
-{name}_Pause(IN := {name}_Stage = 0, PT := T#{pause}ms);
-IF ({name}_Stage = 0) AND {name}_Pause.Q THEN
-  {name}_Stage := 1;
-END_IF;
-{name}_Read(sIPAddr := '{host}', nTCPPort := {port}, nUnitID := {unit}, nQuantity := {words}, nMBAddr := 0,
-  cbLength := SIZEOF({name}_Received), pDestAddr := ADR({name}_Received), bExecute := {name}_Stage = 2,
-  tTimeout := T#1s);
-{name}_Send(sIPAddr := '{host}', nTCPPort := {port}, nUnitID := {unit}, nQuantity := {written}, nMBAddr := {first},
-  cbLength := SIZEOF({name}_Write), pSrcAddr := ADR({name}_Write), bExecute := {name}_Stage = 4,
-  tTimeout := T#1s);
-IF {name}_Stage = 1 THEN
-  {name}_Stage := 2;
-ELSIF ({name}_Stage = 2) AND NOT {name}_Read.bBusy THEN
-"""
-_TWINCAT += _AFTER_THE_READ.replace("GOOD", "NOT {name}_Read.bError").replace("WRITTEN", "NOT {name}_Send.bBusy")
-
-_CODESYS = """\
-(* {bay} *)
-{name}_Client(xConnect := {name}_Connect, aIPAddr := {name}_Address, uiPort := {port});
-{name}_Lost(IN := {name}_Connect AND NOT {name}_Client.xConnected, PT := T#3s);
-IF {name}_Client.xError OR {name}_Lost.Q THEN
-  {name}_Connect := FALSE;
-  {name}_PollOk := FALSE;
-  {name}_Stage := 0;
-ELSE
-  {name}_Connect := TRUE;
-END_IF;
-{name}_Pause(IN := ({name}_Stage = 0) AND {name}_Client.xConnected, PT := T#{pause}ms);
-IF ({name}_Stage = 0) AND {name}_Pause.Q THEN
-  {name}_Stage := 2;
-END_IF;
-{name}_Read(rClient := {name}_Client, xExecute := {name}_Stage = 2, uiUnitId := {unit}, uiStartItem := 0,
-  uiQuantity := {words}, pData := ADR({name}_Received), udiReplyTimeout := 1000000);
-{name}_Send(rClient := {name}_Client, xExecute := {name}_Stage = 4, uiUnitId := {unit}, uiStartItem := {first},
-  uiQuantity := {written}, pData := ADR({name}_Write), udiReplyTimeout := 1000000);
-IF ({name}_Stage = 2) AND ({name}_Read.xDone OR {name}_Read.xError) THEN
-"""
-_CODESYS += _AFTER_THE_READ.replace("GOOD", "{name}_Read.xDone").replace(
-    "WRITTEN", "({name}_Send.xDone OR {name}_Send.xError)"
-)
 
 
 def twincat(targets: tuple[Target, ...]) -> Pou:
     """On the library Tc2_ModbusSrv, part of TF6250."""
     return _program(
         targets,
-        _TWINCAT,
+        "twincat.st",
+        "NOT {name}_Read.bError",
+        "NOT {name}_Send.bBusy",
         lambda target: (
             Var(f"{target.instance}_Read", "FB_MBReadRegs", "function code 3"),
             Var(f"{target.instance}_Send", "FB_MBWriteRegs", "function code 16"),
@@ -93,7 +36,9 @@ def codesys(targets: tuple[Target, ...]) -> Pou:
     """On the library ModbusFB. Raises ConfigError for a host name: the library takes the four numbers only."""
     return _program(
         targets,
-        _CODESYS,
+        "codesys.st",
+        "{name}_Read.xDone",
+        "({name}_Send.xDone OR {name}_Send.xError)",
         lambda target: (
             Var(f"{target.instance}_Client", "ModbusFB.ClientTCP", "one connection"),
             Var(f"{target.instance}_Read", "ModbusFB.ClientRequestReadHoldingRegisters", "function code 3"),
@@ -114,10 +59,19 @@ def octets(target: Target) -> list[str]:
 
 
 def _program(
-    targets: tuple[Target, ...], template: str, blocks: Callable[[Target], tuple[Var, ...]], comment: str
+    targets: tuple[Target, ...],
+    file: str,
+    good: str,
+    written: str,
+    blocks: Callable[[Target], tuple[Var, ...]],
+    comment: str,
 ) -> Pou:
+    """`file` goes as far as the end of a read; `good` and `written`: the tool's own words for "the read went well" and
+    for "writing has ended"."""
+    after = template("after_the_read.st").replace("GOOD", good).replace("WRITTEN", written)
+    body = (template(file) + after).removesuffix("\n")
     bodies = (
-        template.format(
+        body.format(
             bay=target.bay,
             name=target.instance,
             host=target.host,

@@ -5,7 +5,7 @@ unions, pointers or shifts.
 """
 
 from gateway.modbus.exports.fields import Field, fields, measured
-from gateway.modbus.exports.target import Target
+from gateway.modbus.exports.target import Target, template
 from gateway.modbus.registers.register_map import Register
 
 NO_VALUE = "1.0E+38"
@@ -16,32 +16,7 @@ UDINT_BODY = """\
 #LG_UDInt := WORD_TO_UDINT(#High) * UDINT#65536 + WORD_TO_UDINT(#Low);
 """
 
-# Sign, 8 bits of exponent with a bias of 127, 23 bits of fraction; an exponent of 255 is no number.
-REAL_BODY = """\
-#Exponent := WORD_TO_DINT(#High AND 16#7F80) / 128;
-#Value := UDINT_TO_REAL(WORD_TO_UDINT(#High AND 16#007F) * UDINT#65536 + WORD_TO_UDINT(#Low));
-IF #Exponent = 0 THEN
-  #Exponent := 1;
-ELSE
-  #Value := #Value + 8388608.0;
-END_IF;
-IF #Exponent = 255 THEN
-  #Value := 0.0;
-  #Exponent := 150;
-END_IF;
-WHILE #Exponent > 150 DO
-  #Value := #Value * 2.0;
-  #Exponent := #Exponent - 1;
-END_WHILE;
-WHILE (#Exponent < 150) AND (#Value <> 0.0) DO
-  #Value := #Value * 0.5;
-  #Exponent := #Exponent + 1;
-END_WHILE;
-IF (#High AND 16#8000) <> 16#0000 THEN
-  #Value := 0.0 - #Value;
-END_IF;
-#LG_Real := #Value;
-"""
+REAL_BODY = template("LG_Real.scl")
 
 
 def decode(target: Target) -> str:

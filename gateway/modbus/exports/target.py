@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 from gateway.errors import ConfigError
 from gateway.modbus.registers.bay_identity import BayIdentity
@@ -85,3 +86,8 @@ def file_per_bay(name: str, text: Callable[[Target], str]) -> Callable[[tuple[Ta
 def one_file(name: str, text: Callable[[tuple[Target, ...]], str]) -> Callable[[tuple[Target, ...]], dict[str, str]]:
     """An export of one file for all the bays; `{}` in its name is the first."""
     return lambda targets: {name.format(targets[0].identifier): text(targets)}
+
+
+def template(name: str) -> str:
+    """A program's text in its own language, beside this module, with places to fill in."""
+    return Path(__file__).with_name(name).read_text(encoding="utf-8")
