@@ -24,11 +24,6 @@ class SensorErrors:
     step_mm: float = 4.0  # readings have such steps
     dropout: float = 0.005  # probability of a lost echo
 
-    @property
-    def bound_mm(self) -> float:
-        """No received echo is wrong by more than this and one timer tick."""
-        return JITTER_LIMIT * self.jitter_mm + self.step_mm / 2
-
 
 @dataclass(frozen=True, slots=True)
 class Echo:

@@ -115,11 +115,6 @@ class SimulatedRanger:
         return str(self._directory / "ranger")
 
     @property
-    def plugged(self) -> bool:
-        """The port exists."""
-        return self._master is not None
-
-    @property
     def opened(self) -> bool:
         """A program has the port open."""
         return self._opened

@@ -25,6 +25,8 @@ from gateway.ranger.hcsr04.protocol import (
 from gateway.ranger.hcsr04.session import FARTHEST_MM, NEAREST_MM
 from gateway.sim.hcsr04 import Echo, SensorErrors, echo_at, flight_ns, measure, no_echo
 
+NAME = "hcsr04-sim"  # in its hello
+BYTE_NS = 10_000_000_000 // 9600  # 10 bits at 9600 baud
 PERIOD_NS = PERIOD_MS * 1_000_000
 HELLO_NS = HELLO_PERIOD_S * 1_000_000_000
 SKIP_CYCLES = 20
@@ -65,17 +67,12 @@ class RangerBoard:
         seed: int = 0,
         errors: SensorErrors | None = None,
         air_c: float = 20.0,
-        thermometer: bool = False,
-        baud: int = 9600,
-        name: str = "hcsr04-sim",
         boot_ns: int = 0,
     ) -> None:
         self.faults: Faults = {}
         self._distance_mm = distance_mm
         self._errors = errors or SensorErrors()
-        self._air_c, self._thermometer = air_c, thermometer
-        self._byte_ns = 10_000_000_000 // baud
-        self._name, self._boot_ns = name, boot_ns
+        self._air_c, self._boot_ns = air_c, boot_ns
         self._sensor, self._noise = Random(f"{seed}/sensor"), Random(f"{seed}/noise")
         self._wire: deque[tuple[int, bytes]] = deque()  # (time of the first start bit, bytes still to go)
         self._version = PROTOCOL_VERSION
@@ -110,10 +107,10 @@ class RangerBoard:
         sent = bytearray()
         while self._wire:
             start_ns, data = self._wire[0]
-            count = min(len(data), max(0, now_ns - start_ns) // self._byte_ns)
+            count = min(len(data), max(0, now_ns - start_ns) // BYTE_NS)
             sent += data[:count]
             if count < len(data):
-                self._wire[0] = (start_ns + count * self._byte_ns, data[count:])
+                self._wire[0] = (start_ns + count * BYTE_NS, data[count:])
                 break
             self._wire.popleft()
         if RangerFault.SILENT in self.faults:
@@ -126,12 +123,11 @@ class RangerBoard:
             return self._trigger_ns
         start_ns, data = self._wire[0]
         part = len(data) if len(data) <= 16 else len(data) // 2
-        return min(start_ns + part * self._byte_ns, self._trigger_ns)
+        return min(start_ns + part * BYTE_NS, self._trigger_ns)
 
     def _cycle(self, trigger_ns: int) -> None:
         echo = self._echo(trigger_ns)
-        temperature_dc = round(self._air_c * 10) if self._thermometer else None
-        line = encode_measurement(Measurement(self._seq, echo.ticks, echo.flags, temperature_dc))
+        line = encode_measurement(Measurement(self._seq, echo.ticks, echo.flags))
         self._send(line, trigger_ns + min(echo.fell_ns, PERIOD_NS))
         self._seq = (self._seq + 1) & MAX_SEQ
         if trigger_ns - self._hello_ns >= HELLO_NS:
@@ -163,7 +159,7 @@ class RangerBoard:
     def _hello(self, now_ns: int) -> None:
         self._hello_ns = now_ns
         same = self._version == PROTOCOL_VERSION
-        hello = Hello(self._name, self._version, PERIOD_MS, self._mcusr) if same else Hello(self._name, self._version)
+        hello = Hello(NAME, self._version, PERIOD_MS, self._mcusr) if same else Hello(NAME, self._version)
         self._send(encode_hello(hello), now_ns)
 
     def _send(self, line: bytes, ready_ns: int) -> None:
@@ -171,7 +167,7 @@ class RangerBoard:
             self.lost_lines += 1
             return
         start_ns = max(ready_ns, self._wire_free_ns)
-        self._wire_free_ns = start_ns + len(line) * self._byte_ns
+        self._wire_free_ns = start_ns + len(line) * BYTE_NS
         self._wire.append((start_ns, line))
 
     def _damaged(self, data: bytes, share: float) -> bytes:

@@ -18,7 +18,7 @@ Definitions, all on D of equation 14 and none on the fail-safe, which is counted
 
 import math
 import random
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from statistics import fmean, median
 
@@ -184,14 +184,6 @@ class Evaluation:
         undecided = sum(result.waited_s is None for result in results)
         longest_s = max((r.waited_s for r in results if r.waited_s is not None), default=None)
         return TrialReport(tuple(results), figures, undecided, longest_s, *self._thresholds)
-
-
-def evaluate(records: Iterable[TrialRecord]) -> TrialReport:
-    """With the paper's thresholds."""
-    evaluation = Evaluation()
-    for record in records:
-        evaluation.see(record)
-    return evaluation.report()
 
 
 class _Judge:

@@ -183,7 +183,6 @@ async def test_unplug_and_replug() -> None:
             ranger.forced[RangerFault.UNPLUGGED] = 0.0
             down = await host.until(lambda r: r.quality is Quality.LINK_DOWN)
             assert down.detail.startswith(f"ranger port {ranger.port}")
-            assert not ranger.plugged
             missing = await host.until(lambda r: "no such device" in r.detail)
             assert missing.quality is Quality.LINK_DOWN
             del ranger.forced[RangerFault.UNPLUGGED]

@@ -86,14 +86,13 @@ def test_steps_are_4_mm_and_jitter_is_as_wide_as_it_says() -> None:
 def test_default_errors_stay_within_what_the_paper_saw() -> None:
     """1.7 cm at most between 25 and 52 cm."""
     errors, random = SensorErrors(), Random(2)
-    assert errors.bound_mm == 12.0
     worst = 0.0
     for n in range(20_000):
         true_mm = 250.0 + 270.0 * (n % 1000) / 1000
         echo = measure(true_mm, 20.0, errors, random)
         if not echo.flags:
             worst = max(worst, abs(distance_mm(echo.ticks, 20.0) - true_mm))
-    assert 8.0 < worst <= errors.bound_mm + 0.05 < 17.0
+    assert 8.0 < worst <= 12.05
 
 
 def test_dropouts_come_as_often_as_they_should() -> None:
@@ -120,7 +119,7 @@ def test_the_limits_are_flagged(mm: float | None, flags: Flags) -> None:
 def test_no_error_is_larger_than_its_bound(mm: float, seed: int) -> None:
     errors = SensorErrors(jitter_mm=5.0, step_mm=4.0, dropout=0.0)
     echo = measure(mm, 20.0, errors, Random(seed))
-    assert abs(distance_mm(echo.ticks, 20.0) - mm) <= errors.bound_mm + 0.05
+    assert abs(distance_mm(echo.ticks, 20.0) - mm) <= 4 * 5.0 + 4.0 / 2 + 0.05
 
 
 # -- the board --------------------------------------------------------------------------------------------------------
@@ -199,11 +198,10 @@ def test_the_boot_loader_waits_and_hears_nothing() -> None:
     assert [isinstance(e, Hello) for e in said[:3]] == [True, False, False]
 
 
-def test_sequence_numbers_wrap_and_the_thermometer_is_sent() -> None:
-    made = board(standing(250.0), air_c=-3.4, thermometer=True)
+def test_sequence_numbers_wrap() -> None:
+    made = board(standing(250.0), air_c=-3.4)
     made._seq = 65_535
     assert [m.seq for m in measured(run(made, S))][:3] == [65_535, 0, 1]
-    assert {m.temperature_dc for m in measured(run(made, 2 * S, start_ns=S))} == {-34}
 
 
 def test_the_same_seed_gives_the_same_bytes_whatever_the_steps() -> None:

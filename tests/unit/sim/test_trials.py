@@ -1,13 +1,13 @@
 """The paper's ten trials, and what counts as a false or a missed stop."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
 
 import pytest
 
 from gateway.sim.scenario import Scenario
-from gateway.sim.trials import PAPER, TrialRecord, TrialReport, evaluate, trial_scenario
+from gateway.sim.trials import PAPER, Evaluation, TrialRecord, TrialReport, trial_scenario
 from gateway.sim.world import Truth, World
 
 S = 1_000_000_000
@@ -17,6 +17,14 @@ Sensor = Callable[[Truth], TrialRecord]
 
 def ideal(truth: Truth) -> TrialRecord:
     return TrialRecord(round(truth.t_s * S), truth, truth.distance_mm, truth.radius_px, truth.stop, truth.stop)
+
+
+def evaluate(records: Iterable[TrialRecord]) -> TrialReport:
+    """With the paper's thresholds."""
+    evaluation = Evaluation()
+    for record in records:
+        evaluation.see(record)
+    return evaluation.report()
 
 
 def run(sensor: Sensor = ideal, scenario: Scenario | None = None) -> TrialReport:
