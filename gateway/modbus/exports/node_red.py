@@ -3,7 +3,7 @@
 Needs the palette node-red-contrib-modbus. A ticking inject node lets the function notice that answers stay away.
 Requests to the gateway are messages of topic "command"; they are written while the gateway accepts writes.
 
-node_red_flow.json beside this module is the flow as Node-RED exports it, with places to fill in. The outputs of its
+programs/node_red_flow.json is the flow as Node-RED exports it, with places to fill in. The outputs of its
 function node are never reordered.
 """
 

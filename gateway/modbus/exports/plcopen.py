@@ -7,7 +7,7 @@ from gateway.modbus.exports import structured_text
 from gateway.modbus.exports.clients import codesys
 from gateway.modbus.exports.interface import Var
 from gateway.modbus.exports.logic import ascii_only
-from gateway.modbus.exports.target import Target, one_file
+from gateway.modbus.exports.target import Target, one_file, template
 
 _XHTML = "http://www.w3.org/1999/xhtml"
 _MADE = "2026-01-01T00:00:00"  # a fixed date, not the clock's: the same table gives the same file
@@ -29,28 +29,7 @@ def codesys_text(targets: tuple[Target, ...]) -> str:
 def _project(targets: tuple[Target, ...], program: structured_text.Pou) -> str:
     types = "".join(map(_type, structured_text.types()))
     units = "".join(map(_unit, (*structured_text.library(targets[0]), program)))
-    return ascii_only(f"""\
-<?xml version="1.0" encoding="utf-8"?>
-<project xmlns="http://www.plcopen.org/xml/tc6_0200">
-  <fileHeader companyName="" productName="gateway registers" productVersion="1.0" creationDateTime="{_MADE}" />
-  <contentHeader name="LoadingGateway" modificationDateTime="{_MADE}">
-    <coordinateInfo>
-      <fbd><scaling x="1" y="1" /></fbd>
-      <ld><scaling x="1" y="1" /></ld>
-      <sfc><scaling x="1" y="1" /></sfc>
-    </coordinateInfo>
-  </contentHeader>
-  <types>
-    <dataTypes>
-{types}    </dataTypes>
-    <pous>
-{units}    </pous>
-  </types>
-  <instances>
-    <configurations />
-  </instances>
-</project>
-""")
+    return ascii_only(template("project.xml").format(made=_MADE, types=types, units=units))
 
 
 def _type(made: structured_text.Type) -> str:

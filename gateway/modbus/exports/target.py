@@ -89,5 +89,5 @@ def one_file(name: str, text: Callable[[tuple[Target, ...]], str]) -> Callable[[
 
 
 def template(name: str) -> str:
-    """A program's text in its own language, beside this module, with places to fill in."""
-    return Path(__file__).with_name(name).read_text(encoding="utf-8")
+    """A program's text in its own language, from the folder `programs`, with places to fill in."""
+    return (Path(__file__).parent / "programs" / name).read_text(encoding="utf-8")
