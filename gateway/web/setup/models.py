@@ -1,8 +1,9 @@
 """What the settings page requests, and what it is answered. Pure."""
 
+import json
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from gateway.web.profile.settings_edit import MAX_CHANGES, MAX_DEPTH
 from gateway.web.tuning.request_models import Accepted
@@ -12,8 +13,17 @@ KeyPath = Annotated[
 ]
 
 
+Parsed = BeforeValidator(json.loads)
+
+
 class Model(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+class Answer(Model):
+    """Its fields are read from the record that it shows."""
+
+    model_config = ConfigDict(strict=False, from_attributes=True)
 
 
 class SettingChangeBody(Model):
@@ -47,7 +57,7 @@ class RestartBody(Model):
     despite_trucks: bool = Field(False, description="also while a truck is at a bay")
 
 
-class FaultView(Model):
+class FaultView(Answer):
     """Why the file can't be as it is requested."""
 
     path: list[str] = Field(description="of the key; empty: the whole file")
@@ -55,17 +65,19 @@ class FaultView(Model):
     message: str
 
 
-class SettingsView(Model):
+class SettingsView(Answer):
     """The configuration's file. Passwords are `***`."""
 
-    values: dict[str, Any] | None = Field(
+    values: Annotated[dict[str, Any] | None, Parsed] = Field(
         description="every key with its value, defaults included; lists of tables are objects by name; null: the file "
         "has faults"
     )
-    written: dict[str, Any] = Field(description="what the file itself sets")
-    json_schema: dict[str, Any] = Field(description="JSON Schema of the file: meaning, range, default, unit")
+    written: Annotated[dict[str, Any], Parsed] = Field(description="what the file itself sets")
+    json_schema: Annotated[dict[str, Any], Parsed] = Field(
+        validation_alias="schema", description="JSON Schema of the file: meaning, range, default, unit"
+    )
     digest: str
-    file: str
+    file: str = Field(validation_alias="path")
     why_not: str = Field(description="why nothing can be saved; empty: no known reason")
     command_line: list[list[str]] = Field(description="paths of keys that the command line sets")
     faults: list[FaultView]
@@ -74,7 +86,7 @@ class SettingsView(Model):
     restart_s: float = Field(description="about how long all bays show stop at a restart")
 
 
-class PreviewView(Model):
+class PreviewView(Answer):
     """What a save would do."""
 
     diff: str = Field(description="unified; passwords masked")
@@ -86,7 +98,7 @@ class PreviewView(Model):
     why_not: str
 
 
-class SavedView(Model):
+class SavedView(Answer):
     """What was saved."""
 
     live: list[str]
@@ -95,20 +107,20 @@ class SavedView(Model):
     previous: str = Field(description="path of the former file")
 
 
-class RestartView(Model):
+class RestartView(Answer):
     """The gateway is about to end."""
 
     seconds: float = Field(description="about how long all bays show stop")
     boot: str = Field(description="of the start that ends now; GET /api/setup/boot has another one afterwards")
 
 
-class BootView(Model):
+class BootView(Answer):
     """Which start of the gateway answers."""
 
     boot: str
 
 
-class FindingView(Model):
+class FindingView(Answer):
     """One line of an examination."""
 
     part: str = Field(description="what kind of thing")
@@ -119,7 +131,7 @@ class FindingView(Model):
     remedy: str = Field(description="what to do; empty: nothing")
 
 
-class DoctorView(Model):
+class DoctorView(Answer):
     """What `gateway doctor` finds beside the running gateway."""
 
     findings: list[FindingView]

@@ -1,8 +1,9 @@
 """The settings page's addresses. `security` has checked who calls; the main process reads, checks and writes the
 file."""
 
-import json
 from collections.abc import Callable, Mapping
+
+from msgspec import structs
 
 from gateway.errors import ConfigError
 from gateway.web.auth.access import Level
@@ -10,7 +11,6 @@ from gateway.web.auth.addresses import Addresses, Description, Endpoint
 from gateway.web.auth.refusals import RefusalError
 from gateway.web.ipc.messages import (
     TRUCK_AT_BAY,
-    FileFault,
     PreviewSettings,
     ReadSettings,
     RestartGateway,
@@ -25,7 +25,6 @@ from gateway.web.server.services import RequestCaller, WebServices
 from gateway.web.setup.models import (
     BootView,
     ChangesBody,
-    FaultView,
     PreviewView,
     RestartBody,
     RestartView,
@@ -76,34 +75,14 @@ def _post(
 )
 async def _settings(services: WebServices, caller: RequestCaller) -> SettingsView:
     found = await services.client.about_file(ReadSettings(), SettingsDocument, caller.writer)
-    return SettingsView(
-        values=json.loads(found.values),
-        written=json.loads(found.written),
-        json_schema=json.loads(found.schema),
-        digest=found.digest,
-        file=found.path,
-        why_not=found.why_not,
-        command_line=[list(path) for path in found.command_line],
-        faults=list(map(_fault, found.faults)),
-        waiting=list(found.waiting),
-        undo=found.undo,
-        restart_s=RESTART_S,
-    )
+    return SettingsView.model_validate({**structs.asdict(found), "restart_s": RESTART_S})
 
 
 @_post("/preview", "preview_settings", "what changes of the file would do", PreviewView, audited=False)
 async def _preview(services: WebServices, caller: RequestCaller, body: ChangesBody) -> PreviewView:
     wanted = PreviewSettings(_changes(body), body.digest, body.undo)
     found = await services.client.about_file(wanted, SettingsPreview, caller.writer)
-    return PreviewView(
-        diff=found.diff,
-        faults=list(map(_fault, found.faults)),
-        warnings=list(found.warnings),
-        live=list(found.live),
-        restart=list(found.restart),
-        digest=found.digest,
-        why_not=found.why_not,
-    )
+    return PreviewView.model_validate(found)
 
 
 @_post("/save", "save_settings", "write changes into the configuration's file", SavedView, _SAVE_ERRORS)
@@ -113,7 +92,7 @@ async def _save(services: WebServices, caller: RequestCaller, body: SaveChangesB
         planned = await client.about_file(PreviewSettings(changes, body.digest), SettingsPreview, caller.writer)
         await warning_gate.check(services.tuning, planned.vision, body.accepted, "are saved", caller.writer)
     saved = await client.about_file(SaveSettings(changes, body.digest, body.undo), SettingsSaved, caller.writer)
-    return SavedView(live=list(saved.live), restart=list(saved.restart), digest=saved.digest, previous=saved.previous)
+    return SavedView.model_validate(saved)
 
 
 @_post("/restart", "restart", "end the gateway cleanly and start it again", RestartView)
@@ -142,7 +121,3 @@ async def _boot(services: WebServices) -> BootView:
 
 def _changes(body: ChangesBody) -> tuple[SettingChange, ...]:
     return tuple(SettingChange(tuple(change.path), change.value) for change in body.changes)
-
-
-def _fault(fault: FileFault) -> FaultView:
-    return FaultView(path=list(fault.path), line=fault.line, message=fault.message)
