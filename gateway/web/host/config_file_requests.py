@@ -17,6 +17,7 @@ from gateway.errors import ConfigError
 from gateway.net import rate_limit
 from gateway.web.auth.audit_log import printable
 from gateway.web.host import config_file
+from gateway.web.host.request_handler import ends_function_check
 from gateway.web.host.settings_file import SettingsFile
 from gateway.web.ipc.messages import (
     ChangedOnDiskError,
@@ -47,67 +48,69 @@ TOO_MANY = "too many requests for the file in a short time: wait a moment"
 
 
 class ConfigFileRequests:
-    """`path`: None where there is no file; `settings`: of that file. `wake` is called on the event loop when something
-    is done."""
+    """`settings`: of the operator's own file; None: there is none. `execute` carries out a command. `wake` is called on
+    the event loop when something is done."""
 
     def __init__(
-        self, path: Path | None, settings: SettingsFile | None, clock: Clock, thread: Executor, wake: Callable[[], None]
+        self,
+        settings: SettingsFile | None,
+        clock: Clock,
+        thread: Executor,
+        wake: Callable[[], None],
+        execute: Callable[[Command, tuple[str, ...]], CommandReply],
     ) -> None:
-        self._path = path
         self._settings = settings
         self._clock = clock
         self._thread = thread
         self._wake = wake
+        self._execute = execute
         self._bucket = rate_limit.Bucket()
-        self._running: list[asyncio.Future[CommandReply]] = []
-        self._asked: list[tuple[Command, asyncio.Future[tuple[str, ...]]]] = []
+        self._running: list[asyncio.Future[Callable[[], CommandReply]]] = []
 
-    def submit(self, request: FileRequest) -> CommandReply | None:
-        """The refusal; None: it is being worked on, and `finished` returns the reply."""
-        self._bucket, unreported = rate_limit.take(self._bucket, self._clock.now_ns())
-        if unreported is None or len(self._running) >= MAX_WAITING:
+    def submit(self, request: FileRequest | Command) -> CommandReply | None:
+        """The reply, if there is one at once; None: `finished` returns it. A command waits for the file only where it
+        ends a function check, which what waits there for a restart forbids."""
+        if isinstance(request, FileRequest):
+            self._bucket, unreported = rate_limit.take(self._bucket, self._clock.now_ns())
+            refused = unreported is None
+        elif self._settings is None or not ends_function_check(request):
+            return self._execute(request, ())
+        else:
+            refused = False
+        if refused or len(self._running) >= MAX_WAITING:
             return CommandReply(request.number, TOO_MANY)
         future = asyncio.get_running_loop().run_in_executor(self._thread, self._perform, request)
         self._running.append(future)
         future.add_done_callback(lambda _: self._wake())
         return None
 
-    def look_up(self, command: Command) -> CommandReply | None:
-        """What of the file waits for a restart, before `command` ends a function check. The refusal; None: it is being
-        read, and `looked_up` returns it."""
-        if not isinstance(command.action, SetFunctionCheck) or self._settings is None:
-            raise ValueError(command)
-        if len(self._asked) >= MAX_WAITING:
-            return CommandReply(command.number, TOO_MANY)
-        look = partial(self._settings.waiting, command.action.bay)
-        future = asyncio.get_running_loop().run_in_executor(self._thread, look)
-        self._asked.append((command, future))
-        future.add_done_callback(lambda _: self._wake())
-        return None
-
-    def looked_up(self) -> list[tuple[Command, tuple[str, ...]]]:
-        """The commands that can be executed, with what waits. Raises as `finished`."""
-        ready = [(command, future.result()) for command, future in self._asked if future.done()]
-        self._asked = [row for row in self._asked if not row[1].done()]
-        return ready
-
     def finished(self) -> list[CommandReply]:
         """The replies that are ready. Raises what the work raised unexpectedly: that is a bug."""
         ready = [future for future in self._running if future.done()]
         self._running = [future for future in self._running if future not in ready]
-        return [future.result() for future in ready]
+        return [future.result()() for future in ready]
 
-    def _perform(self, request: FileRequest) -> CommandReply:
+    def _perform(self, request: FileRequest | Command) -> Callable[[], CommandReply]:
+        """What is left to do on the event loop: a command is carried out there."""
+        if isinstance(request, Command):
+            return partial(self._execute, request, self._waiting(request))
         try:
-            return CommandReply(request.number, result=self._result(request))
+            reply = CommandReply(request.number, result=self._result(request))
         except ConfigError as error:
             kind = FileErrorKind.CHANGED if isinstance(error, ChangedOnDiskError) else FileErrorKind.WRONG
-            return CommandReply(request.number, str(error)[:MAX_WHY], kind)
+            reply = CommandReply(request.number, str(error)[:MAX_WHY], kind)
+        return lambda: reply
+
+    def _waiting(self, command: Command) -> tuple[str, ...]:
+        if self._settings is None or not isinstance(command.action, SetFunctionCheck):
+            raise ValueError(command)
+        return self._settings.waiting(command.action.bay)
 
     def _result(self, request: FileRequest) -> FileResult:
-        path, settings = self._path, self._settings
-        if path is None or settings is None:
+        settings = self._settings
+        if settings is None:
             raise ConfigError(config_file.NO_FILE)
+        path = settings.path
         match request.action:
             case ReadFile(bay):
                 return _read(path, bay, settings.waiting(bay))

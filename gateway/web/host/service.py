@@ -8,7 +8,6 @@ import os
 import socket
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, suppress
-from pathlib import Path
 
 from msgspec.structs import replace
 
@@ -23,12 +22,11 @@ from gateway.processes.deadlines import LOOK_S, SignsOfLife, StartDeadline
 from gateway.processes.slot import ProcessSlot
 from gateway.processes.start import Role
 from gateway.web.host.config_file_requests import ConfigFileRequests
-from gateway.web.host.request_handler import PagesRequestHandler, ends_function_check
+from gateway.web.host.request_handler import PagesRequestHandler
 from gateway.web.host.settings_file import SettingsFile
 from gateway.web.ipc.messages import (
     FROM_WEB,
     Command,
-    CommandReply,
     FileRequest,
     FromWeb,
     StateRequest,
@@ -67,7 +65,6 @@ class WebProcessService:
         self._handler = handler
         self._setup = setup
         self._sockets = sockets
-        self._file = Path(setup.source) if setup.source else None
         self._settings = settings
         self._texts = usable(setup.config)
         self._slot: ProcessSlot[ToWeb, FromWeb] | None = None
@@ -107,7 +104,7 @@ class WebProcessService:
         thread = ThreadPoolExecutor(1, thread_name_prefix="file")
         own.callback(thread.shutdown, wait=False, cancel_futures=True)
         async with ProcessSlot[ToWeb, FromWeb]("hmi", self._setup.clock, FROM_WEB) as slot:
-            file_requests = ConfigFileRequests(self._file, self._settings, self._setup.clock, thread, slot.wake)
+            requests = ConfigFileRequests(self._settings, self._setup.clock, thread, slot.wake, self._handler.execute)
             self._slot = slot
             own.callback(self._forget_slot)
             slot.start(role)
@@ -130,26 +127,17 @@ class WebProcessService:
                         case StateRequest():
                             request = message  # the newest answers all before it
                         case Command() | FileRequest():
-                            if (reply := self._reply(message, file_requests)) is not None:
+                            if (reply := requests.submit(message)) is not None:
                                 slot.send(reply)
                         case Failed(why):
                             raise LinkError(why)
                         case Gone(how):
                             raise LinkError(f"the web process {how}")
-                asked = [self._handler.execute(*found) for found in file_requests.looked_up()]
-                for reply in (*asked, *file_requests.finished()):
+                for reply in requests.finished():
                     slot.send(reply)
                 if request is not None:
                     slot.send(self._handler.answer(request))
                 await asyncio.sleep(PAUSE_S)
-
-    def _reply(self, message: Command | FileRequest, file_requests: ConfigFileRequests) -> CommandReply | None:
-        """None: later, when the file has been read."""
-        if isinstance(message, FileRequest):
-            return file_requests.submit(message)
-        if self._settings is not None and ends_function_check(message):
-            return file_requests.look_up(message)
-        return self._handler.execute(message)
 
     def _role(self, sockets: tuple[socket.socket, ...], own: ExitStack) -> Role[ToWeb]:
         """The process to start, with what it inherits."""

@@ -70,7 +70,7 @@ class SettingsFile:
         reload: Callable[[], None] | None = None,
         in_force: Callable[[str], Mapping[str, Any]] = lambda _: {},
     ) -> None:
-        self._path = path
+        self.path = path
         self._source = str(path)
         self._now = running
         self._startup = startup
@@ -97,7 +97,7 @@ class SettingsFile:
     def read(self) -> SettingsDocument:
         """Raises ConfigError."""
         self._permitted()
-        loaded = config_file.load(self._path)
+        loaded = config_file.load(self.path)
         document = parsed(loaded.text, self._source)
         settings, faults = self._checked(loaded.text)
         shown = None if settings is None else self._parsed(loaded.text, self._startup.file_overrides)
@@ -107,18 +107,18 @@ class SettingsFile:
             schema=self._schema,
             digest=loaded.digest,
             path=self._source,
-            why_not=config_file.why_not_writable(self._path),
+            why_not=config_file.why_not_writable(self.path),
             command_line=tuple(_leaves(self._startup.overrides)),
             faults=faults,
             waiting=() if settings is None else tuple(map(str, changes(self._running, settings))),
-            undo=config_file.previous(self._path) is not None,
+            undo=config_file.previous(self.path) is not None,
         )
 
     def waiting(self, bay: str) -> tuple[str, ...]:
         """The keys of the bay's decision that are in the file, and not in force: they wait for a restart. Empty, too,
         for a file that can't be read: no gateway starts with it."""
         try:
-            settings = self._parsed(config_file.load(self._path).text, self._startup.overrides)
+            settings = self._parsed(config_file.load(self.path).text, self._startup.overrides)
         except ConfigError:
             return ()
         loaded, saved = ({one.name: one for one in config.bays}.get(bay) for config in (self._running, settings))
@@ -142,7 +142,7 @@ class SettingsFile:
             live=live,
             restart=restart,
             digest=former.digest,
-            why_not=config_file.why_not_writable(self._path),
+            why_not=config_file.why_not_writable(self.path),
             vision=self._tuned(planned),
         )
 
@@ -161,7 +161,7 @@ class SettingsFile:
         what = "the last save undone" if wanted.undo else ", ".join(keys[:MAX_LOGGED])
         more = f" and {len(keys) - MAX_LOGGED} more" if len(keys) > MAX_LOGGED else ""
         log.info("%s: %s saved by %s", self._source, printable(f"{what}{more}", 400), printable(str(who)))
-        return SettingsSaved(live, restart, config_file.load(self._path).digest, str(previous))
+        return SettingsSaved(live, restart, config_file.load(self.path).digest, str(previous))
 
     def _begin_checks(self, planned: Planned) -> None:
         """A bay that is new starts under a function check: nobody has tried it. Raises ConfigError."""
@@ -178,9 +178,9 @@ class SettingsFile:
             raise ConfigError(SWITCHED_OFF)
 
     def _planned(self, wanted: PreviewSettings | SaveSettings) -> Planned:
-        former = config_file.load(self._path)
+        former = config_file.load(self.path)
         if former.digest != wanted.digest:
-            raise ChangedOnDiskError(f"{self._path}: was changed elsewhere since it was shown; nothing was written")
+            raise ChangedOnDiskError(f"{self.path}: was changed elsewhere since it was shown; nothing was written")
         try:
             text = self._undone() if wanted.undo else self._edited(former.text, wanted.changes)
         except ChangeError as error:
@@ -196,9 +196,9 @@ class SettingsFile:
         return stored_passwords.faults(before, after, " ".join(_texts(change.value) for change in changes))
 
     def _undone(self) -> str:
-        found = config_file.previous(self._path)
+        found = config_file.previous(self.path)
         if found is None:
-            raise ConfigError(f"{self._path}: there is no file of before the last save")
+            raise ConfigError(f"{self.path}: there is no file of before the last save")
         return found.text
 
     def _edited(self, text: str, requested: Sequence[SettingChange]) -> str:

@@ -5,18 +5,17 @@ share `[vision]` and one of them is to differ, its own table gets the key.
 """
 
 import difflib
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
 from gateway.config import GatewayConfig, VisionConfig, parse
-from gateway.config.strict.toml_file import merge
 from gateway.durations import NS_PER_S
 from gateway.errors import ConfigError
 from gateway.web.profile import parameter_schema as tuned
 from gateway.web.profile.redact import Fields, redacted
+from gateway.web.profile.settings_edit import Place, made, parsed
 from gateway.web.profile.toml_edit import with_keys
 
 MAX_PROFILE_CHARS = 64 * 1024
@@ -44,14 +43,15 @@ def propose(text: str, bay: str, requested: VisionConfig, *, source: str) -> Pro
 
     `text`: that of the file, its line ends and byte order mark included.
     """
-    document = _document(text, source)
     before, index = _bay_of(_parsed(text, source), bay, source)
     changes = tuned.changes(before.bays[index].vision, requested)
-    changed, expected = text, document
-    for place, keys in _places(document, index, changes):
-        changed = with_keys(changed, place, keys, source=source)
-        expected = _with(expected, place, keys)
-    _check(changed, expected, before, index, changes, source)
+    changed, document = text, parsed(text, source)
+    for place, value in list(_placed(document, index, changes)):
+        changed, document = made(changed, document, place, value, source)
+    bays = list(before.bays)
+    bays[index] = bays[index].model_copy(update={"vision": bays[index].vision.model_copy(update=changes)})
+    if _parsed(changed, source) != before.model_copy(update={"bays": tuple(bays)}):
+        raise ConfigError(f"{source}: its layout cannot be changed by a program; change {', '.join(changes)} by hand")
     return Proposal(text, changed, diff(text, changed, source), changes)
 
 
@@ -72,7 +72,7 @@ def imported(text: str, base: VisionConfig, *, source: str) -> VisionConfig:
     for number, line in enumerate(text.split("\n"), 1):
         if len(line) > MAX_LINE_CHARS:
             raise ConfigError(f"{source}:{number}: a line of {len(line)} characters; at most {MAX_LINE_CHARS}")
-    document = _document(text, source)
+    document = parsed(text, source)
     others = [key for key in document if key != "vision"]
     if others:
         raise ConfigError(f"{source}: {', '.join(others)}: a profile holds [vision] and nothing else")
@@ -82,51 +82,18 @@ def imported(text: str, base: VisionConfig, *, source: str) -> VisionConfig:
     return tuned.validated(given, base, source=source, text=text.removeprefix("\ufeff"))
 
 
-def _places(
-    document: Mapping[str, Any], index: int, changes: Mapping[str, Any]
-) -> Iterator[tuple[tuple[str | int, ...], dict[str, Any]]]:
-    """Which keys are to be set in which table."""
+def _placed(document: Mapping[str, Any], index: int, changes: Mapping[str, Any]) -> Iterator[tuple[Place, Any]]:
+    """Where each key is to be set."""
     bays = document.get("bays", [])
     own = bays[index].get("vision", {}) if bays else {}
     nobody_else = len(bays) == 1 and "vision" in document  # reads the shared table
-    apart = {key: value for key, value in changes.items() if bays and (key in own or not nobody_else)}
-    together = {key: value for key, value in changes.items() if key not in apart}
-    if together:
-        yield ("vision",), together
-    if apart:
-        yield ("bays", index, "vision"), apart
-
-
-def _with(document: Mapping[str, Any], place: tuple[str | int, ...], keys: Mapping[str, Any]) -> dict[str, Any]:
-    """The parsed document as it must read after the change."""
-    plain = {key: list(value) if isinstance(value, tuple) else value for key, value in keys.items()}
-    if place == ("vision",):
-        return merge(document, {"vision": plain})
-    bays = list(document["bays"])
-    bays[int(place[1])] = merge(bays[int(place[1])], {"vision": plain})
-    return {**document, "bays": bays}
-
-
-def _check(
-    text: str, expected: Mapping[str, Any], before: GatewayConfig, index: int, changes: Mapping[str, Any], source: str
-) -> None:
-    """Reads the changed text with the gateway's own reader: it must have the requested values and no other change."""
-    after = _parsed(text, source)
-    bays = list(before.bays)
-    bays[index] = bays[index].model_copy(update={"vision": bays[index].vision.model_copy(update=dict(changes))})
-    if _document(text, source) != expected or after != before.model_copy(update={"bays": tuple(bays)}):
-        raise ConfigError(f"{source}: its layout cannot be changed by a program; change {', '.join(changes)} by hand")
+    for key, value in changes.items():
+        table: Place = ("bays", index) if bays and (key in own or not nobody_else) else ()
+        yield (*table, "vision", key), list(value) if isinstance(value, tuple) else value
 
 
 def _parsed(text: str, source: str) -> GatewayConfig:
-    return parse(_document(text, source), source=source, text=text.removeprefix("\ufeff"))
-
-
-def _document(text: str, source: str) -> dict[str, Any]:
-    try:
-        return tomllib.loads(text.removeprefix("\ufeff"))
-    except (ValueError, RecursionError) as error:
-        raise ConfigError(f"{source}: not valid TOML: {error}") from error
+    return parse(parsed(text, source), source=source, text=text.removeprefix("\ufeff"))
 
 
 def _bay_of(config: GatewayConfig, bay: str, source: str) -> tuple[GatewayConfig, int]:

@@ -53,7 +53,7 @@ def edited(text: str, changes: Sequence[SettingChange], *, source: str) -> str:
         try:
             _check_value(change.path, change.value)
             for place, value in _steps(document, change):
-                text, document = _made(text, document, place, value, source)
+                text, document = made(text, document, place, value, source)
         except ConfigError as error:
             raise ChangeError(change.path, str(error)) from error
     return text
@@ -176,8 +176,9 @@ def _number(items: Sequence[Any], path: KeyPath, name: str, *, add: bool) -> int
     raise ConfigError(f"{where}: there is no {name}; there is: {', '.join(filter(None, names)) or 'none'}")
 
 
-def _made(text: str, document: dict[str, Any], place: Place, value: Any, source: str) -> tuple[str, dict[str, Any]]:
-    """One change made and proved: the new text reads as the old one with just that change."""
+def made(text: str, document: dict[str, Any], place: Place, value: Any, source: str) -> tuple[str, dict[str, Any]]:
+    """One change made and proved: the new text reads as the old one, `document`, with just that change. Returns both.
+    Raises ConfigError."""
     expected = copy.deepcopy(document)
     above, last = _above(expected, place), place[-1]
     value = _like(above, last, value)

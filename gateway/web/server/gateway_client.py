@@ -66,7 +66,8 @@ _RAISED = {
     FileErrorKind.WRONG: ConfigError,
     FileErrorKind.CHANGED: ChangedOnDiskError,
 }
-Result = TypeVar("Result", bound=FileResult)
+Question = FileAction | ReadControls | ReadFormerSettings
+Result = TypeVar("Result", bound=FileResult | CameraControlsNow | FormerSettings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,23 +201,13 @@ class GatewayClient:
         if isinstance(action, OperatorAction):
             await self.update_links()
 
-    async def camera_controls(self, bay: str, who: Writer) -> CameraControlsNow:
-        """Raises as `command` does."""
-        reply = await self._reply_to(Command(next(self._numbers), who, ReadControls(bay)))
-        if not isinstance(reply.result, CameraControlsNow):
-            raise LinkError("the gateway has answered something else")
-        return reply.result
-
-    async def former_settings(self, bay: str, who: Writer) -> FormerSettings:
-        """Raises as `command` does."""
-        reply = await self._reply_to(Command(next(self._numbers), who, ReadFormerSettings(bay)))
-        if not isinstance(reply.result, FormerSettings):
-            raise LinkError("the gateway has answered something else")
-        return reply.result
-
-    async def about_file(self, action: FileAction, kind: type[Result], who: Writer) -> Result:
-        """`kind`: of the reply to `action`. Raises ChangedOnDiskError, ConfigError, and as `command` does."""
-        reply = await self._reply_to(FileRequest(next(self._numbers), who, action))
+    async def ask(self, question: Question, kind: type[Result], who: Writer) -> Result:
+        """`kind`: of the reply to `question`. Raises ChangedOnDiskError, ConfigError, and as `command` does."""
+        number = next(self._numbers)
+        if isinstance(question, ReadControls | ReadFormerSettings):
+            reply = await self._reply_to(Command(number, who, question))
+        else:
+            reply = await self._reply_to(FileRequest(number, who, question))
         if not isinstance(reply.result, kind):
             raise LinkError("the gateway has answered something else")
         return reply.result

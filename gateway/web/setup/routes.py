@@ -74,14 +74,14 @@ def _post(
     "/settings", Level.TECHNICIAN, "the configuration's file, and what may be set", _described("settings", SettingsView)
 )
 async def _settings(services: WebServices, caller: RequestCaller) -> SettingsView:
-    found = await services.client.about_file(ReadSettings(), SettingsDocument, caller.writer)
+    found = await services.client.ask(ReadSettings(), SettingsDocument, caller.writer)
     return SettingsView.model_validate({**structs.asdict(found), "restart_s": RESTART_S})
 
 
 @_post("/preview", "preview_settings", "what changes of the file would do", PreviewView, audited=False)
 async def _preview(services: WebServices, caller: RequestCaller, body: ChangesBody) -> PreviewView:
     wanted = PreviewSettings(_changes(body), body.digest, body.undo)
-    found = await services.client.about_file(wanted, SettingsPreview, caller.writer)
+    found = await services.client.ask(wanted, SettingsPreview, caller.writer)
     return PreviewView.model_validate(found)
 
 
@@ -89,9 +89,9 @@ async def _preview(services: WebServices, caller: RequestCaller, body: ChangesBo
 async def _save(services: WebServices, caller: RequestCaller, body: SaveChangesBody) -> SavedView:
     client, changes = services.client, _changes(body)
     if not body.undo:  # going back asks nothing
-        planned = await client.about_file(PreviewSettings(changes, body.digest), SettingsPreview, caller.writer)
+        planned = await client.ask(PreviewSettings(changes, body.digest), SettingsPreview, caller.writer)
         await warning_gate.check(services.tuning, planned.vision, body.accepted, "are saved", caller.writer)
-    saved = await client.about_file(SaveSettings(changes, body.digest, body.undo), SettingsSaved, caller.writer)
+    saved = await client.ask(SaveSettings(changes, body.digest, body.undo), SettingsSaved, caller.writer)
     return SavedView.model_validate(saved)
 
 
@@ -101,7 +101,7 @@ async def _restart(services: WebServices, caller: RequestCaller, body: RestartBo
         raise RefusalError(409, "confirm", f"stop is shown on all bays for about {RESTART_S:g} s: confirm it")
     client = services.client
     if client.about.source:
-        found = await client.about_file(ReadSettings(), SettingsDocument, caller.writer)
+        found = await client.ask(ReadSettings(), SettingsDocument, caller.writer)
         if found.faults:
             first = found.faults[0]
             raise ConfigError(f"it would not start: {'.'.join(first.path)}: {first.message}")

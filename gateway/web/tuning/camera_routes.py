@@ -11,7 +11,7 @@ from gateway.config.sections.vision import CropConfig
 from gateway.vision.source.v4l2_controls import AUTOMATIC_OF, CONTROLS, FLAGS, MENUS, OfferedControl, in_file
 from gateway.web.auth.access import Level
 from gateway.web.auth.addresses import Addresses, Description
-from gateway.web.ipc.messages import TryControls
+from gateway.web.ipc.messages import CameraControlsNow, ReadControls, TryControls
 from gateway.web.server.models import View
 from gateway.web.server.services import Bay, RequestCaller, WebServices
 from gateway.web.tuning.request_models import Body
@@ -65,7 +65,7 @@ _ERRORS = {404: "no such bay", 503: "the gateway does not answer"}
     "", Level.TECHNICIAN, "the camera's controls and what is tried", Description("camera", CameraView, errors=_ERRORS)
 )
 async def _camera(services: WebServices, bay: Bay, caller: RequestCaller) -> CameraView:
-    now = await services.client.camera_controls(bay.name, caller.writer)
+    now = await services.client.ask(ReadControls(bay.name), CameraControlsNow, caller.writer)
     report, tried, camera = now.report, now.tried.model_dump(exclude_none=True), bay.camera
     return CameraView(
         known=report is not None,

@@ -16,9 +16,21 @@ from gateway.web.auth.addresses import Addresses, Description, Endpoint, whole_n
 from gateway.web.auth.audit_log import printable
 from gateway.web.auth.refusals import RefusalError
 from gateway.web.auth.sessions import Caller
-from gateway.web.ipc.messages import FilePreview, FileSaved, FileSettings, PreviewFile, ReadFile, SaveFile
+from gateway.web.ipc.messages import (
+    ApplySettings,
+    FilePreview,
+    FileSaved,
+    FileSettings,
+    FormerSettings,
+    PreviewFile,
+    ReadFile,
+    ReadFormerSettings,
+    SaveFile,
+    SetFunctionCheck,
+    UndoSettings,
+)
 from gateway.web.profile import parameter_schema, profile
-from gateway.web.server.gateway_client import Result
+from gateway.web.server.gateway_client import Question, Result
 from gateway.web.server.services import Bay, RequestCaller, WebServices
 from gateway.web.tuning import responses, warning_gate
 from gateway.web.tuning.request_models import (
@@ -54,6 +66,7 @@ from gateway.web.tuning.uploads import MAX_TEXT, UploadError
 
 PICTURE_PX = 1280  # width of a kept frame's picture, unless requested otherwise
 MIN_PX, MAX_PX = 80, 4096
+NEWER_S = 3.0  # the main process reports new settings within this
 UPLOAD_BYTES = MAX_TEXT + 4096  # with the rest of its request
 ADDRESSES = Addresses("/api/bays/{bay}")
 
@@ -86,8 +99,15 @@ class TuningRequest:
     async def settings(self, given: dict[str, Any]) -> VisionConfig:
         return parameter_schema.validated(given, await self.service.in_force(self.bay))
 
-    async def about_file(self, action: ReadFile | PreviewFile | SaveFile, kind: type[Result]) -> Result:
-        return await self.service.client.about_file(action, kind, self.caller.writer)
+    async def ask(self, question: Question, kind: type[Result]) -> Result:
+        return await self.service.client.ask(question, kind, self.caller.writer)
+
+    async def command(self, action: SetFunctionCheck | ApplySettings | UndoSettings) -> None:
+        """Executed, and reported by the main process, so that what is asked next is the new state."""
+        client = self.service.client
+        await client.command(action, self.caller.writer)
+        report = client.report(self.bay)
+        await client.newer(self.bay, report.number if report else 0, NEWER_S)
 
     async def gate(self, settings: VisionConfig, accepted: Sequence[str], what: str) -> None:
         await warning_gate.check(self.service, {self.bay: settings}, accepted, what, self.caller.writer)
@@ -148,7 +168,7 @@ def _try(
     ),
 )
 async def _function_check(request: Tuning, body: FunctionCheckBody) -> ProfileView:
-    await request.service.check(request.bay, FunctionCheck[body.mode.upper()], request.caller.writer)
+    await request.command(SetFunctionCheck(request.bay, FunctionCheck[body.mode.upper()]))
     return await _profile(request)
 
 
@@ -267,25 +287,25 @@ async def _eyedropper(request: Tuning, body: EyedropperBody) -> ColourPickView |
 
 @_get("/profile", "the settings in force, and what may be set", _described("profile", ProfileView))
 async def _profile(request: Tuning) -> ProfileView:
-    in_force = await request.service.in_force(request.bay)
-    file = await _file(request, in_force)
+    file = await _file(request, await request.service.in_force(request.bay))
     schema = [ParameterView.model_validate(key) for key in parameter_schema.schema()]
-    return ProfileView(**await _settings(request, in_force), schema=schema, file=file)
+    return ProfileView(**await _settings(request), schema=schema, file=file)
 
 
 async def _file(request: TuningRequest, in_force: VisionConfig) -> ProfileFileView:
     """Where saving would write to, what prevents it, and which keys differ from the file."""
     path = request.service.file or None
     try:
-        found = await request.about_file(ReadFile(request.bay), FileSettings)
+        found = await request.ask(ReadFile(request.bay), FileSettings)
     except ConfigError as error:
         return ProfileFileView(path=path, why_not=str(error), unsaved=[], waiting=[])
     unsaved = list(parameter_schema.changes(found.vision, in_force))
     return ProfileFileView(path=path, why_not=found.why_not, unsaved=unsaved, waiting=list(found.waiting))
 
 
-async def _settings(request: TuningRequest, in_force: VisionConfig) -> dict[str, Any]:
-    former = await request.service.client.former_settings(request.bay, request.caller.writer)
+async def _settings(request: TuningRequest) -> dict[str, Any]:
+    in_force = await request.service.in_force(request.bay)
+    former = await request.ask(ReadFormerSettings(request.bay), FormerSettings)
     before = in_force if former.newest is None else former.newest
     undo = parameter_schema.values(before)
     return {
@@ -335,7 +355,7 @@ async def _import(request: Tuning, body: ImportBody) -> ImportedView:
 @_try("/profile/diff", "what saving would change", _described("diff_profile", ProfileDiffView, _FILE))
 async def _diff(request: Tuning, body: SettingsBody) -> ProfileDiffView:
     settings = await request.settings(body.vision)
-    planned = await request.about_file(PreviewFile(request.bay, settings), FilePreview)
+    planned = await request.ask(PreviewFile(request.bay, settings), FilePreview)
     return ProfileDiffView(
         path=request.service.file,
         diff=planned.diff,
@@ -358,8 +378,8 @@ async def _apply(request: Tuning, body: ApplyBody) -> VisionInForceView:
     settings = await request.settings(body.vision)
     over = None if body.over is None else await request.settings(body.over)
     await request.gate(settings, body.accepted, "go live")
-    in_force = await request.service.apply(request.bay, settings, request.caller.writer, over)
-    return VisionInForceView(**await _settings(request, in_force))
+    await request.command(ApplySettings(request.bay, settings, over))
+    return VisionInForceView(**await _settings(request))
 
 
 @_post(
@@ -373,8 +393,8 @@ async def _apply(request: Tuning, body: ApplyBody) -> VisionInForceView:
 )
 async def _undo(request: Tuning, body: UndoBody) -> VisionInForceView:
     over = None if body.over is None else await request.settings(body.over)
-    settings = await request.service.undo(request.bay, request.caller.writer, over)
-    return VisionInForceView(**await _settings(request, settings))
+    await request.command(UndoSettings(request.bay, over))
+    return VisionInForceView(**await _settings(request))
 
 
 @_post(
@@ -389,5 +409,5 @@ async def _undo(request: Tuning, body: UndoBody) -> VisionInForceView:
 async def _save(request: Tuning, body: SaveBody) -> ProfileSavedView:
     settings = await request.settings(body.vision)
     await request.gate(settings, body.accepted, "are saved")
-    saved = await request.about_file(SaveFile(request.bay, settings, body.digest), FileSaved)
+    saved = await request.ask(SaveFile(request.bay, settings, body.digest), FileSaved)
     return ProfileSavedView(path=request.service.file, changes=list(saved.changes), previous=saved.previous)

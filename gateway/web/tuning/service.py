@@ -13,7 +13,6 @@ from functools import partial
 
 from gateway.clock import Clock
 from gateway.config import VisionConfig
-from gateway.core.plc import Writer
 from gateway.core.state import FunctionCheck
 from gateway.durations import NS_PER_S
 from gateway.errors import LinkError
@@ -22,7 +21,6 @@ from gateway.vision.offline.tuning import exposure
 from gateway.vision.offline.tuning.exposure import PictureLight
 from gateway.vision.transport.ring import Snapshot
 from gateway.web.auth.audit_log import printable
-from gateway.web.ipc.messages import ApplySettings, SetFunctionCheck, UndoSettings
 from gateway.web.profile import parameter_schema, profile
 from gateway.web.server.gateway_client import GatewayClient
 from gateway.web.server.pictures import encoded as jpeg
@@ -38,7 +36,6 @@ KEPT_TRIALS = 24  # whose pictures may still be fetched
 KEPT_FRAMES = 8  # of trials on the running picture, which may still be frozen
 MAX_TITLE = 100  # characters
 FIRST_S = 10.0  # the main process reports a bay within this
-NEWER_S = 3.0  # and of new settings within this
 LOOK_S = 0.02  # between two looks for a new frame while recording
 TRIES = 10  # to copy the newest frame
 NO_FRAME = "there is no frame: the camera has given none"
@@ -252,33 +249,6 @@ class TuningService:
             self._warnings.note(bay, settings, LIVE, await self.trial_thread.work(who, work))
         found = self._warnings.of(bay, settings, [capture.name for capture in self.store.of(bay)])
         return found if self.also_standing is None else [*found, *await self.also_standing(bay, settings, in_force)]
-
-    async def check(self, bay: str, mode: FunctionCheck, who: Writer) -> None:
-        """Begin or end a function check. Raises RefusedError, LinkError."""
-        await self._command(bay, SetFunctionCheck(bay, mode), who)
-
-    async def apply(
-        self, bay: str, settings: VisionConfig, who: Writer, over: VisionConfig | None = None
-    ) -> VisionConfig:
-        """Apply settings, `over` those that are assumed to be in force. The former ones can be restored.
-
-        Raises RefusedError, where something else is in force, too; LinkError.
-        """
-        await self._command(bay, ApplySettings(bay, settings, over), who)
-        return await self.in_force(bay)
-
-    async def undo(self, bay: str, who: Writer, over: VisionConfig | None = None) -> VisionConfig:
-        """Back to what was in force before the newest `apply`. Of two at the same time the second restores one step
-        further, unless it names by `over` what it takes to be in force. Raises RefusedError, where nothing can be gone
-        back to, too; LinkError."""
-        await self._command(bay, UndoSettings(bay, over), who)
-        return await self.in_force(bay)
-
-    async def _command(self, bay: str, action: SetFunctionCheck | ApplySettings | UndoSettings, who: Writer) -> None:
-        """Executed, and reported by the main process, so that the next request gets the new state."""
-        await self.client.command(action, who)
-        report = self.client.report(bay)
-        await self.client.newer(bay, report.number if report else 0, NEWER_S)
 
     # The file.
 

@@ -25,7 +25,7 @@ from gateway.vision.source.v4l2_controls import OfferedControl
 from gateway.vision.transport.messages import ControlsReport
 from gateway.vision.transport.ring import Ring, RingSpec
 from gateway.web.host.config_file_requests import ConfigFileRequests
-from gateway.web.host.request_handler import BayParts, EventHistory, PagesRequestHandler, ends_function_check
+from gateway.web.host.request_handler import BayParts, EventHistory, PagesRequestHandler
 from gateway.web.host.settings_file import SettingsFile
 from gateway.web.host.startup import Startup
 from gateway.web.ipc.messages import (
@@ -151,8 +151,6 @@ async def plant(
         return decision.keys_of(own.model_copy(update={"vision": vision[bay].settings}), config)
 
     def send_finished() -> None:
-        for command, waiting in file.looked_up():
-            assert near.offer(handler.execute(command, waiting))
         for done in file.finished():
             assert near.offer(done)
 
@@ -161,7 +159,7 @@ async def plant(
 
     started = startup or Startup()
     settings = SettingsFile(Path(source), lambda: config, started, check, in_force=in_force) if source else None
-    file = ConfigFileRequests(Path(source) if source else None, settings, clock, AtOnce(), send_finished)
+    file = ConfigFileRequests(settings, clock, AtOnce(), send_finished, handler.execute)
 
     def receive() -> None:
         for message in near.received():
@@ -169,13 +167,8 @@ async def plant(
                 case StateRequest():
                     made.requests.append(message)
                     assert near.offer(handler.answer(message))
-                case Command() if settings is not None and ends_function_check(message):
-                    if (refused := file.look_up(message)) is not None:
-                        assert near.offer(refused)
-                case Command():
-                    assert near.offer(handler.execute(message))
-                case FileRequest() if (refused := file.submit(message)) is not None:
-                    assert near.offer(refused)
+                case Command() | FileRequest() if (reply := file.submit(message)) is not None:
+                    assert near.offer(reply)
 
     loop = asyncio.get_running_loop()
     made.hang, made.go_on = partial(loop.remove_reader, near.sock), partial(loop.add_reader, near.sock, receive)

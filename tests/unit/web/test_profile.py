@@ -14,7 +14,7 @@ from tomlkit.items import AoT, InlineTable, Integer, Table
 
 from gateway.config import VisionConfig, parse
 from gateway.errors import ConfigError
-from gateway.web.profile import parameter_schema, profile
+from gateway.web.profile import parameter_schema, profile, settings_edit
 from gateway.web.profile.redact import redacted
 from gateway.web.profile.toml_edit import with_keys
 from tests.examples import examples
@@ -429,9 +429,9 @@ def test_an_editor_that_writes_anything_else_is_caught(monkeypatch: pytest.Monke
     def littering(text: str, *rest: Any, **more: Any) -> str:
         return with_keys(text, *rest, **more) + litter
 
-    monkeypatch.setattr(profile, "with_keys", littering)
+    monkeypatch.setattr(settings_edit, "with_keys", littering)
     text = '[vision]\nmethod = "robust"\n'
     proposed(text)
 
-    with pytest.raises(ConfigError, match="cannot be changed by a program; change method by hand"):
+    with pytest.raises(ConfigError, match="cannot be changed by a program; change vision.method by hand"):
         proposed(text, method="paper")
