@@ -139,7 +139,7 @@ def texts() -> Iterator[tuple[Path, str]]:
     for name, text in mqtt.schemas().items():
         yield DOCS / "schemas" / name, text
     yield DOCS / "scada" / "postgresql.sql", historian_tables.sql_file()
-    yield DOCS / "openapi.json", json.dumps(openapi.document(), indent=1, ensure_ascii=False) + "\n"
+    yield DOCS / "openapi.json", json.dumps(openapi.document(app.ROUTES), indent=1, ensure_ascii=False) + "\n"
     for name in PLC_EXAMPLES:
         for file, text in export(name, (Target(writes=True),)).items():
             yield DOCS / "plc" / file, text.replace("\r\n", "\n")  # as git keeps it

@@ -23,7 +23,7 @@ from gateway.config.sections.hmi import HmiConfig
 from gateway.core.readings import Quality, VisionReading
 from gateway.web.auth.logins import Logins
 from gateway.web.server import openapi
-from gateway.web.server.app import app
+from gateway.web.server.app import ROUTES, app
 from gateway.web.server.services import services_of
 from gateway.web.testsets import routes as testsets
 from gateway.web.tuning import routes as tuning
@@ -34,7 +34,7 @@ from tests.unit.web.testsets import keeping
 
 HURRY_S = 60.0
 EXAMPLES = 12
-SCHEMA = schemathesis.openapi.from_dict(openapi.document())
+SCHEMA = schemathesis.openapi.from_dict(openapi.document(ROUTES))
 SLOW = {f"/api/bays/{{bay}}/{name}" for name in ("record", "function-check")}  # take seconds at a real bay
 TUNING = {rule.path for rule in (*tuning.ADDRESSES.rules, *testsets.ADDRESSES.rules)}
 OPERATIONS = [result.ok() for result in SCHEMA.get_all_operations() if isinstance(result, Ok)]

@@ -110,19 +110,19 @@ HANDLERS = {
     Exception: of_fault,
 }
 
-GROUPS = (
+GROUPS = (  # in the order of docs/openapi.json
     login.ADDRESSES, pages.ADDRESSES, api.ADDRESSES, history.ADDRESSES, why.ADDRESSES, manager.ADDRESSES,
-    openapi.ADDRESSES, tuning.ADDRESSES, test_sets.ADDRESSES, teach_in.ADDRESSES, calibration.ADDRESSES,
-    camera.ADDRESSES, devices.ADDRESSES, setup.ADDRESSES,
-    doctor.ADDRESSES, manual.ADDRESSES,
+    tuning.ADDRESSES, test_sets.ADDRESSES, teach_in.ADDRESSES, calibration.ADDRESSES, camera.ADDRESSES,
+    devices.ADDRESSES, setup.ADDRESSES, doctor.ADDRESSES, openapi.ADDRESSES, manual.ADDRESSES,
 )  # fmt: skip
 RULES = tuple(rule for group in GROUPS for rule in group.rules)
+ROUTES = tuple(route for group in GROUPS for route in group.routes)
 
 
 def routes_app(services: Services, logins: Logins) -> FastAPI:
     """Without security. The description is at /api/openapi.json; FastAPI's own pages would load from elsewhere."""
     made = FastAPI(
-        routes=[route for group in GROUPS for route in group.routes],
+        routes=list(ROUTES),
         exception_handlers=HANDLERS,  # type: ignore[arg-type]
         openapi_url=None,
         redirect_slashes=False,

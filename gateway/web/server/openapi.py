@@ -4,48 +4,25 @@ The live views (WebSocket) and the pages' own requests are no part of it; the mo
 """
 
 import json
-from functools import cache
+from collections.abc import Sequence
 from typing import Any
 
+from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 from fastapi.routing import APIRoute
 from pydantic import TypeAdapter
 from starlette.requests import Request
 from starlette.responses import Response
+from starlette.routing import BaseRoute
 
 from gateway import __version__
 from gateway.web.auth.access import Level
 from gateway.web.auth.addresses import Addresses, Description
 from gateway.web.auth.refusals import Problem
-from gateway.web.calibration import routes as calibration
-from gateway.web.history import routes as history
-from gateway.web.history import why
-from gateway.web.manager import routes as manager
-from gateway.web.server import api
 from gateway.web.server.models import AlarmsLiveView, DriverView, FrameView, LiveView
-from gateway.web.setup import doctor_routes as doctor
-from gateway.web.setup import routes as setup
-from gateway.web.testsets import routes as test_sets
-from gateway.web.tuning import camera_routes as camera
-from gateway.web.tuning import routes as tuning
-from gateway.web.tuning import teach_in_routes as teach_in
 
 Json = dict[str, Any]
 ADDRESSES = Addresses()
-GROUPS = (
-    api.ADDRESSES,
-    history.ADDRESSES,
-    why.ADDRESSES,
-    manager.ADDRESSES,
-    tuning.ADDRESSES,
-    test_sets.ADDRESSES,
-    teach_in.ADDRESSES,
-    calibration.ADDRESSES,
-    camera.ADDRESSES,
-    setup.ADDRESSES,
-    doctor.ADDRESSES,
-    ADDRESSES,
-)
 COOKIE = "gateway-session"  # with the default instance; __Host-... with TLS
 ABOUT = """State, events, registers, alarms and pictures of a bulk loading gateway, for programs.
 
@@ -58,13 +35,14 @@ Ages are those at sending. Numbers that are not known are null. See docs/hmi-api
 
 @ADDRESSES.get("/api/openapi.json", Level.VIEWER, "this description", Description("openapi", media="application/json"))
 async def _openapi(request: Request) -> Response:
-    return Response(json.dumps(document(request.app.state.logins.cookie)), media_type="application/json")
+    app: FastAPI = request.app
+    app.openapi_schema = app.openapi_schema or document(app.routes, app.state.logins.cookie)
+    return Response(json.dumps(app.openapi_schema), media_type="application/json")
 
 
-@cache
-def document(cookie: str = COOKIE) -> Json:
-    """The complete description. `cookie`: the name of the session's."""
-    routes = _described()
+def document(every: Sequence[BaseRoute], cookie: str = COOKIE) -> Json:
+    """The complete description of those that have one. `cookie`: the name of the session's."""
+    routes = [route for route in every if isinstance(route, APIRoute) and route.include_in_schema]
     made = get_openapi(
         title="Loading gateway",
         version=__version__,
@@ -85,11 +63,6 @@ def document(cookie: str = COOKIE) -> Json:
         },
     }
     return made
-
-
-def _described() -> list[APIRoute]:
-    routes = (route for group in GROUPS for route in group.routes if isinstance(route, APIRoute))
-    return [route for route in routes if route.include_in_schema]
 
 
 def _method(route: APIRoute) -> str:

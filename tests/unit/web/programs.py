@@ -12,7 +12,7 @@ from gateway.web.auth.access import Level, find
 from gateway.web.auth.logins import Logins
 from gateway.web.auth.sessions import Caller, with_caller
 from gateway.web.server import openapi
-from gateway.web.server.app import RULES, routes_app
+from gateway.web.server.app import ROUTES, RULES, routes_app
 from gateway.web.server.metrics.family import PageStatistics
 from gateway.web.server.services import services_of
 from tests.unit.web import asgi
@@ -20,7 +20,7 @@ from tests.unit.web.asgi import Answer, answer_to
 from tests.unit.web.gateway_client import Plant
 from tests.virtual_time import AtOnce
 
-DOCUMENT = openapi.document()
+DOCUMENT = openapi.document(ROUTES)
 COMPONENTS = DOCUMENT["components"]
 ANNA = Caller("anna", Level.TECHNICIAN, "10.0.0.7", "token")
 

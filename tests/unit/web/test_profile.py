@@ -433,5 +433,5 @@ def test_an_editor_that_writes_anything_else_is_caught(monkeypatch: pytest.Monke
     text = '[vision]\nmethod = "robust"\n'
     proposed(text)
 
-    with pytest.raises(ConfigError, match="cannot be changed by a program; change vision.method by hand"):
+    with pytest.raises(ConfigError, match=r"cannot be changed by a program; change vision\.method by hand"):
         proposed(text, method="paper")
