@@ -20,7 +20,7 @@ class Model(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
-class Answer(Model):
+class AnswerModel(Model):
     """Its fields are read from the record that it shows."""
 
     model_config = ConfigDict(strict=False, from_attributes=True)
@@ -57,7 +57,7 @@ class RestartBody(Model):
     despite_trucks: bool = Field(False, description="also while a truck is at a bay")
 
 
-class FaultView(Answer):
+class FaultView(AnswerModel):
     """Why the file can't be as it is requested."""
 
     path: list[str] = Field(description="of the key; empty: the whole file")
@@ -65,7 +65,7 @@ class FaultView(Answer):
     message: str
 
 
-class SettingsView(Answer):
+class SettingsView(AnswerModel):
     """The configuration's file. Passwords are `***`."""
 
     values: Annotated[dict[str, Any] | None, Parsed] = Field(
@@ -86,7 +86,7 @@ class SettingsView(Answer):
     restart_s: float = Field(description="about how long all bays show stop at a restart")
 
 
-class PreviewView(Answer):
+class PreviewView(AnswerModel):
     """What a save would do."""
 
     diff: str = Field(description="unified; passwords masked")
@@ -98,7 +98,7 @@ class PreviewView(Answer):
     why_not: str
 
 
-class SavedView(Answer):
+class SavedView(AnswerModel):
     """What was saved."""
 
     live: list[str]
@@ -107,20 +107,20 @@ class SavedView(Answer):
     previous: str = Field(description="path of the former file")
 
 
-class RestartView(Answer):
+class RestartView(AnswerModel):
     """The gateway is about to end."""
 
     seconds: float = Field(description="about how long all bays show stop")
     boot: str = Field(description="of the start that ends now; GET /api/setup/boot has another one afterwards")
 
 
-class BootView(Answer):
+class BootView(AnswerModel):
     """Which start of the gateway answers."""
 
     boot: str
 
 
-class FindingView(Answer):
+class FindingView(AnswerModel):
     """One line of an examination."""
 
     part: str = Field(description="what kind of thing")
@@ -131,7 +131,7 @@ class FindingView(Answer):
     remedy: str = Field(description="what to do; empty: nothing")
 
 
-class DoctorView(Answer):
+class DoctorView(AnswerModel):
     """What `gateway doctor` finds beside the running gateway."""
 
     findings: list[FindingView]
