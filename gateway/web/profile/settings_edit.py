@@ -13,8 +13,7 @@ from typing import Any
 
 from gateway.config import SHARED_SECTIONS
 from gateway.errors import ConfigError
-from gateway.web.profile.toml_edit import with_keys
-from gateway.web.profile.toml_tables import with_item, without
+from gateway.web.profile.toml_edit import with_item, with_keys, without
 
 MAX_CHANGES = 200
 MAX_DEPTH = 12

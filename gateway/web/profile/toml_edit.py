@@ -1,22 +1,24 @@
-"""Set keys of one table in a TOML text, and leave every other byte as it is. Pure.
+"""Set and remove keys, tables and items of lists in a TOML text, and leave every other byte as it is. Pure.
 
-tomlkit parses the layout, and changes values in place, their comments kept. New keys go below the last key of
-their table rather than where tomlkit would append them: below the comment that introduces the next table.
+tomlkit changes and removes what is there, its comments kept. What is new is put in as lines, below the last key of its
+block: tomlkit would append it below the comment that introduces the next table. A block is a header with the comment
+directly above it, and the lines below. The caller checks what the result means.
 """
 
+import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
 import tomlkit
-from tomlkit.container import Container, OutOfOrderTableProxy
 from tomlkit.exceptions import TOMLKitError
-from tomlkit.items import AoT, Comment, InlineTable, Item, Key, Null, Table, Whitespace
+from tomlkit.items import Array, InlineTable
 
+from gateway.config.strict.toml_file import KeyPath, headers
 from gateway.errors import ConfigError
 
 SIGN = "\ufeff"  # some editors begin a file with it
+Blocks = list[tuple[KeyPath, list[str]]]
 
 
 def with_keys(text: str, place: Sequence[str | int], keys: Mapping[str, Any], *, source: str) -> str:
@@ -24,26 +26,73 @@ def with_keys(text: str, place: Sequence[str | int], keys: Mapping[str, Any], *,
     above all tables.
 
     Tables that are missing are made, items of a list of tables are not. Raises ConfigError where the text's layout is
-    beyond that. The caller checks what the result means.
+    beyond that.
     """
-    sign, body = (SIGN, text.removeprefix(SIGN)) if text.startswith(SIGN) else ("", text)
-    newline = newline_of(body)
+    sign, body = _signed(text)
     with by_hand(source):
         document = tomlkit.parse(body)
         if tomlkit.dumps(document) != body:
             raise ConfigError(f"{source}: its layout cannot be kept by a program; change the keys by hand")
-        table, depth = _existing(document, place)
+        table, below, in_line = _existing(document, place)
         missing = dict(keys)
-        if depth == len(place):
+        if not below:
             for key in [key for key in keys if key in table]:
                 table[key] = _plain(missing.pop(key))
-            if not missing and keys:
-                return sign + tomlkit.dumps(document)
-        if not place:
-            return sign + _at_the_top(document, missing, newline)
-        placed = _placed(document, place, missing, newline)
+        if in_line:
+            for name in reversed(below):
+                missing = {str(name): missing}
+            table.update({key: inline(value) for key, value in missing.items()})
         changed = tomlkit.dumps(document)
-        return sign + changed + ("" if placed else _new_table(changed, place, missing, newline))
+        if in_line or (keys and not missing):
+            return sign + changed
+        return sign + _with_lines(changed, tuple(place), missing, _newline_of(body))
+
+
+def without(text: str, place: Sequence[str | int], *, source: str) -> str:
+    """`text` without the key, the table or the item of a list at `place`. A table with a header goes with the comment
+    directly above it; a key's line with the comment at its end. Raises ConfigError."""
+    sign, body = _signed(text)
+    path = tuple(place)
+    with by_hand(source):
+        left = _joined([block for block in _blocks(body) if block[0][: len(path)] != path])
+        if left != body and isinstance(path[-1], int):  # the next item has its number now
+            return sign + left
+        document = tomlkit.parse(left)
+        tree: Any = document
+        for part in path[:-1]:
+            if not isinstance(part, int) and part not in tree:
+                return sign + left  # only headers below it had named it
+            tree = tree[part]
+        if isinstance(path[-1], int) or path[-1] in tree:
+            del tree[path[-1]]
+        return sign + tomlkit.dumps(document)
+
+
+def with_item(text: str, place: Sequence[str], keys: Mapping[str, Any], *, source: str) -> str:
+    """`text` with one more item in the list of tables at `place`, below those that are there. Raises ConfigError."""
+    sign, body = _signed(text)
+    newline = _newline_of(body)
+    with by_hand(source):
+        document = tomlkit.parse(body)
+        tree: Any = document
+        for part in place:
+            tree = tree.get(part, {})
+        if isinstance(tree, Array):
+            if len(tree):
+                tree.append(inline(keys))
+                return sign + tomlkit.dumps(document)
+            body = without(body, place, source=source)
+        blocks = _blocks(body)
+        path = tuple(place)
+        same = [n for n, (head, _) in enumerate(blocks) if head[: len(path)] == path]
+        near = [n for n, (head, _) in enumerate(blocks) if head[:1] == path[:1]]
+        last = (same or near or [len(blocks) - 1])[-1]
+        before, after = _joined(blocks[: last + 1]), _joined(blocks[last + 1 :])
+        if before and not before.endswith("\n"):
+            before += newline
+        gap = "" if not before or before.endswith(2 * newline) else newline
+        added = newline.join((f"[[{dotted(place)}]]", *lines_of("", keys))) + newline
+        return sign + before + gap + added + (newline if after else "") + after
 
 
 @contextmanager
@@ -55,15 +104,11 @@ def by_hand(source: str) -> Iterator[None]:
         raise ConfigError(f"{source}: cannot be changed by a program ({error}); change the keys by hand") from error
 
 
-def newline_of(text: str) -> str:
-    return "\r\n" if "\r\n" in text else "\n"
-
-
 def lines_of(prefix: str, keys: Mapping[str, Any]) -> list[str]:
     """`key = value` for each; the keys of tables inside are dotted."""
     lines: list[str] = []
     for key, value in keys.items():
-        name = f"{prefix}{quoted(key)}"
+        name = f"{prefix}{dotted((key,))}"
         if isinstance(value, Mapping) and value:
             lines += lines_of(f"{name}.", value)
         else:
@@ -71,13 +116,9 @@ def lines_of(prefix: str, keys: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def quoted(key: str) -> str:
-    """As it is written in a file."""
-    return tomlkit.key(key).as_string()
-
-
 def dotted(names: Sequence[str | int]) -> str:
-    return ".".join(quoted(str(name)) for name in names)
+    """As it is written in a file."""
+    return ".".join(tomlkit.key(str(name)).as_string() for name in names)
 
 
 def inline(value: Any) -> Any:
@@ -89,149 +130,101 @@ def inline(value: Any) -> Any:
     return table
 
 
-def _existing(document: Any, place: Sequence[str | int]) -> tuple[Any, int]:
-    """The deepest table on the way to `place` that is there, and how many steps that is. Items of lists must be."""
-    tree = document
-    for depth, part in enumerate(place):
-        if isinstance(part, int) or part in tree:
-            tree = tree[part]
-        else:
-            return tree, depth
-    return tree, len(place)
-
-
-@dataclass(frozen=True, slots=True)
-class _Written:
-    """How one table is written. `dotted`: as keys with dots; `headed`: with a header of its own; `below`: only a table
-    below it has one."""
-
-    inline: InlineTable | None
-    dotted: list[Table]
-    headed: list[Table]
-    below: list[Table]
-    anything: bool
-
-    @classmethod
-    def of(cls, above: Any, name: str) -> Self:
-        entries = [(key, item) for key, item in body_of(above) if key is not None and key.key == name]
-        tables = [(key, item) for key, item in entries if isinstance(item, Table)]
-        return cls(
-            next((item for _, item in entries if isinstance(item, InlineTable)), None),
-            [item for key, item in tables if key.is_dotted()],
-            [item for key, item in tables if not key.is_dotted() and not item.is_super_table()],
-            [item for key, item in tables if not key.is_dotted() and item.is_super_table()],
-            bool(entries),
-        )
-
-
-def _placed(document: Container, place: Sequence[str | int], keys: Mapping[str, Any], newline: str) -> bool:
-    """Write new keys into the table or beside it; False: there is no place but the end of the file."""
-    tree: Any = document
-    prefix = ""  # from the last header down to `tree`
-    for depth, part in enumerate(place):
-        if isinstance(part, int):
-            tree, prefix = tree[part], ""
-            if isinstance(tree, InlineTable):
-                return _into_inline(tree, place[depth + 1 :], keys)
-            continue
-        found = _Written.of(tree, part)
-        if found.inline is not None:
-            return _into_inline(found.inline, place[depth + 1 :], keys)
-        if depth == len(place) - 1 or not found.anything:
-            return _below(tree, found, f"{prefix}{dotted(place[depth:])}.", keys, newline)
-        if found.dotted:
-            tree, prefix = found.dotted[-1], f"{prefix}{quoted(part)}."
-        else:
-            tree, prefix = ([*found.below, *found.headed] or [tree[part]])[-1], ""
-    _insert(_last_line(tree), "", keys, newline)
-    return True
-
-
-def _below(above: Any, found: _Written, prefix: str, keys: Mapping[str, Any], newline: str) -> bool:
-    if found.headed:
-        _insert(_last_line(found.headed[-1]), "", keys, newline)
-    elif found.dotted:
-        _insert(_last_line(found.dotted[-1]), prefix, keys, newline)
-    elif isinstance(above, Table) and (prefix.count(".") > 1 or not above.is_super_table()):
-        _insert(_last_line(above), prefix, keys, newline)
-    else:
-        return False
-    return True
-
-
-def _into_inline(table: InlineTable, names: Sequence[str | int], keys: Mapping[str, Any]) -> bool:
-    for depth, name in enumerate(names):
-        if isinstance(name, str) and name not in table:
-            value: Any = inline(keys)
-            for outer in reversed(names[depth + 1 :]):
-                value = inline({str(outer): value})
-            table[name] = value
-            return True
-        table = table[name]  # type: ignore[index]
-    for key, value in keys.items():
-        table[key] = inline(value)
-    return True
-
-
-def _at_the_top(document: Container, keys: Mapping[str, Any], newline: str) -> str:
-    """Below the last key above all tables; without one, below the first comment, if it is the file's own."""
-    own = [item for key, item in document.body if key is not None and not isinstance(item, Table | AoT | Null)]
-    by_dots = [item for key, item in document.body if key is not None and isinstance(item, Table) and key.is_dotted()]
-    if own or by_dots:
-        _insert(own[-1] if own else _last_line(by_dots[-1]), "", keys, newline)
-        return tomlkit.dumps(document)
-    text = tomlkit.dumps(document)
-    comments: list[Item] = []
-    for key, item in document.body:
-        if key is not None or not isinstance(item, Comment | Whitespace):
-            break
-        comments.append(item)
-    heads = [n for n, item in enumerate(comments) if isinstance(item, Whitespace)]
-    at = sum(len(item.as_string()) for item in comments[: heads[0] + 1]) if heads else 0
-    added = newline.join(lines_of("", keys)) + newline
-    gap = newline if text[at:] and not text[at:].startswith(("\n", "\r\n")) else ""
-    return text[:at] + added + gap + text[at:]
-
-
-def _new_table(text: str, place: Sequence[str | int], keys: Mapping[str, Any], newline: str) -> str:
-    """A table to append to `text`: at its end it can't take keys away from another one."""
-    gap = "" if not text else newline if text.endswith("\n") else 2 * newline
-    return gap + newline.join((f"[{dotted(place)}]", *lines_of("", keys))) + newline
-
-
-def body_of(table: Any) -> list[tuple[Key | None, Item]]:
-    if isinstance(table, OutOfOrderTableProxy):
-        raise KeyError("a table in several pieces")
-    container: Container = table if isinstance(table, Container) else table.value
-    return container.body
-
-
-def _last_line(table: Table) -> Item:
-    """The item whose line is the last of this table's own keys; of a table without any, the table with its header."""
-    last: Item = table
-    for key, item in body_of(table):
-        if key is None or isinstance(item, Null | AoT):
-            continue
-        if isinstance(item, Table):
-            if key.is_dotted():
-                last = _last_line(item)
-        else:
-            last = item
-    return last
-
-
-def _insert(above: Item, prefix: str, keys: Mapping[str, Any], newline: str) -> None:
-    """New lines below the line of `above`, indented as it is."""
-    trivia = above.trivia
-    indent = trivia.indent.rpartition("\n")[2]
-    lines = [f"{indent}{line}" for line in lines_of(prefix, keys)]
-    if not lines:
-        lines = [f"{indent}{prefix.removesuffix('.')} = {{}}"]
-    added = newline.join(lines)
-    trivia.trail += f"{added}{newline}" if trivia.trail.endswith("\n") else f"{newline}{added}"
-
-
 def _plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return inline(value)
     return list(map(_plain, value)) if isinstance(value, tuple | list) else value
+
+
+def _existing(document: Any, place: Sequence[str | int]) -> tuple[Any, Sequence[str | int], bool]:
+    """The deepest table on the way to `place` that is there, what of the way is missing below it, and whether it is
+    written in one line. Items of lists must be there."""
+    tree, in_line = document, False
+    for depth, part in enumerate(place):
+        if not isinstance(part, int) and part not in tree:
+            return tree, place[depth:], in_line
+        tree = tree[part]
+        in_line = in_line or isinstance(tree, InlineTable)
+    return tree, (), in_line
+
+
+def _with_lines(text: str, path: KeyPath, keys: Mapping[str, Any], newline: str) -> str:
+    """New keys of the table at `path`: in its own block, else as dotted keys in that of the nearest table above it, or
+    else in a new table at the end, where it can't take keys away from another one."""
+    blocks = _blocks(text)
+    near = [(_known(path, *block), n) for n, block in enumerate(blocks) if path[: len(block[0])] == block[0]]
+    known, chosen = max(near)
+    if path and not known:
+        gap = "" if not text else newline if text.endswith("\n") else 2 * newline
+        return text + gap + newline.join((f"[{dotted(path)}]", *lines_of("", keys))) + newline
+    head, lines = blocks[chosen]
+    below = path[len(head) :]
+    end = _end_of_keys(lines)
+    added = lines_of(f"{dotted(below)}." if below else "", keys) or [f"{dotted(below)} = {{}}"]
+    if end:
+        last = lines[end - 1]
+        indent = last[: len(last) - len(last.lstrip())]
+        added = [f"{indent}{line}" for line in added]
+        more = newline.join(added)
+        lines[end - 1] = f"{last}{more}{newline}" if last.endswith("\n") else f"{last}{newline}{more}"
+        return _joined(blocks)
+    blank = next((n for n, line in enumerate(lines) if not line.strip() and line), -1)  # below the file's own comment
+    before, after = "".join(lines[: blank + 1]), "".join(lines[blank + 1 :]) + _joined(blocks[1:])
+    gap = newline if after and not after.startswith(("\n", "\r\n")) else ""
+    return before + newline.join(added) + newline + gap + after
+
+
+def _known(path: KeyPath, head: KeyPath, lines: Sequence[str]) -> int:
+    """How much of the way to `path` this block names: by its header, and by dotted keys below it."""
+    own = next((n + 1 for n, line in enumerate(lines) if head and not line.lstrip().startswith("#")), 0)
+    tree: Any = tomllib.loads("".join(lines[own:]))
+    known = len(head)
+    for part in path[len(head) :]:
+        if not isinstance(tree, dict) or part not in tree:
+            break
+        tree, known = tree[part], known + 1
+    return known
+
+
+def _end_of_keys(lines: Sequence[str]) -> int:
+    """How many lines there are without the blank ones and comments at the end."""
+    whole, end = tomllib.loads("".join(lines)), len(lines)
+    while end and _read(lines[: end - 1]) == whole:
+        end -= 1
+    return end
+
+
+def _read(lines: Sequence[str]) -> dict[str, Any] | None:
+    try:
+        return tomllib.loads("".join(lines))
+    except tomllib.TOMLDecodeError:
+        return None  # the end of a value is missing
+
+
+def _blocks(text: str) -> Blocks:
+    """The lines above the first header, then each header's block."""
+    lines = [f"{line}\n" for line in text.split("\n")]
+    lines[-1] = lines[-1].removesuffix("\n")
+    starts: list[int] = []
+    paths: list[KeyPath] = []
+    for number, path in headers(text):
+        first = number - 1
+        while first > 0 and lines[first - 1].lstrip().startswith("#"):
+            first -= 1
+        starts.append(first)
+        paths.append(path)
+    ends = [*starts, len(lines)]
+    parts = zip([(), *paths], [0, *starts], ends, strict=True)
+    return [(path, lines[begin:end]) for path, begin, end in parts]
+
+
+def _joined(blocks: Blocks) -> str:
+    return "".join(line for _, lines in blocks for line in lines)
+
+
+def _signed(text: str) -> tuple[str, str]:
+    return (SIGN, text.removeprefix(SIGN)) if text.startswith(SIGN) else ("", text)
+
+
+def _newline_of(text: str) -> str:
+    return "\r\n" if "\r\n" in text else "\n"

@@ -6,11 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import tomlkit
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from tomlkit.container import Container, OutOfOrderTableProxy
-from tomlkit.items import AoT, InlineTable, Integer, Table
 
 from gateway.config import VisionConfig, parse
 from gateway.errors import ConfigError
@@ -294,26 +291,6 @@ def test_a_partial_profile_leaves_the_other_keys() -> None:
 def test_a_bad_profile_is_refused_with_file_key_value_and_range(text: str, expected: str) -> None:
     with pytest.raises(ConfigError, match=expected):
         profile.imported(text, VisionConfig(), source="red.toml")
-
-
-def test_the_undocumented_parts_of_tomlkit_are_as_the_editor_takes_them() -> None:
-    """gateway/web/profile/toml_edit.py reads and changes these; the version is pinned in pyproject.toml."""
-    pins = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())["project"]["dependencies"]
-    assert f"tomlkit=={tomlkit.__version__}" in pins
-    text = "  a = 1 # one\nb.c = 2\n[d.e]\nf = 3\n[[g]]\nh = {i = 4}\n"
-    document = tomlkit.parse(text)
-    body = [(key.key, key.is_dotted(), type(item)) for key, item in document.body if key is not None]
-    assert body == [("a", False, Integer), ("b", True, Table), ("d", False, Table), ("g", False, AoT)]
-    tables = {key.key: item for key, item in document.body if key is not None and isinstance(item, Table)}
-    assert (tables["d"].is_super_table(), tables["b"].value.body[0][1].as_string()) == (True, "2")
-    assert isinstance(tables["d"].value, Container)
-    assert isinstance(document["g"][0].value.body[0][1], InlineTable)
-    trivia = document.body[0][1].trivia
-    assert (trivia.indent, trivia.comment, trivia.trail) == ("  ", "# one", "\n")
-    trivia.trail += "  new = 0\n"
-    assert tomlkit.dumps(document) == text.replace("# one\n", "# one\n  new = 0\n")
-    pieces = tomlkit.parse("[a.b]\n[c]\n[a.d]\n")
-    assert isinstance(pieces["a"], OutOfOrderTableProxy)
 
 
 # --- wild files

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gateway.errors import ConfigError
 from gateway.web.profile.settings_edit import ChangeError, SettingChange, by_name, edited, path_of
 from tests.examples import examples
 
@@ -159,9 +158,18 @@ def test_what_cannot_be_changed_is_refused_with_its_path(path: str, value: Any, 
     assert ".".join(caught.value.path) == path
 
 
-def test_a_layout_beyond_a_program_is_left_to_people() -> None:
-    with pytest.raises(ConfigError, match=r"change .*by hand|cannot be changed by a program"):
-        changed(("a.b.x", 1), text="[a.b]\n[c]\n[a.d]\n")
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("[a.b]\n[c]\n[a.d]\n", "[a.b]\nx = 1\n[c]\n[a.d]\n"),
+        ('  a.b.y = """\n\n# no comment"""\n\n# c\n[c]\n', None),
+        ("[a]\n[a.b.c]\n", "[a]\nb.x = 1\n[a.b.c]\n"),
+        ("[[a.b.c]]", "[[a.b.c]]\n\n[a.b]\nx = 1\n"),
+    ],
+)
+def test_any_layout_takes_a_new_key(text: str, expected: str | None) -> None:
+    after = changed(("a.b.x", 1), text=text)
+    assert after == (text.replace('comment"""\n', 'comment"""\na.b.x = 1\n') if expected is None else expected)
 
 
 def test_lists_of_tables_are_addressed_by_name_and_places_become_paths() -> None:
