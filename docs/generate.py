@@ -25,7 +25,7 @@ from gateway.ranger.hcsr04 import protocol
 from gateway.sinks import registry as sink_registry
 from gateway.sinks.postgresql import tables as historian_tables
 from gateway.sinks.sparkplug import metrics as sparkplug_metrics
-from gateway.web.server import openapi
+from gateway.web.server import app, openapi
 from tests import doc_pictures
 from tests.failure_mode_tests import marked_tests
 from tools import (
