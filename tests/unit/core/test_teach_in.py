@@ -203,8 +203,6 @@ def test_values_outside_their_ranges_are_refused() -> None:
     assert refused(minute(), leaves) == (
         "not allowed: visit.leave_distance_mm: must be at least 430 mm: Z_th, its hysteresis and visit.band_mm"
     )
-    far = minute(200.0, 3900.0)
-    assert "fusion.distance_threshold_mm: Input should be less than or equal to 4000" in refused(far)
 
 
 def test_a_note_tells_where_little_overshoot_is_left() -> None:
