@@ -234,6 +234,7 @@ class TestText:
         assert [sample.unix_s for sample in twice.scale_samples] == [1_700_000_007, 1_600_000_000]
         assert twice == once
 
+    @pytest.mark.long
     @pytest.mark.one_interpreter
     @given(
         st.sampled_from([FunctionCheck.OFF, FunctionCheck.MAY_MOVE_OFF, FunctionCheck.MAY_MOVE_KEPT]),

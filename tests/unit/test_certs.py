@@ -30,6 +30,7 @@ def openssl(*args: str | Path) -> str:
     return done.stdout + done.stderr
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_a_whole_plant(plant: Folder, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["certs", "server", "--host", "10.0.0.5", "--host", "gateway.plant.example", "--host", "::1"]) == 0

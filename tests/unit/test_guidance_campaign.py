@@ -31,6 +31,7 @@ def test_an_attentive_driver_comes_to_stand_in_place_with_the_display_and_not_wi
     assert sum(r.overshoots for r in shown) < sum(r.overshoots for r in late)
 
 
+@pytest.mark.long
 def test_equal_seeds_give_equal_results() -> None:
     one, other = (approach(Profile.ROLLING, Aid.DISPLAY, 2, settings()) for _ in range(2))
     assert one == other

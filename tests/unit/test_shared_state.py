@@ -374,6 +374,7 @@ while True:
 """
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_readers_never_keep_a_writer_out(own_folder: Path) -> None:
     with other_process(own_folder, READERS), other_process(own_folder, READERS):

@@ -122,6 +122,7 @@ async def test_what_a_gateway_writes_of_itself() -> None:
         assert (status.version, status.alarms, status.t_ns) == ("0.1.0", {}, clock.now_ns())
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 @in_virtual_time
 async def test_alarms_with_an_active_cause_and_latched_ones_are_in_it() -> None:

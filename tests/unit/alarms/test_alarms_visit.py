@@ -93,6 +93,7 @@ class Bay:
         return [change.id for change in self.changes if change.after is AlarmState.UNACKNOWLEDGED]
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_a_visit_without_writes_raises_no_alarm() -> None:
     """Nobody can release a truck there: every departure is a move."""

@@ -117,6 +117,7 @@ def test_a_failure_shows_on_the_outputs_what_its_row_states(mode: FailureMode, d
         assert late_ms <= (mode.within_ms or 0)
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_every_row_has_a_test_and_every_mark_a_row() -> None:
     assert set(marked_tests(TESTS)) == set(ROWS)

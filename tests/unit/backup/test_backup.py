@@ -181,6 +181,7 @@ def test_all_or_nothing(machine: Machine, monkeypatch: pytest.MonkeyPatch) -> No
     assert machine.files() == before
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_while_a_gateway_of_this_name_runs_nothing_is_written(
     machine: Machine, capsys: pytest.CaptureFixture[str]

@@ -30,6 +30,7 @@ awaited_config.wait_for_valid_config(load, path)
 """
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_no_number_of_reload_requests_hangs_the_wait(tmp_path: Path) -> None:
     """A handler that takes a lock (threading.Event.set) hangs in the thread that it interrupts, sooner or later."""

@@ -37,6 +37,7 @@ def test_it_asks_for_a_reload_unless_the_terminal_went_away(
     assert asyncio.run(scene()) == (reloads, not reloads)
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_a_terminal_is_gone_when_the_signal_comes() -> None:
     ours, theirs = pty.openpty()

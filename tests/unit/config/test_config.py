@@ -653,6 +653,7 @@ JUNK: st.SearchStrategy[Any] = st.recursive(
 )
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 @given(st.dictionaries(KEYS, JUNK, max_size=5))
 @settings(max_examples=examples(100), deadline=None)

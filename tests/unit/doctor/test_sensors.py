@@ -98,6 +98,7 @@ def examined(monkeypatch: pytest.MonkeyPatch, camera: Camera, **keys: Any) -> li
     return list(sensors.camera(bay, SystemClock(), SECONDS))
 
 
+@pytest.mark.long
 def test_a_camera_that_is_well(monkeypatch: pytest.MonkeyPatch) -> None:
     camera, marker = examined(monkeypatch, Camera())
     assert (camera.verdict, marker.verdict) == (OK, OK)
@@ -136,6 +137,7 @@ def test_how_many_frames_were_damaged_of_how_many() -> None:
     assert sensors.frames_advice(look, None)[0] == "2 of 150 frames damaged"
 
 
+@pytest.mark.long
 def test_a_picture_that_is_too_small_for_the_threshold(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sensors, "source_spec", lambda _: Camera())
     bay = BayConfig.model_validate({"vision": {"method": "paper"}})  # R_th is 180 px

@@ -59,6 +59,7 @@ class TestFolding:
         assert sum(folding.admits("a", 0, 0) for _ in range(50)) == 20
         assert folding.admits("b", 0, 0)
 
+    @pytest.mark.long
     @pytest.mark.one_interpreter
     def test_all_together_have_a_limit_whatever_their_kinds(self) -> None:
         """A peer may choose the text."""

@@ -29,6 +29,7 @@ def test_a_frame_byte_by_byte() -> None:
     assert frame_bytes(0x1234, 7, b"\x03\x00\x01\x00\x02").hex() == "123400000006070300010002"
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 @CALM
 @given(st.lists(FRAMES | FOREIGN, max_size=8), st.data())

@@ -245,6 +245,7 @@ def test_identity_in_parts_has_every_object_once() -> None:
     assert parts == 4
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 @settings(max_examples=examples(1500), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(st.binary(min_size=1, max_size=253), st.booleans())

@@ -463,6 +463,7 @@ wire = st.one_of(
 )
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 @settings(max_examples=examples(150))
 @given(st.lists(st.tuples(wire, st.integers(0, 2 * S), st.booleans()), max_size=40))

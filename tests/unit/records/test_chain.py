@@ -228,6 +228,7 @@ def test_the_first_cause_is_the_right_one(name: str) -> None:
     assert any(expected.led in why for why in led), led
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_a_chain_goes_from_the_camera_s_last_frame_to_stop() -> None:
     story = Story(NEAR, faults=(during("camera_freeze", 3, 2),)).run(9)
@@ -253,6 +254,7 @@ def test_both_thresholds_have_their_times() -> None:
     assert max(led.values()) == links[-1].unix_ns
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_a_write_is_named_with_its_writer_and_bits() -> None:
     links = released().links
@@ -290,6 +292,7 @@ def test_a_sensor_that_recovers_is_named_with_how_long() -> None:
     assert "has been good again for 0." in story.causes[0].text
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_a_latched_stop_names_when_d_was_1() -> None:
     legs = (IN | {"hold_s": 0.0}, {"distance_cm": 60, "speed_cm_s": 30, "hold_s": 60})
@@ -301,6 +304,7 @@ def test_a_latched_stop_names_when_d_was_1() -> None:
     assert any(link.why == "D became 1" for link in story.links)
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_causes_are_never_empty_and_tell_a_stop_from_none() -> None:
     story = Story(IN, faults=(during("spout_down", 6.5, 3), during("camera_freeze", 11, 1))).run(14)
@@ -311,6 +315,7 @@ def test_causes_are_never_empty_and_tell_a_stop_from_none() -> None:
         assert free == step.state.may_move
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_a_truck_from_before_the_start() -> None:
     story = Story(NEAR).run(3)

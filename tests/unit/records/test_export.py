@@ -63,6 +63,7 @@ def rows(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_csv_has_every_state_and_event(bay: tuple[Recorded, Bench], tmp_path: Path) -> None:
     folder, bench = bay
@@ -125,6 +126,7 @@ def test_csv_and_why_have_a_control_task_that_did_not_run_as_the_outputs_showed_
     assert "no tick in time" in told_why
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_csv_has_the_visits_that_ended_in_that_time(tmp_path: Path) -> None:
     folder = Recorded(tmp_path)
@@ -157,6 +159,7 @@ def test_csv_has_the_visits_that_ended_in_that_time(tmp_path: Path) -> None:
     assert [int(row["begun_ms"]) for row in rows(out / "visits.csv")] == [early.begun_ms]
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_csv_by_rate_keeps_every_change_of_the_outputs(bay: tuple[Recorded, Bench], tmp_path: Path) -> None:
     folder, bench = bay
@@ -188,6 +191,7 @@ def test_a_text_that_a_spreadsheet_would_calculate_is_none() -> None:
     assert _cells({"a": "=1+1", "b": -3, "c": "10.0.0.9"}) == ["'=1+1", -3, "10.0.0.9"]
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_mcap_is_read_by_its_own_reader(
     bay: tuple[Recorded, Bench], frames: list[VisionReading], tmp_path: Path

@@ -66,6 +66,7 @@ class TestTheMoment:
         assert (answer.silence, answer.missing, answer.differing) == ("", (), 0)
         assert any("stop 1 -> 0" in link.what for link in answer.after)
 
+    @pytest.mark.long
     @pytest.mark.one_interpreter
     def test_the_window_is_replayed_across_segments(self, frozen: Recorded) -> None:
         answer = at(frozen, 47)
@@ -74,6 +75,7 @@ class TestTheMoment:
         assert times == sorted(times)
         assert {step.place.path.name[:8] for step in answer.steps} == {"00000002", "00000003", "00000004"}
 
+    @pytest.mark.long
     @pytest.mark.one_interpreter
     def test_what_began_minutes_before_is_explained_from_there(self, tmp_path: Path) -> None:
         faults = ({"kind": "camera_freeze", "at_s": 5, "for_s": 600},)
@@ -83,6 +85,7 @@ class TestTheMoment:
         assert [link.why.split(",")[0] for link in answer.chain if not link.what] == ["the newest frame"]
         assert answer.chain[-1].what == "stop 0 -> 1, may_move 1 -> 0, reason none -> vision_stale"
 
+    @pytest.mark.long
     @pytest.mark.one_interpreter
     def test_other_reasons_meanwhile_do_not_end_the_search(self, tmp_path: Path) -> None:
         faults = ({"kind": "camera_freeze", "at_s": 5, "for_s": 2}, {"kind": "marker_hidden", "at_s": 6, "for_s": 600})
@@ -115,6 +118,7 @@ class TestTheMoment:
 
 
 class TestWhatIsMissing:
+    @pytest.mark.long
     @pytest.mark.one_interpreter
     def test_a_gateway_that_was_killed_and_started_again(self, tmp_path: Path) -> None:
         folder = Recorded(tmp_path)
@@ -144,6 +148,7 @@ class TestWhatIsMissing:
         assert answer.silence == "the gateway had been shut down"
         assert answer.causes[0].factor is Factor.SHUTDOWN
 
+    @pytest.mark.long
     @pytest.mark.one_interpreter
     def test_a_control_task_that_stood_still(self, tmp_path: Path) -> None:
         folder = Recorded(tmp_path)
@@ -171,6 +176,7 @@ class TestWhatIsMissing:
         assert "damaged" in answer.silence
         assert answer.causes == ()
 
+    @pytest.mark.long
     @pytest.mark.one_interpreter
     def test_another_version_s_decision_is_not_passed_off_as_the_recorded_one(
         self, frozen: Recorded, monkeypatch: pytest.MonkeyPatch
@@ -180,6 +186,7 @@ class TestWhatIsMissing:
         assert at(frozen, 40).differing > 0
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_a_clock_that_was_put_back_does_not_hide_what_is_recorded(frozen: Recorded, tmp_path: Path) -> None:
     """The newest segment with the moment counts; one from 1970 that was written later does not."""
@@ -194,6 +201,7 @@ def test_a_clock_that_was_put_back_does_not_hide_what_is_recorded(frozen: Record
 
 
 class TestTheVerb:
+    @pytest.mark.long
     @pytest.mark.one_interpreter
     def test_words(self, frozen: Recorded, capsys: pytest.CaptureFixture[str], utc: None) -> None:
         assert main(["why", "02:14:11", "--records", str(frozen.path.parent)]) == 0
@@ -206,6 +214,7 @@ class TestTheVerb:
         assert "fusion.vision_deadline_s      0.3" in said
         assert "pictures: 2, 02:14:08.900 to 02:14:12.500" in said
 
+    @pytest.mark.long
     @pytest.mark.one_interpreter
     def test_json(self, frozen: Recorded, capsys: pytest.CaptureFixture[str], utc: None) -> None:
         assert main(["why", "2026-11-23", "02:14:11", "--records", str(frozen.path), "--json"]) == 0
@@ -219,6 +228,7 @@ class TestTheVerb:
         assert said["settings"]["fusion.vision_deadline_s"] == "0.3"
         assert [picture["frame_id"] for picture in said["pictures"]] == [1347, 1455]
 
+    @pytest.mark.long
     @pytest.mark.one_interpreter
     def test_the_page_is_one_file_with_its_pictures(
         self, frozen: Recorded, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -154,6 +154,7 @@ def test_the_state_at_a_checkpoint_is_compared_and_taken_over() -> None:
     assert any("heartbeat" in name for d in differences[1:] for name in d.what)  # it went on from what was recorded
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_it_can_begin_at_any_checkpoint() -> None:
     kept = collector()
@@ -193,6 +194,7 @@ class TestCollector:
         assert isinstance(seen[-1], Step)
         assert seen[-1].state == bench.state
 
+    @pytest.mark.long
     @pytest.mark.one_interpreter
     def test_batches_fit_into_a_message_and_a_segment_can_begin_at_a_checkpoint(self) -> None:
         kept = collector()
@@ -248,10 +250,12 @@ class TestAgainst:
         _, seen = replayed(items(kept), Rules.of(other.bays[0], other), exact=False)
         return list(otherwise(s for s in seen if isinstance(s, Step)))
 
+    @pytest.mark.long
     @pytest.mark.one_interpreter
     def test_the_same_rules_change_nothing(self) -> None:
         assert self.compared() == []
 
+    @pytest.mark.long
     @pytest.mark.one_interpreter
     def test_a_higher_threshold_stops_earlier_by_the_way_between_both(self) -> None:
         found = self.compared(distance_threshold_mm=340.0, radius_threshold_px=150.0)
@@ -267,6 +271,7 @@ class TestAgainst:
         found = self.compared(radius_threshold_px=250.0)
         assert any("in_place 1 -> 0" in f.what for f in found)
 
+    @pytest.mark.long
     @pytest.mark.one_interpreter
     def test_one_interval_for_one_kind_of_difference(self) -> None:
         found = self.compared(radius_threshold_px=250.0)

@@ -84,6 +84,7 @@ def test_what_is_read_is_what_was_appended(tmp_path: Path) -> None:
     assert path.stat().st_mode & 0o777 == 0o640
 
 
+@pytest.mark.long
 def test_cut_at_every_byte_it_holds_what_was_complete_and_goes_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

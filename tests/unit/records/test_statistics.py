@@ -114,6 +114,7 @@ ROWS = st.builds(
 )
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 @given(st.lists(ROWS, max_size=40), st.floats(0, 1800))
 def test_no_second_is_made_up(rows: list[dict[str, Any]], passed_s: float) -> None:

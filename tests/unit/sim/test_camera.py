@@ -22,6 +22,7 @@ def opened(clock: BlockingClock, scenario: Scenario | None = None) -> SimCamera:
     return SimCameraSpec(scenario or parse(DRIVE), ORIGIN_NS).open(clock)
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_frames_come_at_the_scenarios_rate() -> None:
     clock = BlockingClock(ORIGIN_NS)

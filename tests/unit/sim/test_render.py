@@ -47,6 +47,7 @@ def seen_from(distance_cm: float, t_s: float = 0.0, **offset: float) -> Truth:
     return World(parse({"start": {"distance_cm": distance_cm, **offset}})).truth(t_s)
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize("distance_cm", [25, 28, 30, 35, 45, 52, 70, 90, 120])
 def test_the_papers_method_finds_the_marker_of_the_default_scene(default: Painter, distance_cm: float) -> None:
     for frame_index, t_s in enumerate((0.0, 1.3, 7.7)):
@@ -71,6 +72,7 @@ def test_other_seeds_are_as_kind(seed: int) -> None:
         assert 0 < circle.radius_px - truth.radius_px < 3
 
 
+@pytest.mark.long
 def test_clutter_is_red_smaller_than_the_marker_and_apart_from_it() -> None:
     painter = Painter(parse({"clutter": {"things": 10, "seed": 5}}))
     found = detect(painter.frame(seen_from(80), 0), VisionConfig())
@@ -103,6 +105,7 @@ def test_the_spout_covers_the_marker_and_nothing_else_of_it_is_red() -> None:
     assert seen[6.0] is None, "dust is grey"
 
 
+@pytest.mark.long
 def test_the_spout_hangs_in_the_bay_and_does_not_move_with_the_truck() -> None:
     scenario = parse(
         {"camera": {"noise": 0}, "light": {"drift": 0, "flicker": 0}, "dust": {"density": 0}} | {"faults": LOADING[:1]}
@@ -136,6 +139,7 @@ def test_the_red_lamp_is_taken_for_the_marker_that_it_is_not(method: str) -> Non
     assert (circle.radius_px, circle.u_px, circle.v_px) == pytest.approx((19.8, 409.5, 179.5), abs=2.5)
 
 
+@pytest.mark.long
 def test_rust_spoils_the_papers_radius() -> None:
     truth = seen_from(45)
     circle = detect(Painter(parse({"seed": 50, "surface": {"rust": 0.8}})).frame(truth, 0), VisionConfig()).circle

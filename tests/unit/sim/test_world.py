@@ -138,6 +138,7 @@ def test_the_image_speed_is_the_derivative_of_the_centre() -> None:
     assert 20 < max(speeds) < 600 / 1500 * 5 * 2 * math.pi * 9 * 1.6
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_vibration_stays_within_its_amplitude_and_uses_most_of_it() -> None:
     world = World(parse({"vibration": {"amplitude_mm": 4, "rest_share": 1.0, "axial_share": 0.5}}))

@@ -109,6 +109,7 @@ def test_a_full_disk_is_reported_and_loses_nothing(name: str, tmp_path: Path) ->
         assert drained(outbox) == ["b-2", "b-3", "b-4", "b-5"]
 
 
+@pytest.mark.long
 def test_when_the_disk_can_be_written_again_it_holds_what_memory_holds(name: str, tmp_path: Path) -> None:
     path = tmp_path / "outbox.sqlite"
     full = True
@@ -254,6 +255,7 @@ def test_what_is_dropped_is_dropped_on_disk_too(name: str, tmp_path: Path) -> No
         until(lambda: written(outbox) and rows(path) == ["b-1", "b-3", "b-5"])
 
 
+@pytest.mark.long
 def test_what_nobody_has_a_use_for_expires_on_disk_too(name: str, tmp_path: Path) -> None:
     path, now_ms = tmp_path / "outbox.sqlite", 1_795_000_000_000
     with DurableOutbox(name, path, LIMITS) as outbox:
@@ -320,6 +322,7 @@ def test_a_put_does_not_wait_while_the_file_is_made_smaller(name: str, tmp_path:
         until(lambda: written(outbox))
 
 
+@pytest.mark.long
 def test_a_file_that_cannot_be_made_smaller_loses_nothing_and_is_no_fault(
     name: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -214,6 +214,7 @@ async def test_what_nobody_uses_takes_no_room_of_what_somebody_waits_for() -> No
     assert figures(plant, "events_dropped", "events_unsubscribed", "events_held") == [0, 20, 30]
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 @in_virtual_time
 async def test_a_subscriber_that_is_lost_is_reported_until_it_is_not_expected_any_more() -> None:
@@ -339,6 +340,7 @@ async def test_a_topic_after_which_the_broker_ends_the_connection_is_found_and_h
     assert figures(plant, "events_dropped") == [0]
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 @in_virtual_time
 async def test_a_broker_that_ends_the_connection_after_a_refusal_does_so_once() -> None:

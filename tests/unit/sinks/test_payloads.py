@@ -396,6 +396,7 @@ WILD_STATE = st.builds(
 )
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 @given(state=WILD_STATE, offset_ns=WILD_TIME, now_ns=WILD_TIME)
 def test_any_state_becomes_a_valid_message(state: StateVector, offset_ns: int, now_ns: int) -> None:

@@ -128,6 +128,7 @@ def test_foreign_decoders_read_every_datatype_to_its_ends(decoder: Decoder) -> N
     assert all(math.copysign(1, m.value) == 1 for m in read if m.value == 0.0)
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_without_datatypes_in_data_these_decoders_read_nothing() -> None:
     """What `datatypes_in_data = false` costs; the births are the same."""

@@ -52,6 +52,7 @@ def shown(value: Any, datatype: DataType) -> Any:
     return value & masks[datatype] if datatype in masks and value is not None else value
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 @given(PAYLOADS)
 @settings(max_examples=examples(200), deadline=None)
@@ -82,6 +83,7 @@ def test_without_types_only_the_types_are_missing(payload: Payload) -> None:
     assert bare == whole
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 @given(PAYLOADS)
 @settings(max_examples=examples(200), deadline=None)
@@ -92,6 +94,7 @@ def test_what_the_compilers_code_writes_we_read(payload: Payload) -> None:
     }
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 @given(st.binary(max_size=300) | st.builds(lambda payload, at: encode(payload)[:at], PAYLOADS, st.integers(0, 400)))
 @settings(max_examples=examples(700), deadline=None)

@@ -69,6 +69,7 @@ def test_a_good_version_is_taken_and_the_one_before_stays(tmp_path: Path) -> Non
     is_tidy(machine)
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_the_configuration_is_migrated_in_a_copy_and_back_by_hand_uses_the_original(tmp_path: Path) -> None:
     machine = installed(tmp_path, Version(name=OLD, wants="old_key"))
@@ -116,6 +117,7 @@ def test_what_is_saved_while_a_worse_version_is_tried_is_put_aside(tmp_path: Pat
     assert kept.read_text() == saved, "the next update leaves it"
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_what_is_saved_on_the_old_version_after_the_return_stays(tmp_path: Path) -> None:
     """Also where the return is begun again after a power cut."""
@@ -255,6 +257,7 @@ def test_without_room_nothing_is_begun(tmp_path: Path) -> None:
     is_tidy(machine)
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_an_old_version_that_cannot_be_proven_either_is_told(tmp_path: Path) -> None:
     """Somebody has pulled the camera's cable meanwhile."""

@@ -102,6 +102,7 @@ def grey() -> NDArray[np.uint8]:
     return np.full((200, 300, 3), 128, np.uint8)
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_no_board_and_the_wrong_size() -> None:
     for board in (CHECKER, SYMMETRIC, ASYMMETRIC):

@@ -63,6 +63,7 @@ def test_how_far_apart_two_views_are() -> None:
     assert moved(turn_deg=(0, 0, 30)) < 0.5, "turned in its own plane, it tells little"
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_the_views_of_the_other_tests_are_all_worth_taking_once() -> None:
     taken: list[Points] = []
@@ -132,6 +133,7 @@ def test_which_kinds_are_missing() -> None:
     assert selection.progress(BOARD, [points(pose) for pose in more], SIZE, None).missing == ()
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_a_quick_search_finds_the_very_points_of_a_thorough_one() -> None:
     """In a large picture the board is searched in a smaller one, and refined at full size."""

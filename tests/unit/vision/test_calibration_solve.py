@@ -74,6 +74,7 @@ def test_without_noise_it_is_exact() -> None:
     assert found.rms_px < 1e-3
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_how_many_coefficients() -> None:
     for wanted in (0, 4, 5, 8):

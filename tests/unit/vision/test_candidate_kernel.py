@@ -52,6 +52,7 @@ def plane(chance: Chance) -> Plane:
     return steps if kind == 2 else np.asarray(cv2.blur(steps, (3, 3)), np.float32)
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_the_same_blobs_as_without_a_compiler(kernel: CandidateKernel) -> None:
     chance = np.random.default_rng(1)
@@ -86,6 +87,7 @@ def test_the_median_of_any_values(kernel: CandidateKernel, size: int) -> None:
             assert kernel.blobs(red, SHARES, 1, limits) == candidates._blobs(red, 1, limits)
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_the_same_votes_as_without_a_compiler(kernel: CandidateKernel) -> None:
     chance = np.random.default_rng(2)

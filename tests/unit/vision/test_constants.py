@@ -67,6 +67,7 @@ def answers(library: ctypes.CDLL) -> Iterator[str]:
         yield repr(rim.refine(image, seed, search_px, refinement.DOUBT, opponent))
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_each_number_is_handed_to_a_kernel(library: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     loaded, numbers = ctypes.CDLL(str(library)), constants.passed()

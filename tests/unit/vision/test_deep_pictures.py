@@ -122,6 +122,7 @@ def test_a_marker_of_five_grey_levels_is_measured_with_all_bits() -> None:
     assert error16 < 0.02
 
 
+@pytest.mark.long
 def test_deep_frames_are_followed() -> None:
     follow = registry.detector(VisionConfig(tracking=True))
     for number in range(10):
@@ -139,6 +140,7 @@ def test_a_method_without_more_bits_is_given_eight() -> None:
 # From files.
 
 
+@pytest.mark.long
 def test_a_folder_of_png16_gives_all_bits_and_their_view(tmp_path: Path) -> None:
     picture = deep(scene())
     picture[::2] += 100  # less than half a grey level

@@ -113,6 +113,7 @@ def test_without_control_the_same_lamp_clips_the_marker_for_good() -> None:
     assert all(moment.clipped > 0.5 for moment in run.after(3.5))
 
 
+@pytest.mark.long
 def test_a_lamp_that_is_switched_on_at_night() -> None:
     run = played(4, {"ambient": [{"at_s": 0, "level": 0.1}, {"at_s": 2, "level": 8}]})
     assert 0 < run.longest_clipped_s() <= 0.5
@@ -120,6 +121,7 @@ def test_a_lamp_that_is_switched_on_at_night() -> None:
     assert run.changes(3.5) == []
 
 
+@pytest.mark.long
 def test_the_light_fails() -> None:
     """From full light to a thirtieth: gain, too, is needed; and its noise is no reason to hunt."""
     run = played(5, {"ambient": [{"at_s": 2, "over_s": 0.2, "level": 0.03}]}, method="robust")
@@ -142,6 +144,7 @@ def test_lamps_that_flicker_do_not_make_it_hunt(flicker: float, hz: float) -> No
     assert run.found(1.0) == 1.0
 
 
+@pytest.mark.long
 def test_the_sun_beside_the_marker_does_not_darken_it() -> None:
     sun = {"at_s": 1.5, "u_px": 250, "v_px": 40, "radius_px": 25, "level": 300, "scatter": 0.001}
     run = played(4, {"glare": [sun]})
@@ -151,6 +154,7 @@ def test_the_sun_beside_the_marker_does_not_darken_it() -> None:
     assert all(moment.level > 130 for moment in run.after(1.0))
 
 
+@pytest.mark.long
 def test_a_lamp_in_a_bay_without_marker_does_not_blind_it_for_the_next_truck() -> None:
     """Night, a lamp in the picture, no marker in sight for 4 s; then it is found within half a second."""
     lamp = {"u_px": 60, "v_px": 60, "radius_px": 20, "level": 30}
@@ -161,6 +165,7 @@ def test_a_lamp_in_a_bay_without_marker_does_not_blind_it_for_the_next_truck() -
     assert run.turns() <= 2
 
 
+@pytest.mark.long
 def test_a_covered_marker_makes_no_difference() -> None:
     run = played(7, {"faults": [{"kind": "marker_hidden", "at_s": 2.0, "for_s": 3.0}]})
     assert len(run.changes(1.9)) <= 4
@@ -169,6 +174,7 @@ def test_a_covered_marker_makes_no_difference() -> None:
     assert run.longest_clipped_s() == 0.0
 
 
+@pytest.mark.long
 def test_a_marker_that_leaves_and_one_that_comes() -> None:
     legs = [
         {"distance_cm": 60, "lateral_mm": 900, "speed_cm_s": 100, "acceleration_cm_s2": 200, "hold_s": 3},
@@ -181,6 +187,7 @@ def test_a_marker_that_leaves_and_one_that_comes() -> None:
     assert run.changes(7.0) == []
 
 
+@pytest.mark.long
 def test_a_camera_that_keeps_its_own_exposure_is_reported(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING):
         run = played(8, {"ambient": [{"at_s": 0, "level": 0.3}], "camera": {"exposure_obeyed": False}})

@@ -127,6 +127,7 @@ def test_save(tmp_path: Path, trace: Trace) -> None:
         drawing.save(tmp_path / "none", "a", panels)
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_the_scene_is_the_same_every_time_and_differs_by_seed() -> None:
     scene = example_scene.scene()

@@ -298,6 +298,7 @@ def followed(frames: Sequence[CheckedFrame]) -> list[tuple[Detection, int]]:
     return found
 
 
+@pytest.mark.long
 def test_a_sum_is_as_old_as_its_oldest_frame() -> None:
     frames = checked([dusty(clear(PLACE), n) for n in range(10)])
     results = followed(frames)
@@ -324,6 +325,7 @@ def test_a_part_of_a_sum_that_repeats_itself_is_older_still() -> None:
     assert (found.frames, since_ns) == (4, 7)
 
 
+@pytest.mark.long
 def test_a_marker_that_drives_through_thick_dust_is_in_no_sum() -> None:
     """3 px a frame across the picture; single frames may show it, a sum never does."""
     places = [Circle(90.3 + 3 * n, 119.8, 30.0) for n in range(16)]
@@ -331,6 +333,7 @@ def test_a_marker_that_drives_through_thick_dust_is_in_no_sum() -> None:
     assert [found.frames for found, _ in results] == [1] * 16
 
 
+@pytest.mark.long
 def test_a_marker_that_is_covered_ends_with_the_frame_that_covers_it() -> None:
     """In the sums it would be for three frames more."""
     images = [dusty(clear(PLACE), n) for n in range(10)] + [dusty(clear(None), n) for n in range(10, 20)]

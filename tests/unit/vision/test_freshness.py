@@ -187,6 +187,7 @@ def test_plain_pictures_that_differ_are_live() -> None:
     assert looks == [Freshness.UNPROVEN] + [Freshness.LIVE] * 99
 
 
+@pytest.mark.mostly_long
 @pytest.mark.one_interpreter
 @pytest.mark.parametrize("size", [(1, 1), (3, 5), (12, 16), (13, 17), (480, 640), (1080, 1920)])
 def test_any_size_of_picture_will_do(size: tuple[int, int]) -> None:

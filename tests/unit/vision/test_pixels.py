@@ -95,6 +95,7 @@ def test_suffixes_are_such_as_the_callers_compare() -> None:
     assert all(suffix.startswith(".") and suffix == suffix.lower() for suffix in PICTURE_SUFFIXES)
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_the_main_process_does_not_load_opencv() -> None:
     """What runs there: the service with its pool and dispatcher, and the choice of a source."""

@@ -82,6 +82,7 @@ def is_marker(circle: Circle | None) -> bool:
     return circle is not None and circle.radius_px == pytest.approx(MARKER_PX, abs=1.5)
 
 
+@pytest.mark.long
 def test_without_a_range_the_lamp_becomes_the_marker() -> None:
     """What the range is for."""
     found = followed(registry.detector(ROBUST), range(8, COVERED.stop))
@@ -143,6 +144,7 @@ def find_in(find: Detector, radii: MarkerRadii | None) -> list[Detection]:
     return [replace(one, stage_ns=()) for one in followed(find, range(12, 18), radii)]
 
 
+@pytest.mark.long
 def test_a_range_ends_in_its_time() -> None:
     until = MarkerRadii(RADII.low_px, RADII.high_px, 20 * FRAME_NS)
     found = followed(registry.detector(ROBUST), range(8, 26), until)

@@ -107,6 +107,7 @@ def speckled(chance: np.random.Generator) -> tuple[Image, Circle]:
     return image, Circle(u, v, float(np.exp(chance.uniform(-5, 7))))
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_the_same_regions_as_without_a_compiler(compiled: RegionKernel, monkeypatch: pytest.MonkeyPatch) -> None:
     chance = np.random.default_rng(31)

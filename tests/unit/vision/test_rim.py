@@ -292,6 +292,7 @@ def test_an_absurd_seed_finds_nothing(seed: Ellipse) -> None:
 numbers = st.one_of(st.floats(-50, 150), st.floats())
 
 
+@pytest.mark.mostly_long
 @pytest.mark.one_interpreter
 @settings(max_examples=examples(200), deadline=None)
 @given(

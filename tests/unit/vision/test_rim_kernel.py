@@ -105,6 +105,7 @@ def test_the_same_rims_as_without_a_compiler(kernel: RimKernel) -> None:
     assert rims > examples(500) / 3
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_the_same_fall_of_redness_as_without_a_compiler(kernel: RimKernel) -> None:
     """To the last bit, also where the rim is cut by the picture's edge."""
@@ -225,6 +226,7 @@ def test_more_kinds_of_blur_than_are_kept(kernel: RimKernel, library: Path, monk
 # -- what the kernel repeats of OpenCV --------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_red_against_green_is_opencvs_for_all_colours() -> None:
     linear, root, weights = lab.linear().astype(np.int64), lab.root().astype(np.int64), lab.weights()

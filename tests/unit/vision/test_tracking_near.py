@@ -76,6 +76,7 @@ def steadily(scene: Callable[[int], Image], count: int) -> Iterator[tuple[int, I
     return ((n * PERIOD_NS, scene(n)) for n in range(count))
 
 
+@pytest.mark.long
 def test_every_answer_is_the_full_searchs_and_most_are_from_a_window(searched: list[str]) -> None:
     images = [picture(approach(n), seed=n) for n in range(CHECK * 3)]
     found = detections((n * PERIOD_NS, image) for n, image in enumerate(images))
@@ -271,6 +272,7 @@ def test_red_things_that_were_found_once_cost_nothing_more(searched: list[str]) 
     assert searched.count("full") == 1
 
 
+@pytest.mark.long
 def test_a_rendered_drive_with_vibration_is_followed_to_the_end() -> None:
     scenario = parse(
         {

@@ -68,6 +68,7 @@ async def test_state_of_all_bays_and_of_one() -> None:
         assert both[1]["state"]["reason"]["name"] == "STARTING"
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 @in_virtual_time
 async def test_of_many_bays_all_are_young() -> None:

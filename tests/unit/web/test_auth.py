@@ -637,6 +637,7 @@ async def test_a_wrong_password_is_never_served_from_memory() -> None:
 texts = st.text(st.characters(max_codepoint=255), max_size=200)
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 @given(cookie=texts, host=texts, origin=texts, token=texts, authorization=texts)
 @settings(max_examples=examples(200))
@@ -656,6 +657,7 @@ async def test_wild_headers_give_no_access_and_no_fault(
     assert all(str(record).isprintable() for record in built.records)
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 @given(st.lists(st.tuples(st.sampled_from(["g1-session", "other", " g1-session ", "", "G1-SESSION"]), texts)))
 @settings(max_examples=examples(100))

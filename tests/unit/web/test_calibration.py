@@ -114,6 +114,7 @@ async def bench(source: Path | None = None, bays: int = 1) -> AsyncIterator[Benc
         yield Bench(made, api_client(made))
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 @in_virtual_time
 async def test_views_are_taken_by_themselves_and_the_command_finds_the_same(tmp_path: Path) -> None:
@@ -178,6 +179,7 @@ async def test_views_are_taken_by_themselves_and_the_command_finds_the_same(tmp_
         assert b"Camera calibration, 320" in report.body
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 @in_virtual_time
 async def test_what_is_saved_is_what_was_shown(tmp_path: Path) -> None:
@@ -238,6 +240,7 @@ async def test_one_session_for_each_bay_and_another_user_is_told() -> None:
         assert (await other.begin())["who"] == "ben"
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 @in_virtual_time
 async def test_a_view_is_removed_and_the_newest_look_is_shared() -> None:
@@ -265,6 +268,7 @@ async def test_a_view_is_removed_and_the_newest_look_is_shared() -> None:
         assert (await it.refused("GET", f"/look/{newest['number']}/picture"))[:2] == (404, "gone")
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 @in_virtual_time
 async def test_why_nothing_is_taken() -> None:

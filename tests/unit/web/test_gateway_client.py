@@ -49,6 +49,7 @@ async def test_a_viewer_is_served_at_once_and_ten_times_a_second_until_the_last_
         assert 5 <= len(made.requests) - before <= 6
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 @in_virtual_time
 async def test_of_many_bays_those_with_a_viewer_are_always_fresh_and_none_is_forgotten() -> None:
@@ -66,6 +67,7 @@ async def test_of_many_bays_those_with_a_viewer_are_always_fresh_and_none_is_for
     assert all(len(ask.bays) <= MAX_STATES for ask in made.requests)
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 @in_virtual_time
 async def test_as_many_displays_as_bays_are_all_in_time() -> None:

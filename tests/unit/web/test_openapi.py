@@ -31,6 +31,7 @@ NOT_DESCRIBED = {
 }  # fmt: skip
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_it_is_valid() -> None:
     validate(DOCUMENT)
@@ -115,6 +116,7 @@ def test_every_field_of_every_model_is_described_by_its_name_or_in_words() -> No
     assert bare == []
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_the_cookie_is_named_as_it_is() -> None:
     schemes = openapi.document(ROUTES, "__Host-north-session")["components"]["securitySchemes"]

@@ -37,6 +37,7 @@ def test_a_language_has_every_text_of_the_operators_page(code: str) -> None:
     assert sorted(required_texts() - LANGUAGES[code]) == [], f"{SHIPPED / code}.json misses these"
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_what_is_required_is_the_operators_page_and_no_other() -> None:
     required = required_texts()

@@ -138,6 +138,7 @@ def test_whose_private_parts_are_used_is_pinned_exactly(package: str) -> None:
 REQUEST = b"GET / HTTP/1.1\r\nHost: a\r\nConnection: close\r\n\r\n"
 
 
+@pytest.mark.long
 @in_real_time
 async def test_silent_and_slow_clients_are_disconnected_and_others_are_served() -> None:
     async with served(hello) as port:
@@ -174,6 +175,7 @@ async def test_a_head_has_a_length() -> None:
         assert (await received(port, REQUEST)).endswith(b"hello")
 
 
+@pytest.mark.long
 def test_what_is_no_http_is_refused_without_filling_the_log(caplog: pytest.LogCaptureFixture) -> None:
     async def scene() -> None:
         async with served(hello) as port:
@@ -274,6 +276,7 @@ async def shaken(port: int, context: ssl.SSLContext) -> tuple[str | None, bytes 
     return found
 
 
+@pytest.mark.long
 @in_real_time
 async def test_tls_and_a_certificate_that_is_renewed(
     plant: Plant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -235,6 +235,7 @@ def at(document: Any, path: str) -> Any:
     return tree
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 @settings(max_examples=examples(250), deadline=None)
 @given(text=files(), change=CHANGE)

@@ -392,6 +392,7 @@ BROAD = [  # of the picture, nearly all of it is red
 ]
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 @in_virtual_time
 async def test_settings_of_vision_with_warnings_are_saved_only_when_each_is_accepted(
@@ -422,6 +423,7 @@ async def test_settings_of_vision_with_warnings_are_saved_only_when_each_is_acce
         assert (await asked.post("save", undo=True)).status == 200
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 @settings(max_examples=examples(4), deadline=None)
 @given(secret=st.text("abcXYZ019-_.!~", min_size=6, max_size=20))

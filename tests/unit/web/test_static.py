@@ -131,6 +131,7 @@ def test_every_script_is_a_module_that_parses(room: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_the_scripts_own_tests_pass(room: Path) -> None:
     """Each of them is counted, so that a file the runner no longer finds is noticed."""

@@ -74,6 +74,7 @@ async def truck(source: Path | None = None) -> AsyncIterator[Truck]:
         yield Truck(made, api_client(made))
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 @in_virtual_time
 async def test_a_minute_of_a_standing_truck_becomes_changes() -> None:
@@ -161,6 +162,7 @@ ranger.port = "/dev/ttyACM1"
 """
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 @in_virtual_time
 async def test_the_changes_are_saved_by_the_settings_addresses(tmp_path: Path) -> None:
@@ -186,6 +188,7 @@ async def test_the_changes_are_saved_by_the_settings_addresses(tmp_path: Path) -
     assert "# the paper's" in path.read_text()
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 @in_virtual_time
 async def test_with_a_recipe_in_force_its_keys_are_taught() -> None:
@@ -232,6 +235,7 @@ async def test_a_marker_that_is_covered_ends_it() -> None:
         assert it.made.client.watchers == 0
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 @in_virtual_time
 async def test_a_gateway_that_reports_nothing_ends_it_and_results_are_forgotten(
@@ -253,6 +257,7 @@ async def test_a_gateway_that_reports_nothing_ends_it_and_results_are_forgotten(
         assert (await it.view())["phase"] == "none"
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 @in_virtual_time
 async def test_what_was_measured_may_be_refused() -> None:

@@ -172,6 +172,7 @@ def test_times_are_compared_pair_by_pair_and_answers_by_place() -> None:
     assert not scoring.differs(outcome(1, None), outcome(1, None))
 
 
+@pytest.mark.long
 @pytest.mark.one_interpreter
 @in_virtual_time
 async def test_settings_go_live_only_with_the_sets_warnings_accepted(tmp_path: Path) -> None:
