@@ -13,7 +13,7 @@ from gateway.modbus.exports import structured_text
 from gateway.modbus.exports.interface import FIRST_WRITTEN, WRITTEN
 from gateway.modbus.exports.logic import ascii_only
 from gateway.modbus.exports.structured_text import BLOCK, FUNCTION_BLOCK
-from gateway.modbus.exports.target import Target
+from gateway.modbus.exports.target import Target, template
 from gateway.modbus.registers.register_map import BLOCK_WORDS
 
 PROGRAM = "loading_bay.st"
@@ -49,26 +49,8 @@ def _program(targets: tuple[Target, ...]) -> str:
         f"  {target.instance} : {FUNCTION_BLOCK};\n  {target.instance}_Words : {BLOCK};" for target in targets
     )
     calls = "\n".join(line for target in targets for line in _calls(target))
-    return structured_text.declarations(targets) + ascii_only(
-        f"""
-PROGRAM loading_bay
-VAR
-{located}
-END_VAR
-VAR
-{instances}
-END_VAR
-{calls}
-END_PROGRAM
-
-CONFIGURATION Config0
-  RESOURCE Res0 ON PLC
-    TASK Main(INTERVAL := T#20ms, PRIORITY := 0);
-    PROGRAM Bays WITH Main : loading_bay;
-  END_RESOURCE
-END_CONFIGURATION
-"""
-    )
+    program = template(PROGRAM).format(located=located, instances=instances, calls=calls)
+    return structured_text.declarations(targets) + ascii_only(program)
 
 
 def _located(n: int, target: Target) -> list[str]:

@@ -140,29 +140,13 @@ def _buffers(targets: tuple[Target, ...]) -> str:
 
 
 def _cycle(targets: tuple[Target, ...]) -> str:
-    variables = "".join(
-        f'    {bay} : "{structured_text.FUNCTION_BLOCK}";\n    {bay}_Client : MB_CLIENT;\n'
-        f"    {bay}_Pause {{InstructionName := 'TON_TIME'; LibVersion := '1.0'}} : TON_TIME;\n"
-        f"    {bay}_Stage : UInt;   // 0 pause, 1 read, 2 write\n    {bay}_PollOk : Bool;\n"
-        for bay in (target.instance for target in targets)
+    variables = template("cycle_variables.scl")
+    return template("cycle.scl").format(
+        cycle=CYCLE,
+        instance=INSTANCE,
+        variables="\n".join(variables.format(bay=t.instance, block=structured_text.FUNCTION_BLOCK) for t in targets),
+        bays="".join(map(_bay, targets)),
     )
-    return f"""\
-FUNCTION_BLOCK "{CYCLE}"
-{{ S7_Optimized_Access := 'TRUE' }}
-VERSION : 0.1
-  VAR
-{variables}  END_VAR
-BEGIN
-{"".join(map(_bay, targets))}END_FUNCTION_BLOCK
-
-DATA_BLOCK "{INSTANCE}"
-{{ S7_Optimized_Access := 'TRUE' }}
-VERSION : 0.1
-NON_RETAIN
-"{CYCLE}"
-BEGIN
-END_DATA_BLOCK
-"""
 
 
 def _bay(target: Target) -> str:
