@@ -75,11 +75,11 @@ def plan(path: Path, check: Check, *, force: bool, outside: bool) -> Plan:
         else:  # certificates without their keys can't be checked
             config = parse(_with_some_hash(document), source=manifest.config)
     made = Plan(manifest, config)
-    belonging = _belonging(config, manifest)
+    belongs = _belonging(config, manifest)
     roots = (SYSTEM_FOLDER if os.geteuid() == 0 else Path(manifest.config).parent, bay_file.default_folder())
     for entry in manifest.files:
         place = Path(entry.path)
-        if entry.path not in belonging:
+        if not belongs(entry):
             made.faults.append(f"{place}: the configuration of the archive names no such file")
         elif not outside and not any(_real(place).is_relative_to(_real(root)) for root in roots):
             made.faults.append(f"{place}: lies outside {roots[0]} and {roots[1]}; --outside writes it")
@@ -151,41 +151,32 @@ def _with_some_hash(document: dict[str, Any]) -> dict[str, Any]:
     return {**document, "hmi": {**pages, "users": users}}
 
 
-def _belonging(config: GatewayConfig, manifest: Manifest) -> set[str]:
-    """The paths that this configuration has a use for."""
-    found = {manifest.config, *(str(Path(name).absolute()) for _, name, _ in contents.named_files(config))}
-    for path_of in (bay_file.path_of, bay_file.tried_path_of):
-        found |= {str(path.absolute()) for bay in config.bays if (path := path_of(config, bay.name)) is not None}
-    keyring = str(Path(manifest.config).with_name(contents.KEYRING))
-    found |= {entry.path for entry in manifest.files if entry.kind is Kind.KEYRING and entry.path == keyring}
-    if (languages := config.hmi.languages_folder) is not None:
-        place = Path(languages).absolute()
-        found |= {
-            entry.path
-            for entry in manifest.files
-            if entry.kind is Kind.LANGUAGE
-            and Path(entry.path).parent == place
-            and contents.is_language(Path(entry.path))
-        }
-    if (sets := test_sets_folder(config)) is not None:
-        places = {str((sets / bay.name).absolute()) for bay in config.bays}
-        found |= {
-            entry.path
-            for entry in manifest.files
-            if entry.kind is Kind.TEST_SET
-            and str(Path(entry.path).parent.parent) in places
-            and is_part(Path(entry.path))
-        }
-    if (folder := records.folder_of(config)) is not None:
-        places = {str((folder / bay.name).absolute()) for bay in config.bays}
-        found |= {
-            entry.path
-            for entry in manifest.files
-            if entry.kind is Kind.RECORD
-            and str(Path(entry.path).parent) in places
-            and contents.is_record(Path(entry.path).name)
-        }
-    return found
+def _belonging(config: GatewayConfig, manifest: Manifest) -> Callable[[Entry], bool]:
+    """Has this configuration a use for a file of this kind at this path?"""
+    named = {manifest.config, *(str(Path(name).absolute()) for _, name, _ in contents.named_files(config))}
+    state = [path_of(config, bay.name) for path_of in (bay_file.path_of, bay_file.tried_path_of) for bay in config.bays]
+    states = {str(path.absolute()) for path in state if path is not None}
+
+    def of_bay(folder: Path | None, place: Path) -> bool:
+        return folder is not None and place in {(folder / bay.name).absolute() for bay in config.bays}
+
+    def belongs(entry: Entry) -> bool:
+        path = Path(entry.path)
+        match entry.kind:
+            case Kind.KEYRING:
+                return path == Path(manifest.config).with_name(contents.KEYRING)
+            case Kind.LANGUAGE:
+                folder = config.hmi.languages_folder
+                return folder is not None and path.parent == Path(folder).absolute() and contents.is_language(path)
+            case Kind.TEST_SET:
+                return of_bay(test_sets_folder(config), path.parent.parent) and is_part(path)
+            case Kind.RECORD:
+                return of_bay(records.folder_of(config), path.parent) and contents.is_record(path.name)
+            case Kind.STATE:
+                return entry.path in states
+        return entry.path in named
+
+    return belongs
 
 
 def _sort(made: Plan, entry: Entry, place: Path, *, force: bool) -> None:

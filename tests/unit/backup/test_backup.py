@@ -534,13 +534,14 @@ def test_nothing_is_written_that_the_configuration_does_not_name_or_outside_its_
         (entry("/opt/other.pem", b"1", Kind.CERTIFICATE), b"1"),
         (entry(f"{machine.etc}/cron", b"2", Kind.CERTIFICATE), b"2"),
         (entry(f"{machine.state}/records/site1.{machine.root.name}/bay1/evil.sh", b"3", Kind.RECORD), b"3"),
+        (entry("/opt/other.key", b"4", Kind.RECORD), b"4"),  # it names one, and no recording
     ]
     machine.empty()
     evil = made(machine.archive, files, str(machine.config))
     plan = restore.plan(evil, no_check, force=True, outside=False)
     assert [entry.path for entry in plan.new] == [str(machine.config)]
     assert [fault.partition(": ")[0] for fault in plan.faults] == [entry.path for entry, _ in files[1:]]
-    assert len(restore.plan(evil, no_check, force=True, outside=True).faults) == 2
+    assert len(restore.plan(evil, no_check, force=True, outside=True).faults) == 3
     machine.etc.mkdir()
     machine.config.symlink_to("/etc/passwd")
     assert "is a link" in restore.plan(evil, no_check, force=True, outside=True).faults[0]
