@@ -3,7 +3,10 @@
 import errno
 import os
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import BinaryIO
 
 
 def sync_folder(folder: Path) -> None:
@@ -40,15 +43,27 @@ def plain_bytes(path: Path, most: int = -1) -> bytes:
 
 
 def write_file(path: Path, data: bytes) -> None:
-    """On disk when it returns: the old file or the new one, never a part, whenever the power fails. Its folder is made
-    where it is missing. Raises OSError."""
+    """On disk when it returns; see `replacing`. Its folder is made where it is missing. Raises OSError."""
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-    fresh = path.with_name(f"{path.name}.new")
-    fresh.unlink(missing_ok=True)
-    fd = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
-    with os.fdopen(fd, "wb") as file:
+    with replacing(path) as file:
         file.write(data)
-        file.flush()
-        os.fsync(fd)
-    fresh.replace(path)
+
+
+@contextmanager
+def replacing(path: Path, mode: int = 0o600, *, fresh: Path | None = None) -> Iterator[BinaryIO]:
+    """A file to write, which takes the place of `path` at the end of the block and is on disk then: the old file or the
+    new one, never a part, whenever the power fails. Where the block raises, the old one stays. `fresh`: where it is
+    written, in the same folder. Raises OSError."""
+    fresh = fresh or path.with_name(f"{path.name}.new")
+    fresh.unlink(missing_ok=True)
+    try:
+        fd = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, mode)
+        with os.fdopen(fd, "wb") as file:
+            yield file
+            file.flush()
+            os.fsync(fd)
+        fresh.replace(path)
+    finally:
+        with suppress(OSError):
+            fresh.unlink(missing_ok=True)
     sync_folder(path.parent)

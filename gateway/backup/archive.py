@@ -34,7 +34,7 @@ from gateway.backup.manifest import (
 )
 from gateway.config import GatewayConfig, parse
 from gateway.config.strict.toml_file import read_toml
-from gateway.files import sync_folder
+from gateway.files import replacing
 from gateway.web.profile.redact import redacted
 
 CHUNK = 1 << 20
@@ -61,9 +61,8 @@ def write(config_file: Path, out: Path, *, secrets: bool = True, records: bool =
     if len(others) + 1 > MAX_FILES:
         raise BackupError(f"{len(others) + 1} files, and an archive lists at most {MAX_FILES}: leave out the records")
     fresh = out.with_name(f"{out.name}.new")
-    fresh.unlink(missing_ok=True)
     try:
-        with os.fdopen(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600), "wb") as file:
+        with replacing(out, fresh=fresh) as file:
             with tarfile.open(fileobj=file, mode="w:gz", compresslevel=6) as archive:
                 files = [_added(archive, config_file, Kind.CONFIGURATION, instead)]
                 left_out: list[str] = []
@@ -97,15 +96,9 @@ def write(config_file: Path, out: Path, *, secrets: bool = True, records: bool =
                 data = manifest.encoded()
                 _add(archive, NAME, io.BytesIO(data), len(data))
             file.flush()
-            os.fsync(file.fileno())
-        verify(fresh)
-        fresh.replace(out)
-        sync_folder(out.parent)
+            verify(fresh)
     except OSError as error:
         raise BackupError(f"{out}: cannot be written: {error.strerror or error}") from error
-    finally:
-        with suppress(OSError):
-            fresh.unlink(missing_ok=True)
     return manifest
 
 

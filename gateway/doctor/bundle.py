@@ -23,7 +23,7 @@ from gateway import __version__
 from gateway.config import GatewayConfig
 from gateway.config.strict.errors import is_secret, query_passwords
 from gateway.doctor.examine import findings
-from gateway.files import plain_bytes
+from gateway.files import plain_bytes, replacing
 from gateway.records import service as records
 from gateway.records.names import PICTURES, PIN, SEGMENT, parsed
 from gateway.sinks import registry
@@ -44,24 +44,15 @@ def write(config: GatewayConfig, out: Path, seconds: float, *, pictures: bool) -
     """
     secrets = list(secrets_of(config))
     contents = [f"gateway {__version__}, {datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC", ""]
-    fresh = out.with_name(f"{out.name}.new")
-    fresh.unlink(missing_ok=True)
-    try:
-        with (
-            os.fdopen(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600), "wb") as file,
-            zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive,
-        ):
-            for name, data in _texts(config, seconds):
-                archive.writestr(name, _hidden(data, secrets))
-                contents.append(f"{name}: {len(data)} bytes")
-                yield contents[-1]
-            for path, name in _recordings(config, pictures=pictures):
-                contents.append(_add(archive, path, name, secrets))
-                yield contents[-1]
-            archive.writestr("contents.txt", "\n".join(contents) + "\n")
-        fresh.replace(out)
-    finally:
-        fresh.unlink(missing_ok=True)
+    with replacing(out) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in _texts(config, seconds):
+            archive.writestr(name, _hidden(data, secrets))
+            contents.append(f"{name}: {len(data)} bytes")
+            yield contents[-1]
+        for path, name in _recordings(config, pictures=pictures):
+            contents.append(_add(archive, path, name, secrets))
+            yield contents[-1]
+        archive.writestr("contents.txt", "\n".join(contents) + "\n")
 
 
 def secrets_of(config: GatewayConfig) -> Iterator[bytes]:

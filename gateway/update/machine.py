@@ -13,7 +13,7 @@ from gateway import status_file
 from gateway.clock import SystemClock
 from gateway.durations import NS_PER_S
 from gateway.errors import GatewayError, LinkError, ProtocolError
-from gateway.files import sync_folder
+from gateway.files import replacing, sync_folder
 from gateway.modbus import client
 from gateway.net.listener import from_here
 from gateway.shared_state import SharedStateReader, SharedVector, attachable
@@ -286,28 +286,17 @@ class Machine:
 
     def write(self, path: Path, data: bytes, like: Path | None = None) -> None:
         """Replace the file at once. `like`: owner and mode of that one; else readable by root only."""
-        fresh = scratch(path)
-        fresh.unlink(missing_ok=True)
-        fd = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-        with os.fdopen(fd, "wb") as file:
+        with replacing(path, fresh=scratch(path)) as file:
             file.write(data)
             if like is not None:
                 found = like.stat()
                 with contextlib.suppress(PermissionError):
-                    os.fchown(fd, found.st_uid, found.st_gid)
-                os.fchmod(fd, found.st_mode & 0o777)
-            file.flush()
-            os.fsync(fd)
-        fresh.replace(path)
-        sync_folder(path.parent)
+                    os.fchown(file.fileno(), found.st_uid, found.st_gid)
+                os.fchmod(file.fileno(), found.st_mode & 0o777)
 
     def copy(self, source: Path, target: Path) -> None:
-        fresh = scratch(target)
-        shutil.copyfile(source, fresh)
-        with fresh.open("rb") as file:
-            os.fsync(file.fileno())
-        fresh.replace(target)
-        sync_folder(target.parent)
+        with source.open("rb") as data, replacing(target, 0o644, fresh=scratch(target)) as file:
+            shutil.copyfileobj(data, file)
 
     def remove(self, path: Path) -> None:
         """A file, a link or a folder with all that is in it; nothing where there is none."""
