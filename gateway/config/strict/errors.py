@@ -55,11 +55,9 @@ class FaultsError(ConfigError):
         self.faults = tuple(faults)
 
 
-def explain(
-    error: ValidationError, *, source: str, text: str, model: type[BaseModel], shared: tuple[str, ...] = ()
-) -> list[str]:
+def explain(error: ValidationError, *, source: str, text: str, model: type[BaseModel]) -> list[str]:
     """One line per fault: see `faults_of`."""
-    return list(map(str, faults_of(error, source=source, text=text, model=model, shared=shared)))
+    return list(map(str, faults_of(error, source=source, text=text, model=model)))
 
 
 def faults_of(

@@ -83,13 +83,11 @@ class Chart:
             )
         self._named(name, style, dots=False)
 
-    def rule(self, *, x: float | None = None, y: float | None = None, text: str = "") -> None:
+    def rule(self, *, x: float | None = None, y: float | None = None) -> None:
         """A thin line across the chart at a value that matters."""
         x0, y0 = self._at(self.x.low if x is None else x, self.y.low if y is None else y)
         x1, y1 = self._at(self.x.high if x is None else x, self.y.high if y is None else y)
         self._marks.append(f'<line x1="{x0:.1f}" y1="{y0:.1f}" x2="{x1:.1f}" y2="{y1:.1f}" class="rule"/>')
-        if text:
-            self._marks.append(f'<text x="{x1 + 3:.1f}" y="{y1 + 10:.1f}" class="small">{escape(text)}</text>')
 
     def band(self, low: float, high: float, colour: str, text: str = "") -> None:
         """A shaded range of x."""
@@ -159,9 +157,9 @@ class Chart:
             self._legend.append((name, style, dots))
 
 
-def round_ticks(low: float, high: float, most: int = 7) -> list[float]:
+def round_ticks(low: float, high: float) -> list[float]:
     """Multiples of 1, 2 or 5 times a power of ten inside [low, high]."""
-    rough = (high - low) / most
+    rough = (high - low) / 7
     power = 10.0 ** math.floor(math.log10(rough))
     step = next(m * power for m in (1, 2, 5, 10) if m * power >= rough * (1 - 1e-9))
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
