@@ -28,7 +28,7 @@ from gateway.core.state import (
     VisitPhase,
 )
 from gateway.modbus.exports import node_red_function, openplc, structured_text
-from gateway.modbus.exports.diagnosis import CHECKS, HEARTBEAT_TIMEOUT_MS, SOUND, Diagnosis
+from gateway.modbus.exports.diagnosis import CHECKS, HEARTBEAT_TIMEOUT_MS, SOUND, VALUES, Diagnosis
 from gateway.modbus.exports.fields import fields
 from gateway.modbus.exports.interface import INPUTS, OUTPUTS
 from gateway.modbus.exports.structured_text import FUNCTION_BLOCK
@@ -345,8 +345,10 @@ def test_node_red_finds_the_same_in_each_doubt() -> None:
                 image[ADDRESS[name]] = word
             messages += [(100, ""), *((100, words(state(n))) for n in (5, 6, 7)), (100, image)]
             expected.append("ok" if found is Diagnosis.OK else found.name.lower())
-    statuses = [status for _, status in run_function(node_red_function.code(Target()), messages)]
-    assert [{"may move": "ok", "in place": "ok"}.get(status, status) for status in statuses[4::5]] == expected
+    ran = run_function(node_red_function.code(Target()), messages)[4::5]
+    assert [{"may move": "ok", "in place": "ok"}.get(status, status) for _, status in ran] == expected
+    live = {"ok", *(check.diagnosis.name.lower() for check in VALUES)}
+    assert [outputs[2] is not None for outputs, _ in ran] == [name in live for name in expected]
 
 
 def test_node_red_wants_the_heartbeat_anew_after_an_unsound_image() -> None:

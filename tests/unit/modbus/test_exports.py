@@ -627,36 +627,6 @@ def test_node_red_accepts_the_other_word_order_only_where_configured() -> None:
     assert configured[2][0][2]["payload"]["timestamp"] == 1_763_640_000_123
 
 
-FINDINGS: list[tuple[dict[str, int], Diagnosis]] = [
-    ({"seq_end": 3}, Diagnosis.TORN),
-    ({"map_version": 0}, Diagnosis.OLD_MAP),
-    ({"known_u32": 1}, Diagnosis.FOREIGN),
-    ({"unit_id": 8}, Diagnosis.WRONG_BAY),
-    ({"bay_identity": 1}, Diagnosis.WRONG_BAY),
-    ({"stop": 1}, Diagnosis.CONTRADICTION),
-    ({"may_move": 0}, Diagnosis.CONTRADICTION),
-    ({"in_place": 1}, Diagnosis.CONTRADICTION),
-    ({"reason": 10}, Diagnosis.CONTRADICTION),
-    ({"vision_quality": 1}, Diagnosis.VISION),
-    ({"range_quality": 1}, Diagnosis.RANGER),
-]
-
-
-def test_node_red_finds_what_structured_text_finds() -> None:
-    live: Messages = [(100, image(n)) for n in (6, 7, 8)]
-    runs = []
-    for changes, _ in FINDINGS:
-        doubtful = image(9)
-        for name, word in changes.items():
-            doubtful[BY_NAME[name].address] = word
-        runs.append([*live, (100, doubtful)])
-    for (changes, found), ran in zip(FINDINGS, function_nodes(runs), strict=True):
-        outputs, status = ran[-1]
-        assert status == found.name.lower(), changes
-        assert outputs[0] == {"topic": "may_move", "payload": False}, changes
-        assert (outputs[2] is None) is (found not in {Diagnosis.VISION, Diagnosis.RANGER}), changes
-
-
 def test_node_red_turns_off_on_silence_on_a_frozen_heartbeat_and_on_a_clock_set_back() -> None:
     live: Messages = [(0, placed(5)), (100, placed(6)), (100, placed(7))]
     limit = HEARTBEAT_TIMEOUT_MS
