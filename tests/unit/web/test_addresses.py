@@ -1,13 +1,12 @@
 """An address added from outside the package: one entry makes its route, its rule and its description."""
 
-from typing import Annotated, Any
+from typing import Annotated
 
 import pytest
 from fastapi import FastAPI, Query
-from fastapi.openapi.utils import get_openapi
 from pydantic import BaseModel
 
-from gateway.web.auth.access import Level, find
+from gateway.web.auth.access import Level
 from gateway.web.auth.addresses import Addresses, Description, whole_number
 from gateway.web.auth.login import ADDRESSES as LOGIN
 from gateway.web.auth.security import SecurityMiddleware
@@ -69,19 +68,3 @@ async def test_what_is_wrong_with_a_request_is_named(browser: Browser) -> None:
     assert wrong.json["detail"] == "per = '61': a whole number from 1 to 60"
     wrong = await browser.post("/api/added/restart", {})
     assert (wrong.status, wrong.json["error"], wrong.json["detail"]) == (400, "body", "reason: Field required")
-
-
-def test_the_entry_is_the_description() -> None:
-    document: dict[str, Any] = get_openapi(title="added", version="1", routes=ADDED.routes)
-    assert list(document["paths"]) == ["/api/added/uptime"]
-    operation = document["paths"]["/api/added/uptime"]["get"]
-    assert (operation["operationId"], operation["x-role"]) == ("uptime", "viewer")
-    assert operation["security"] == [{"basic": []}, {"session": []}]
-    assert {"200", "400", "401", "403"} <= set(operation["responses"])
-
-
-def test_the_rule_is_found_by_method_and_path() -> None:
-    rule = find("HEAD", "/api/added/uptime", ADDED.rules).rule
-    assert rule is not None
-    assert (rule.method, rule.least, rule.body_bytes) == ("GET", Level.VIEWER, 0)
-    assert find("POST", "/api/added/uptime", ADDED.rules).methods == ("GET",)

@@ -350,11 +350,6 @@ class TestAlarms:
             answer = await api_client(made).post("/api/alarms/bay1.camera_down/acknowledge", {"occurrence": 0})
             assert "occurred again" in wrong(answer, 409, "refused")
 
-    @in_virtual_time
-    async def test_a_hung_main_process_is_no_success(self) -> None:
-        async with plant(keep=False) as made:
-            wrong(await api_client(made).post("/api/alarms/bay1.camera_down/acknowledge"), 503, "gateway")
-
 
 @in_virtual_time
 async def test_a_function_check_suppresses_and_is_shown() -> None:

@@ -19,9 +19,7 @@ from gateway.config import load
 from gateway.vision.offline.calibration.boards import parse
 from gateway.vision.offline.calibration.selection import HOLD_S
 from gateway.vision.pixels import Image
-from gateway.web.auth.access import Level
 from gateway.web.calibration import sessions
-from gateway.web.calibration.routes import ADDRESSES
 from tests.e2e.processes import command
 from tests.unit.vision.board_pictures import Camera, Pose, shot
 from tests.unit.web.gateway_client import Plant, plant
@@ -354,15 +352,3 @@ async def test_a_board_to_print() -> None:
         assert drawn.headers["content-type"] == "image/svg+xml"
         assert drawn.text.count("<circle") == 35
         assert (await it.client.get(f"{PATH}/board.svg?kind=circles&columns=7&rows=5&pitch_mm=0")).status == 400
-
-
-def test_every_address_is_for_technicians_alone() -> None:
-    assert {rule.least for rule in ADDRESSES.rules} == {Level.TECHNICIAN}
-    assert len(ADDRESSES.rules) == 11
-
-
-def test_who_ends_a_calibration_is_in_the_audit_log() -> None:
-    """It may be another user's, whose views are lost."""
-    assert [(rule.method, rule.path) for rule in ADDRESSES.rules if rule.acts and rule.audited] == [
-        ("DELETE", "/api/bays/{bay}/calibration")
-    ]

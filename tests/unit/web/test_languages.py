@@ -99,11 +99,6 @@ def test_a_folder_that_is_gone_does_not_stop_the_gateway(tmp_path: Path, caplog:
     assert usable(GatewayConfig()) == {}
 
 
-def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="is not a folder"):
-        own_files(tmp_path / "none")
-
-
 def test_a_plants_files_are_bounded_and_no_pipe_is_waited_for(tmp_path: Path) -> None:
     text = json.dumps({"name": "Deutsch", "texts": {"Alarms": "A" * 1_100_000}})
     (tmp_path / "de.json").write_text(text)

@@ -48,11 +48,6 @@ def test_every_address_but_pages_and_a_named_few_is_described() -> None:
     assert not named & {path for _, path in described}
 
 
-def test_every_route_of_the_application_has_a_rule() -> None:
-    """So that none is missing above."""
-    assert len(ROUTES) == len(RULES)
-
-
 @pytest.mark.parametrize(("path", "method", "operation"), OPERATIONS)
 def test_every_operation_states_its_role_and_authentication(path: str, method: str, operation: dict[str, Any]) -> None:
     least = next(rule.least for rule in RULES if (rule.method, rule.path) == (method.upper(), path))

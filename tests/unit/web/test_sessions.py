@@ -50,38 +50,6 @@ def test_real_ids_are_long_and_never_the_same() -> None:
     assert all(len(identity) == 43 for identity in ids)  # 256 bits
 
 
-@pytest.mark.parametrize(
-    ("seen_h", "asked_h", "goes_on"),
-    [
-        ([], 0.99, True),
-        ([], 1.0, False),
-        ([0.9], 1.8, True),
-        ([0.9], 1.9, False),
-        ([0.9 * n for n in range(1, 14)], 11.99, True),
-        ([0.9 * n for n in range(1, 14)], 12.0, False),  # however busy
-    ],
-)
-def test_idle_and_absolute_time(seen_h: list[float], asked_h: float, goes_on: bool) -> None:
-    ended: list[str] = []
-    book = sessions(ended)
-    identity, session = book.open("anna", Level.VIEWER, 0)
-    for hours in seen_h:
-        book.find(identity, round(hours * HOUR))
-    assert (book.find(identity, round(asked_h * HOUR)) is not None) == goes_on
-    assert ended == ([] if goes_on else [session.key])
-    assert len(book) == goes_on
-
-
-def test_how_long_is_left() -> None:
-    book = sessions()
-    identity, session = book.open("anna", Level.VIEWER, HOUR)
-    assert book.remaining_ns(session, HOUR) == 12 * HOUR
-    assert book.remaining_ns(session, 14 * HOUR) == 0
-    again = book.find(identity, HOUR + 1)
-    assert again is not None
-    assert book.remaining_ns(again, HOUR + 1) == 12 * HOUR - 1  # being seen does not make it longer
-
-
 def test_one_user_has_so_many_and_the_one_seen_longest_ago_goes() -> None:
     ended: list[str] = []
     book = sessions(ended)

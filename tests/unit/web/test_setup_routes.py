@@ -20,9 +20,7 @@ from gateway.config import GatewayConfig
 from gateway.core.detection import Circle
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import VisitPhase
-from gateway.web.auth.access import Level
 from gateway.web.host.startup import Restart, Startup
-from gateway.web.setup.routes import ADDRESSES
 from tests.examples import examples
 from tests.unit.web.asgi import Answer
 from tests.unit.web.gateway_client import Plant, plant
@@ -102,14 +100,6 @@ async def page(path: Path, text: str = FILE, overrides: dict[str, Any] | None = 
     startup = Startup(overrides or {}, restart, warnings=lambda found: [f"site {found.site} is odd"])
     async with plant(config=config.load(path, overrides), source=str(path), startup=startup) as made:
         yield Page(made, api_client(made), path, restart)
-
-
-def test_every_address_is_for_technicians_alone() -> None:
-    assert len(ADDRESSES.rules) == 5
-    assert {rule.least for rule in ADDRESSES.rules} == {Level.TECHNICIAN}
-    assert {rule.path for rule in ADDRESSES.rules if rule.method == "POST" and not rule.audited} == {
-        "/api/setup/preview"
-    }
 
 
 @pytest.mark.one_interpreter

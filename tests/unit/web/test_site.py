@@ -1,6 +1,5 @@
 """The real pages behind their security: every address there is, called by those who may not."""
 
-import asyncio
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ from starlette.staticfiles import StaticFiles
 
 from gateway.config import GatewayConfig, HmiConfig
 from gateway.web.auth.logins import Logins
-from gateway.web.auth.security import ENDED, SecurityMiddleware
+from gateway.web.auth.security import SecurityMiddleware
 from gateway.web.server import app
 from gateway.web.server.gateway_client import GatewayClient
 from gateway.web.server.services import services_of
@@ -65,23 +64,6 @@ async def test_every_route_has_its_rule_and_no_other() -> None:
     async with site() as real:
         assert sorted(real.routes()) == sorted((rule.method, rule.path) for rule in app.RULES)
         assert real.middleware._rules is app.RULES
-
-
-@in_virtual_time
-async def test_the_real_live_page_ends_with_its_login() -> None:
-    async with site() as real:
-        browser = Browser(real)
-        await browser.login("vera")
-        socket = await browser.socket("/api/live")
-        async with asyncio.timeout(30):
-            while not socket.data:  # noqa: ASYNC110
-                await asyncio.sleep(0.1)
-        assert real.client is not None
-        assert real.client.watchers == 1
-        await browser.post("/api/logout")
-        await socket.settle()
-        assert (socket.closed, socket.task.done()) == (ENDED, True)
-        assert real.client.watchers == 0
 
 
 @pytest.mark.parametrize(

@@ -16,11 +16,9 @@ import pytest
 from gateway.config import BayConfig, ControlsConfig, GatewayConfig, Intrinsics, VisionConfig
 from gateway.core.state import FunctionCheck
 from gateway.vision.source.v4l2_controls import OfferedControl
-from gateway.web.auth.access import Level
 from gateway.web.host.request_handler import KEPT_FORMER
 from gateway.web.profile import parameter_schema
 from gateway.web.tuning import trial
-from gateway.web.tuning.routes import ADDRESSES
 from gateway.web.tuning.service import TuningService
 from gateway.web.tuning.snapshots import STILLS
 from gateway.web.tuning.trial import EndedError
@@ -72,11 +70,6 @@ async def bay(source: Path | None = None) -> AsyncIterator[Bay]:
     async with plant(config=config, source=str(source or "")) as made:
         client = api_client(made)
         yield Bay(made, client.app.state.services.tuning, client)
-
-
-def test_every_address_is_for_technicians_alone() -> None:
-    assert len(ADDRESSES.rules) == len(ADDRESSES.routes) == 17
-    assert {rule.least for rule in ADDRESSES.rules} == {Level.TECHNICIAN}
 
 
 @in_virtual_time
