@@ -5,10 +5,11 @@ rule.
 """
 
 from collections.abc import Awaitable, Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from json import JSONDecodeError
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from types import UnionType
+from typing import Annotated, Any, TypeVar, get_args
 
 from fastapi.routing import APIRoute, APIWebSocketRoute
 from pydantic import BeforeValidator, Field
@@ -39,18 +40,91 @@ class Description:
     query: tuple[dict[str, Any], ...] = ()  # parameters that FastAPI does not read
 
 
-class Addresses:
-    """One group of addresses below `prefix`."""
+class AddressGroup:
+    """A group of addresses below `prefix`."""
 
     def __init__(self, prefix: str = "") -> None:
         self._prefix = prefix
         self.routes: list[BaseRoute] = []
         self.rules: list[Rule] = []
 
+    def _http(
+        self, rule: Rule, described: Callable[[Any], Description] | None = None
+    ) -> Callable[[Endpoint], Endpoint]:
+        """`described` gets what the endpoint returns."""
+        rule = replace(rule, path=self._prefix + rule.path)
+
+        def register(endpoint: Endpoint) -> Endpoint:
+            self.rules.append(rule)
+            openapi: dict[str, Any] = {"include_in_schema": False}
+            if described is not None:
+                openapi = _openapi(rule, described(endpoint.__annotations__["return"]))
+            self.routes.append(_JsonRoute(rule.path, endpoint, methods=[rule.method], **openapi))
+            return endpoint
+
+        return register
+
+
+class ApiAddresses(AddressGroup):
+    """Addresses for programs: each is described, with the model that its endpoint returns, or by `media` where that is
+    not JSON. `least`: of each that has no other; `errors`: what may go wrong at each, but where an address has an empty
+    text for it."""
+
+    def __init__(self, prefix: str = "", *, least: Level, errors: Mapping[int, str] | None = None) -> None:
+        super().__init__(prefix)
+        self._least = least
+        self._errors = errors or {}
+
+    def get(
+        self, path: str, operation_id: str, summary: str, *, least: Level | None = None, **more: Any
+    ) -> Callable[[Endpoint], Endpoint]:
+        return self._described(Rule("GET", path, self._of(least), summary), operation_id, **more)
+
+    def post(
+        self,
+        path: str,
+        operation_id: str,
+        summary: str,
+        *,
+        least: Level | None = None,
+        body_bytes: int = BODY_BYTES,
+        audited: bool = True,
+        **more: Any,
+    ) -> Callable[[Endpoint], Endpoint]:
+        rule = Rule("POST", path, self._of(least), summary, body_bytes, audited)
+        return self._described(rule, operation_id, {400: "the body is not what is described here"}, **more)
+
+    def delete(
+        self, path: str, operation_id: str, summary: str, *, audited: bool = True, **more: Any
+    ) -> Callable[[Endpoint], Endpoint]:
+        """Its body is not read."""
+        return self._described(Rule("DELETE", path, self._least, summary, audited=audited), operation_id, **more)
+
+    def _of(self, least: Level | None) -> Level:
+        return self._least if least is None else least
+
+    def _described(
+        self, rule: Rule, operation_id: str, usual: Mapping[int, str] | None = None, /, **more: Any
+    ) -> Callable[[Endpoint], Endpoint]:
+        """`more`: of the `Description`, but for its model."""
+        named = {**self._errors, **(usual or {}), **more.pop("errors", {})}
+        errors = {status: when for status, when in named.items() if when}
+
+        def description(returned: Any) -> Description:
+            kinds = get_args(returned) if isinstance(returned, UnionType) else (returned,)
+            model = next((kind for kind in kinds if kind is not Response), None)
+            return Description(operation_id, model, errors=errors, **more)
+
+        return self._http(rule, description)
+
+
+class Addresses(AddressGroup):
+    """Addresses with all that each needs; those of the pages themselves have no description."""
+
     def get(
         self, path: str, least: Level, summary: str, described: Description | None = None
     ) -> Callable[[Endpoint], Endpoint]:
-        return self._http(Rule("GET", self._prefix + path, least, summary), described)
+        return self._plain(Rule("GET", path, least, summary), described)
 
     def post(
         self,
@@ -62,13 +136,7 @@ class Addresses:
         body_bytes: int = BODY_BYTES,
         audited: bool = True,
     ) -> Callable[[Endpoint], Endpoint]:
-        return self._http(Rule("POST", self._prefix + path, least, summary, body_bytes, audited), described)
-
-    def delete(
-        self, path: str, least: Level, summary: str, described: Description | None = None, *, audited: bool = True
-    ) -> Callable[[Endpoint], Endpoint]:
-        """Its body is not read."""
-        return self._http(Rule("DELETE", self._prefix + path, least, summary, audited=audited), described)
+        return self._plain(Rule("POST", path, least, summary, body_bytes, audited), described)
 
     def web_socket(self, path: str, least: Level, summary: str) -> Callable[[Endpoint], Endpoint]:
         def register(endpoint: Endpoint) -> Endpoint:
@@ -82,14 +150,8 @@ class Addresses:
         self.rules.append(Rule("GET", f"{path}/{{path:path}}", least, summary))
         self.routes.append(Mount(path, StaticFiles(directory=directory)))
 
-    def _http(self, rule: Rule, described: Description | None) -> Callable[[Endpoint], Endpoint]:
-        def register(endpoint: Endpoint) -> Endpoint:
-            self.rules.append(rule)
-            openapi = {"include_in_schema": False} if described is None else _openapi(rule, described)
-            self.routes.append(_JsonRoute(rule.path, endpoint, methods=[rule.method], **openapi))
-            return endpoint
-
-        return register
+    def _plain(self, rule: Rule, described: Description | None) -> Callable[[Endpoint], Endpoint]:
+        return self._http(rule, None if described is None else lambda _: described)
 
 
 def whole_number(least: int, most: int) -> BeforeValidator:
@@ -139,7 +201,7 @@ def _openapi(rule: Rule, described: Description) -> dict[str, Any]:
     responses: dict[int, dict[str, Any]] = {200: {"description": rule.summary}}
     if described.media is not None:
         responses[200]["content"] = {described.media: {}}
-    for status, when in ({**described.errors, **refusals}).items():
+    for status, when in sorted({**described.errors, **refusals}.items()):
         responses[status] = {"description": when, "content": PROBLEM_CONTENT}
     for status, when in described.failing.items():
         responses[status] = {"description": when, "model": described.model}

@@ -4,7 +4,7 @@ Nothing here changes the bay or the file: what was found is saved by /api/setup.
 """
 
 import tomllib
-from collections.abc import AsyncIterator, Callable, Iterator, Mapping
+from collections.abc import AsyncIterator, Iterator
 from typing import Annotated, Any
 
 import cv2
@@ -24,7 +24,7 @@ from gateway.vision.offline.calibration.boards import (
 from gateway.vision.offline.calibration.selection import HOLD_S, appearance, progress
 from gateway.vision.offline.calibration.solve import GOOD_VIEWS, Calibration
 from gateway.web.auth.access import Level
-from gateway.web.auth.addresses import Addresses, Description, Endpoint, whole_number
+from gateway.web.auth.addresses import ApiAddresses, whole_number
 from gateway.web.auth.refusals import RefusalError
 from gateway.web.calibration import archive
 from gateway.web.calibration.models import (
@@ -41,33 +41,18 @@ from gateway.web.calibration.models import (
 from gateway.web.calibration.sessions import MAX_VIEWS, Calibrations, CalibrationSession, KeptView
 from gateway.web.server.services import Bay, RequestCaller, WebServices
 
-ADDRESSES = Addresses("/api/bays/{bay}/calibration")
 Number = Annotated[int, whole_number(0, 1 << 53)]
 MarkerRadius = Annotated[
     float | None, Query(gt=0, le=10_000, description="true radius of the marker, mm: for [fusion.cross_check], too")
 ]
-_NONE = {404: "no such bay", 409: "no calibration is under way, or another user's"}
+ADDRESSES = ApiAddresses(
+    "/api/bays/{bay}/calibration",
+    least=Level.TECHNICIAN,
+    errors={404: "no such bay", 409: "no calibration is under way, or another user's"},
+)
 _BUSY = {503: "no picture, or too many requests at the same time"}
 _RESULT = {400: "marker_radius_mm is not allowed"} | _BUSY
 _REPORT = {422: "there is no result yet"} | _RESULT
-
-
-def _get(
-    path: str, name: str, summary: str, model: object = None, media: str | None = None, errors: Mapping[int, str] = {}
-) -> Callable[[Endpoint], Endpoint]:
-    described = Description(f"calibration_{name}", model, media, _NONE | dict(errors))
-    return ADDRESSES.get(path, Level.TECHNICIAN, summary, described)
-
-
-def _post(path: str, name: str, summary: str, model: object) -> Callable[[Endpoint], Endpoint]:
-    errors = {400: "the body is not what is described here"} | _NONE | _BUSY
-    described = Description(f"calibration_{name}", model, errors=errors)
-    return ADDRESSES.post(path, Level.TECHNICIAN, summary, described, audited=False)
-
-
-def _delete(path: str, name: str, summary: str, *, audited: bool) -> Callable[[Endpoint], Endpoint]:
-    described = Description(f"calibration_{name}", CalibrationView, errors=_NONE)
-    return ADDRESSES.delete(path, Level.TECHNICIAN, summary, described, audited=audited)
 
 
 async def _calibrations(services: WebServices) -> Calibrations:
@@ -89,25 +74,31 @@ All = Annotated[Calibrations, Depends(_calibrations)]
 Mine = Annotated[CalibrationSession, Depends(_session)]
 
 
-@_get("", "state", "the calibration that is under way, with its views", CalibrationView)
+@ADDRESSES.get("", "calibration_state", "the calibration that is under way, with its views")
 async def _state(calibrations: All, bay: Bay, who: Who) -> CalibrationView:
     return _view(calibrations.of(bay.name), who)
 
 
-@_post("", "begin", "begin to calibrate this bay's camera", CalibrationView)
+@ADDRESSES.post("", "calibration_begin", "begin to calibrate this bay's camera", errors=_BUSY, audited=False)
 async def _begin(calibrations: All, bay: Bay, who: Who, body: BeginBody) -> CalibrationView:
     board = Board(CalibrationBoardKind(body.kind), body.columns, body.rows, body.pitch_mm)
     coefficients = None if body.distortion == "auto" else int(body.distortion)
     return _view(await calibrations.begin(bay.name, board, coefficients, who), who)
 
 
-@_delete("", "end", "end the calibration; its views are lost", audited=True)  # it may be another user's
+@ADDRESSES.delete("", "calibration_end", "end the calibration; its views are lost")  # audited: it may be another user's
 async def _end(calibrations: All, bay: Bay) -> CalibrationView:
     calibrations.end(bay.name)
     return _view(None, "")
 
 
-@_post("/look", "look", "look at the live picture; takes a view of a board that is held still", LookView)
+@ADDRESSES.post(
+    "/look",
+    "calibration_look",
+    "look at the live picture; takes a view of a board that is held still",
+    errors=_BUSY,
+    audited=False,
+)
 async def _look(calibrations: All, session: Mine, body: LookBody) -> LookView:
     look = await calibrations.look(session, body.after, body.width_px, take=body.take)
     found = look.examined
@@ -128,26 +119,30 @@ async def _look(calibrations: All, session: Mine, body: LookBody) -> LookView:
     )
 
 
-@_get("/look/{number}/picture", "picture", "the picture of one of the newest looks", media="image/jpeg")
+@ADDRESSES.get(
+    "/look/{number}/picture", "calibration_picture", "the picture of one of the newest looks", media="image/jpeg"
+)
 async def _picture(session: Mine, number: Number) -> Response:
     if (jpeg := session.pictures.get(number)) is None:
         raise RefusalError(404, "gone", "the picture of this look is not kept any more")
     return Response(jpeg, media_type="image/jpeg")
 
 
-@_get("/views/{number}/picture", "view", "a view that was taken", media="image/jpeg")
+@ADDRESSES.get("/views/{number}/picture", "calibration_view", "a view that was taken", media="image/jpeg")
 async def _thumbnail(session: Mine, number: Number) -> Response:
     return Response(_kept(session, number).thumbnail, media_type="image/jpeg")
 
 
-@_delete("/views/{number}", "remove_view", "remove a view that was taken", audited=False)
+@ADDRESSES.delete("/views/{number}", "calibration_remove_view", "remove a view that was taken", audited=False)
 async def _remove(calibrations: All, session: Mine, number: Number) -> CalibrationView:
     _kept(session, number)
     calibrations.remove(session, number)
     return _view(session, session.who)
 
 
-@_get("/views.zip", "views", "the views as pictures, for gateway calibrate", media="application/zip")
+@ADDRESSES.get(
+    "/views.zip", "calibration_views", "the views as pictures, for gateway calibrate", media="application/zip"
+)
 async def _zip(session: Mine) -> Response:
     async def sent(parts: Iterator[bytes]) -> AsyncIterator[bytes]:
         for part in parts:
@@ -158,7 +153,7 @@ async def _zip(session: Mine) -> Response:
     return StreamingResponse(sent(parts), media_type="application/zip", headers=headers)
 
 
-@_get("/result", "result", "what follows from the views", ResultView, errors=_RESULT)
+@ADDRESSES.get("/result", "calibration_result", "what follows from the views", errors=_RESULT)
 async def _result(calibrations: All, session: Mine, marker_radius_mm: MarkerRadius = None) -> ResultView:
     found = await calibrations.result(session)
     if isinstance(found, str):
@@ -166,7 +161,7 @@ async def _result(calibrations: All, session: Mine, marker_radius_mm: MarkerRadi
     return _result_view(session, found, marker_radius_mm)
 
 
-@_get("/report.html", "report", "the result as a report", media="text/html", errors=_REPORT)
+@ADDRESSES.get("/report.html", "calibration_report", "the result as a report", media="text/html", errors=_REPORT)
 async def _report(calibrations: All, session: Mine, marker_radius_mm: MarkerRadius = None) -> Response:
     """To be saved: the pages' own policy lets no page have styles inside."""
     found = await calibrations.result(session)
@@ -178,7 +173,9 @@ async def _report(calibrations: All, session: Mine, marker_radius_mm: MarkerRadi
     return Response(html, media_type="text/html; charset=utf-8", headers=headers)
 
 
-@_get("/board.svg", "board", "a board to print", media="image/svg+xml", errors={400: "not such a board"})
+@ADDRESSES.get(
+    "/board.svg", "calibration_board", "a board to print", media="image/svg+xml", errors={400: "not such a board"}
+)
 async def _board(
     bay: Bay,
     kind: BoardKind,

@@ -3,7 +3,6 @@
 All of it is read by the web process itself, which may read files; nothing here reaches the main process.
 """
 
-from collections.abc import Callable, Mapping
 from pathlib import Path as FilePath
 from typing import Annotated, Literal
 
@@ -19,7 +18,7 @@ from gateway.records.index_reader import IndexReader
 from gateway.records.kept_pictures import KeptPicture
 from gateway.sinks.mqtt.visit_payload import visit_payload
 from gateway.web.auth.access import Level
-from gateway.web.auth.addresses import Addresses, Description, Endpoint, whole_number
+from gateway.web.auth.addresses import ApiAddresses, whole_number
 from gateway.web.auth.refusals import RefusalError
 from gateway.web.auth.sessions import Caller
 from gateway.web.history.models import (
@@ -41,7 +40,6 @@ DAY_MS = 86_400_000
 MAX_VISITS, MAX_ROWS = 500, 20_000  # of one answer; of one file
 MAX_POINTS, MAX_EVENTS, MAX_PICTURES = 2000, 5000, 1000
 PICTURE_NEAR_NS = 2 * NS_PER_S  # of a visit's own moment
-ADDRESSES = Addresses()
 BAY = "/api/bays/{bay}"
 PICTURE = f"{BAY}/kept-pictures/{{file}}/{{place}}"
 
@@ -50,7 +48,8 @@ ERRORS = {
     404: "no such bay",
     503: "nothing is recorded, or the index cannot be read now; the reason is in `detail`",
 }
-_PICTURE_ERRORS = ERRORS | {404: "no such bay or picture", 403: "records.pictures_for does not let this role see it"}
+ADDRESSES = ApiAddresses(least=Level.VIEWER, errors=ERRORS)
+_PICTURE_ERRORS = {404: "no such bay or picture", 403: "records.pictures_for does not let this role see it"}
 
 Since = Annotated[
     int | None, whole_number(0, LAST_MS), Query(description="Unix time, ms; a day before `until_ms` by default")
@@ -67,13 +66,7 @@ Width = Annotated[int, whole_number(64, 4096), Query(description="px; a wider pi
 Kinds = Annotated[list[EventKind], Query(max_length=len(EventKind), description="only these; none: all")]
 
 
-def _get(
-    path: str, operation_id: str, summary: str, model: object = None, errors: Mapping[int, str] = ERRORS
-) -> Callable[[Endpoint], Endpoint]:
-    return ADDRESSES.get(path, Level.VIEWER, summary, Description(operation_id, model, errors=errors))
-
-
-@_get(f"{BAY}/records", "records", "what there is of one bay's records", RecordsView, {404: "no such bay"})
+@ADDRESSES.get(f"{BAY}/records", "records", "what there is of one bay's records", errors={400: "", 503: ""})
 async def _records(services: WebServices, caller: RequestCaller, bay: Bay) -> RecordsView:
     span, why = None, ""
     try:
@@ -92,7 +85,7 @@ async def _records(services: WebServices, caller: RequestCaller, bay: Bay) -> Re
     )
 
 
-@_get(f"{BAY}/visits", "visits", "visits that are over, the newest first", VisitsView)
+@ADDRESSES.get(f"{BAY}/visits", "visits", "visits that are over, the newest first")
 async def _visits(
     services: WebServices,
     caller: RequestCaller,
@@ -107,12 +100,7 @@ async def _visits(
     return VisitsView(bay=bay.name, visits=tuple(views), more=len(found) > limit)
 
 
-@ADDRESSES.get(
-    f"{BAY}/visits.csv",
-    Level.VIEWER,
-    "visits as CSV",
-    Description("visits_csv", media="text/csv", errors=ERRORS),
-)
+@ADDRESSES.get(f"{BAY}/visits.csv", "visits_csv", "visits as CSV", media="text/csv")
 async def _visits_csv(
     services: WebServices, bay: Bay, since_ms: Since = None, until_ms: Until = None, limit: Rows = MAX_ROWS
 ) -> Response:
@@ -126,7 +114,7 @@ async def _visits_csv(
     return Response(text, media_type="text/csv; charset=utf-8", headers=headers)
 
 
-@_get(f"{BAY}/visits/{{begun_ms}}", "visit", "one visit", RecordedVisitView, ERRORS | {404: "no such bay or visit"})
+@ADDRESSES.get(f"{BAY}/visits/{{begun_ms}}", "visit", "one visit", errors={404: "no such bay or visit"})
 async def _visit(services: WebServices, caller: RequestCaller, bay: Bay, begun_ms: Begun) -> RecordedVisitView:
     found = await services.records.index(lambda reader: reader.visit(bay.name, begun_ms))
     if found is None:
@@ -135,7 +123,9 @@ async def _visit(services: WebServices, caller: RequestCaller, bay: Bay, begun_m
     return view
 
 
-@_get(f"{BAY}/trend", "trend", "R, Z and the outputs over some time, in buckets of whole minutes", TrendView)
+@ADDRESSES.get(
+    f"{BAY}/trend", "trend", "R, Z and the outputs over some time, in buckets of whole minutes", errors=ERRORS
+)
 async def _trend(
     services: WebServices, bay: Bay, since_ms: Since = None, until_ms: Until = None, points: Points = 500
 ) -> TrendView:
@@ -145,7 +135,7 @@ async def _trend(
     return TrendView(bay=bay.name, bucket_ms=bucket_ms, buckets=buckets)
 
 
-@_get(f"{BAY}/history-events", "history_events", "recorded events of one bay, the oldest first", MarkedEventsView)
+@ADDRESSES.get(f"{BAY}/history-events", "history_events", "recorded events of one bay, the oldest first")
 async def _history_events(
     services: WebServices,
     bay: Bay,
@@ -161,10 +151,12 @@ async def _history_events(
     return MarkedEventsView(bay=bay.name, events=events, more=len(found) > limit)
 
 
-@_get(
-    f"{BAY}/kept-pictures", "kept_pictures", "which pictures were kept, the oldest first", KeptPicturesView,
-    _PICTURE_ERRORS | {404: "no such bay"},
-)  # fmt: skip
+@ADDRESSES.get(
+    f"{BAY}/kept-pictures",
+    "kept_pictures",
+    "which pictures were kept, the oldest first",
+    errors=_PICTURE_ERRORS | {404: "no such bay"},
+)
 async def _kept_pictures(
     services: WebServices,
     caller: RequestCaller,
@@ -183,9 +175,7 @@ async def _kept_pictures(
 
 
 def _picture(ending: Literal["jpg", "png"], media: str, summary: str) -> None:
-    described = Description(f"kept_picture_{ending}", media=media, errors=_PICTURE_ERRORS)
-
-    @ADDRESSES.get(f"{PICTURE}.{ending}", Level.VIEWER, summary, described)
+    @ADDRESSES.get(f"{PICTURE}.{ending}", f"kept_picture_{ending}", summary, media=media, errors=_PICTURE_ERRORS)
     async def picture(
         services: WebServices, caller: RequestCaller, bay: Bay, file: Number, place: Number, width: Width = 640
     ) -> Response:

@@ -12,26 +12,20 @@ from gateway.durations import NS_PER_MS
 from gateway.records.moment import local_name
 from gateway.records.questions import Question, ValuesQuestion, WhyQuestion
 from gateway.web.auth.access import Level
-from gateway.web.auth.addresses import Addresses, Description, whole_number
+from gateway.web.auth.addresses import ApiAddresses, whole_number
 from gateway.web.auth.refusals import RefusalError
 from gateway.web.history.models import TrendView
 from gateway.web.history.routes import BAY, ERRORS, LAST_MS, MAX_POINTS, may_see_pictures
 from gateway.web.server.services import Bay, RequestCaller, Services, WebServices
 
 LONGEST_MS = 2 * 3_600_000  # of `values`: nine segments
-ADDRESSES = Addresses()
-_ERRORS = ERRORS | {404: "no such bay, or nothing of that time is recorded"}
+ADDRESSES = ApiAddresses(least=Level.VIEWER, errors=ERRORS | {404: "no such bay, or nothing of that time is recorded"})
 
 At = Annotated[int, whole_number(0, LAST_MS), Query(description="Unix time, ms")]
 Points = Annotated[int, whole_number(1, MAX_POINTS), Query(description="at most so many buckets")]
 
 
-@ADDRESSES.get(
-    f"{BAY}/values",
-    Level.VIEWER,
-    "as trend, from the recordings themselves, of two hours at most",
-    Description("values", TrendView, errors=_ERRORS),
-)
+@ADDRESSES.get(f"{BAY}/values", "values", "as trend, from the recordings themselves, of two hours at most")
 async def _values(
     request: Request, services: WebServices, bay: Bay, since_ms: At, until_ms: At, points: Points = 500
 ) -> TrendView:
@@ -43,9 +37,9 @@ async def _values(
 
 @ADDRESSES.get(
     f"{BAY}/why",
-    Level.VIEWER,
+    "why",
     "why the outputs were as they were at a moment, as `gateway why --json`",
-    Description("why", media="application/json", errors=_ERRORS),
+    media="application/json",
 )
 async def _why(request: Request, services: WebServices, bay: Bay, at_ms: At) -> Response:
     found = await _answer(request, services, WhyQuestion(bay.name, at_ms, html=False, pictures=True))
@@ -54,9 +48,9 @@ async def _why(request: Request, services: WebServices, bay: Bay, at_ms: At) -> 
 
 @ADDRESSES.get(
     f"{BAY}/why.html",
-    Level.VIEWER,
+    "why_report",
     "the same as a report in one file, with plots, and pictures for those who may see them",
-    Description("why_report", media="text/html", errors=_ERRORS),
+    media="text/html",
 )
 async def _why_report(request: Request, services: WebServices, caller: RequestCaller, bay: Bay, at_ms: At) -> Response:
     """To be saved: the pages' own policy lets no page have styles and pictures inside."""

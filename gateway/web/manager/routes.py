@@ -1,7 +1,6 @@
 """The addresses of a bay's statistics: by the days of the plant's calendar, as JSON and as CSV. IO."""
 
 import re
-from collections.abc import Callable
 from datetime import date, timedelta
 from typing import Annotated, Any
 
@@ -11,7 +10,7 @@ from starlette.responses import Response
 
 from gateway.records.days import LocalDay, local_date, local_days
 from gateway.web.auth.access import Level
-from gateway.web.auth.addresses import Addresses, Description
+from gateway.web.auth.addresses import ApiAddresses
 from gateway.web.auth.refusals import RefusalError
 from gateway.web.manager.collected import Figures, figures
 from gateway.web.manager.models import StatisticsView
@@ -20,7 +19,6 @@ from gateway.web.server.services import Bay, Services, WebServices
 
 MAX_DAYS = 92  # a quarter
 DEFAULT_DAYS = 7
-ADDRESSES = Addresses()
 PATH = "/api/bays/{bay}/statistics"
 _DATE = re.compile(r"20\d\d-\d\d-\d\d", re.ASCII)
 _ERRORS = {
@@ -28,6 +26,7 @@ _ERRORS = {
     404: "no such bay",
     503: "nothing is recorded, or the index cannot be read now; the reason is in `detail`",
 }
+ADDRESSES = ApiAddresses(least=Level.VIEWER, errors=_ERRORS)
 
 
 def _checked(value: Any) -> date | None:
@@ -49,21 +48,13 @@ First = Annotated[
 Last = Annotated[date | None, Day, Query(alias="to", description="the last day, which counts, too; today by default")]
 
 
-def _get(path: str, summary: str, described: Description) -> Callable[[Any], Any]:
-    return ADDRESSES.get(path, Level.VIEWER, summary, described)
-
-
-@_get(PATH, "what a bay did, by days", Description("statistics", StatisticsView, errors=_ERRORS))
+@ADDRESSES.get(PATH, "statistics", "what a bay did, by days")
 async def _statistics(services: WebServices, bay: Bay, first: First = None, last: Last = None) -> StatisticsView:
     found = await _figures(services, bay.name, first, last)
     return statistics_view(services.client.about.config, bay, found, services.client.server_time_ms)
 
 
-@_get(
-    f"{PATH}.csv",
-    "the same as a file, a row for each day",
-    Description("statistics_csv", media="text/csv", errors=_ERRORS),
-)
+@ADDRESSES.get(f"{PATH}.csv", "statistics_csv", "the same as a file, a row for each day", media="text/csv")
 async def _statistics_csv(services: WebServices, bay: Bay, first: First = None, last: Last = None) -> Response:
     found = await _figures(services, bay.name, first, last)
     days = f"{found.days[0].day.date}-to-{found.days[-1].day.date}"

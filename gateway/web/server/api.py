@@ -5,7 +5,7 @@ Every answer is made from the gateway client's data; only actions on alarms go t
 
 import asyncio
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Annotated, Literal
 
 from fastapi import Depends, Path, Query
@@ -20,7 +20,7 @@ from gateway.alarms.table import alarm_id
 from gateway.durations import NS_PER_MS
 from gateway.errors import LinkError
 from gateway.web.auth.access import Level
-from gateway.web.auth.addresses import Addresses, Description, Endpoint, whole_number
+from gateway.web.auth.addresses import ApiAddresses, Endpoint, whole_number
 from gateway.web.auth.refusals import AGAIN, RefusalError
 from gateway.web.ipc.messages import MarkMoment
 from gateway.web.server import health, lists, views
@@ -43,7 +43,7 @@ from gateway.web.server.process_usage import process_usage
 from gateway.web.server.services import Bay, RequestCaller, Services, WebServices
 
 MAX_NUMBER = 2**53  # as JSON's readers count
-ADDRESSES = Addresses()
+ADDRESSES = ApiAddresses(least=Level.VIEWER)
 BAY = "/api/bays/{bay}"
 
 _NO_BAY = {404: "no such bay"}
@@ -51,7 +51,6 @@ _NO_STATE = _NO_BAY | {503: "nothing is known of it yet"}
 _SILENT = {503: "the main process does not answer"}
 _WRONG_QUERY = {400: "a number out of its range"}
 _ACTION_ERRORS = {
-    400: "the body is not what is described here",
     404: "no such alarm",
     409: "not possible in the alarm's state, or it has occurred again since",
 } | _SILENT
@@ -60,32 +59,28 @@ After = Annotated[int, whole_number(0, MAX_NUMBER), Query(description="only even
 Limit = Annotated[int, whole_number(1, KEPT_EVENTS), Query(description="at most so many, the oldest of them")]
 
 
-def _get(
-    path: str, operation_id: str, summary: str, model: object = None, errors: Mapping[int, str] | None = None
-) -> Callable[[Endpoint], Endpoint]:
-    return ADDRESSES.get(path, Level.VIEWER, summary, Description(operation_id, model, errors=errors or {}))
-
-
-@_get("/api/state", "state", "every bay as it is now", list[BayView])
+@ADDRESSES.get("/api/state", "state", "every bay as it is now")
 async def _state(services: WebServices) -> list[BayView]:
     client = services.client
     await client.fresh(*client.bays)
     return [views.bay_view(client, bay) for bay in client.about.config.bays]
 
 
-@_get(f"{BAY}/state", "bay_state", "one bay as it is now", BayView, _NO_BAY)
+@ADDRESSES.get(f"{BAY}/state", "bay_state", "one bay as it is now", errors=_NO_BAY)
 async def _bay_state(services: WebServices, bay: Bay) -> BayView:
     await services.client.fresh(bay.name)
     return views.bay_view(services.client, bay)
 
 
-@_get(f"{BAY}/events", "bay_events", "what happened in one bay, the oldest first", EventsView, _WRONG_QUERY | _NO_BAY)
+@ADDRESSES.get(
+    f"{BAY}/events", "bay_events", "what happened in one bay, the oldest first", errors=_WRONG_QUERY | _NO_BAY
+)
 async def _bay_events(services: WebServices, bay: Bay, after: After = 0, limit: Limit = KEPT_EVENTS) -> EventsView:
     return lists.events_view(services.client, views.gateway_of(services.client), bay.name, after, limit)
 
 
-@_get(
-    f"{BAY}/registers", "registers", "the registers as the PLC would read them now, decoded", RegistersView, _NO_STATE
+@ADDRESSES.get(
+    f"{BAY}/registers", "registers", "the registers as the PLC would read them now, decoded", errors=_NO_STATE
 )
 async def _registers(services: WebServices, bay: Bay) -> RegistersView:
     await services.client.fresh(bay.name)
@@ -96,9 +91,7 @@ async def _registers(services: WebServices, bay: Bay) -> RegistersView:
 
 
 def _snapshot(ending: Literal["jpg", "png"], media: str, summary: str) -> None:
-    described = Description(f"snapshot_{ending}", media=media, errors=_NO_STATE)
-
-    @ADDRESSES.get(f"{BAY}/snapshot.{ending}", Level.VIEWER, summary, described)
+    @ADDRESSES.get(f"{BAY}/snapshot.{ending}", f"snapshot_{ending}", summary, media=media, errors=_NO_STATE)
     async def snapshot(services: WebServices, bay: Bay) -> Response:
         """The newest frame, unscaled, without anything painted on it."""
         async with services.encoding:  # one at a time: a client with many requests waits for its own
@@ -118,9 +111,9 @@ _snapshot("png", "image/png", "the newest frame, without loss")
 
 @ADDRESSES.post(
     f"{BAY}/mark",
-    Level.VIEWER,
+    "mark",
     "mark this moment: an event, and the pictures round it are kept",
-    Description("mark", MarkView, errors=_NO_BAY | _SILENT),
+    errors=_NO_BAY | _SILENT | {400: ""},
 )
 async def _mark(services: WebServices, caller: RequestCaller, bay: Bay, body: MarkBody) -> MarkView:
     try:
@@ -130,18 +123,12 @@ async def _mark(services: WebServices, caller: RequestCaller, bay: Bay, body: Ma
     return MarkView(marked=True)
 
 
-@_get("/api/events", "events", "what happened in all bays, the oldest first", EventsView, _WRONG_QUERY)
+@ADDRESSES.get("/api/events", "events", "what happened in all bays, the oldest first", errors=_WRONG_QUERY)
 async def _events(services: WebServices, after: After = 0, limit: Limit = KEPT_EVENTS) -> EventsView:
     return lists.events_view(services.client, views.gateway_of(services.client), None, after, limit)
 
 
-@_get(
-    "/api/alarms",
-    "alarms",
-    "every alarm that is not normal, the most important first",
-    AlarmsView,
-    _SILENT,
-)
+@ADDRESSES.get("/api/alarms", "alarms", "every alarm that is not normal, the most important first", errors=_SILENT)
 async def _alarms(services: WebServices) -> AlarmsView:
     await services.client.fresh(*services.client.bays)
     if not services.client.links_known:
@@ -163,8 +150,8 @@ AlarmId = Annotated[str, Depends(_alarm)]
 
 
 def _action(event: AlarmEvent, least: Level, summary: str) -> Callable[[Endpoint], Endpoint]:
-    described = Description(f"{event.value}_alarm", AlarmsView, errors=_ACTION_ERRORS)
-    return ADDRESSES.post(f"/api/alarms/{{alarm}}/{event.value}", least, summary, described)
+    path = f"/api/alarms/{{alarm}}/{event.value}"
+    return ADDRESSES.post(path, f"{event.value}_alarm", summary, least=least, errors=_ACTION_ERRORS)
 
 
 def _plain_action(event: AlarmEvent, least: Level, summary: str) -> None:
@@ -215,9 +202,11 @@ _VERBOSE = {
 
 @ADDRESSES.get(
     "/healthz",
-    Level.OPEN,
+    "health",
     "does the gateway work, and if not, why",
-    Description("health", HealthView, failing={503: "a restart may help; the reasons are listed"}, query=(_VERBOSE,)),
+    least=Level.OPEN,
+    failing={503: "a restart may help; the reasons are listed"},
+    query=(_VERBOSE,),
 )
 async def _healthz(services: WebServices, request: Request, response: Response) -> HealthView:
     await services.client.fresh(*services.client.bays, anew=True)
@@ -226,12 +215,7 @@ async def _healthz(services: WebServices, request: Request, response: Response) 
     return view
 
 
-@ADDRESSES.get(
-    "/metrics",
-    Level.VIEWER,
-    "for Prometheus; OpenMetrics for those who ask for it",
-    Description("metrics", media="text/plain"),
-)
+@ADDRESSES.get("/metrics", "metrics", "for Prometheus; OpenMetrics for those who ask for it", media="text/plain")
 async def _metrics(services: WebServices, request: Request) -> Response:
     await services.client.fresh(*services.client.bays)
     source = MetricsSource(services.client, services.statistics(), process_usage(os.getppid()))

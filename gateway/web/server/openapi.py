@@ -17,12 +17,12 @@ from starlette.routing import BaseRoute
 
 from gateway import __version__
 from gateway.web.auth.access import Level
-from gateway.web.auth.addresses import Addresses, Description
+from gateway.web.auth.addresses import ApiAddresses
 from gateway.web.auth.refusals import Problem
 from gateway.web.server.models import AlarmsLiveView, DriverView, FrameView, LiveView
 
 Json = dict[str, Any]
-ADDRESSES = Addresses()
+ADDRESSES = ApiAddresses(least=Level.VIEWER)
 COOKIE = "gateway-session"  # with the default instance; __Host-... with TLS
 ABOUT = """State, events, registers, alarms and pictures of a bulk loading gateway, for programs.
 
@@ -33,7 +33,7 @@ token in `X-CSRF-Token`, which `GET /api/session` returns. Nothing here can end 
 Ages are those at sending. Numbers that are not known are null. See docs/hmi-api.md."""
 
 
-@ADDRESSES.get("/api/openapi.json", Level.VIEWER, "this description", Description("openapi", media="application/json"))
+@ADDRESSES.get("/api/openapi.json", "openapi", "this description", media="application/json")
 async def _openapi(request: Request) -> Response:
     app: FastAPI = request.app
     app.openapi_schema = app.openapi_schema or document(app.routes, app.state.logins.cookie)

@@ -3,18 +3,18 @@
 from dataclasses import asdict
 
 from gateway.web.auth.access import Level
-from gateway.web.auth.addresses import Addresses, Description
+from gateway.web.auth.addresses import ApiAddresses
 from gateway.web.server.services import WebServices
 from gateway.web.setup.models import DoctorView, FindingView
 
-ADDRESSES = Addresses("/api/doctor")
+ADDRESSES = ApiAddresses("/api/doctor", least=Level.TECHNICIAN)
 
 
 @ADDRESSES.get(
     "",
-    Level.TECHNICIAN,
+    "doctor",
     "what gateway doctor finds beside the running gateway",
-    Description("doctor", DoctorView, errors={503: "the process that examines has failed, or does not answer"}),
+    errors={503: "the process that examines has failed, or does not answer"},
 )
 async def _doctor(services: WebServices) -> DoctorView:
     """Takes up to a minute where a broker does not answer. The same for ten seconds."""

@@ -1,13 +1,11 @@
 """The settings page's addresses. `security` has checked who calls; the main process reads, checks and writes the
 file."""
 
-from collections.abc import Callable, Mapping
-
 from msgspec import structs
 
 from gateway.errors import ConfigError
 from gateway.web.auth.access import Level
-from gateway.web.auth.addresses import Addresses, Description, Endpoint
+from gateway.web.auth.addresses import ApiAddresses
 from gateway.web.auth.refusals import RefusalError
 from gateway.web.ipc.messages import (
     TRUCK_AT_BAY,
@@ -34,7 +32,6 @@ from gateway.web.setup.models import (
 )
 from gateway.web.tuning import warning_gate
 
-ADDRESSES = Addresses("/api/setup")
 BODY_BYTES = 48 * 1024  # fits into one message to the main process
 RESTART_S = 10.0  # from the last value to the first one of a small machine
 
@@ -43,49 +40,31 @@ _FILE_ERRORS = {
     422: "there is no file, or it can't be read, or the page is switched off",
     503: "the main process does not answer",
 }
-_SAVE_ERRORS = _FILE_ERRORS | {409: f"the file was changed since it was read, or {warning_gate.REFUSED}"}
+ADDRESSES = ApiAddresses("/api/setup", least=Level.TECHNICIAN, errors=_FILE_ERRORS)
 
 
-def _described(operation_id: str, model: object, errors: Mapping[int, str] | None = None) -> Description:
-    return Description(operation_id, model, errors=errors or _FILE_ERRORS)
-
-
-def _post(
-    path: str,
-    operation_id: str,
-    summary: str,
-    model: object,
-    errors: Mapping[int, str] = _FILE_ERRORS,
-    *,
-    audited: bool = True,
-    body_bytes: int = BODY_BYTES,
-) -> Callable[[Endpoint], Endpoint]:
-    return ADDRESSES.post(
-        path,
-        Level.TECHNICIAN,
-        summary,
-        _described(operation_id, model, {400: "the body is not what is described here", **errors}),
-        body_bytes=body_bytes,
-        audited=audited,
-    )
-
-
-@ADDRESSES.get(
-    "/settings", Level.TECHNICIAN, "the configuration's file, and what may be set", _described("settings", SettingsView)
-)
+@ADDRESSES.get("/settings", "settings", "the configuration's file, and what may be set")
 async def _settings(services: WebServices, caller: RequestCaller) -> SettingsView:
     found = await services.client.ask(ReadSettings(), SettingsDocument, caller.writer)
     return SettingsView.model_validate({**structs.asdict(found), "restart_s": RESTART_S})
 
 
-@_post("/preview", "preview_settings", "what changes of the file would do", PreviewView, audited=False)
+@ADDRESSES.post(
+    "/preview", "preview_settings", "what changes of the file would do", body_bytes=BODY_BYTES, audited=False
+)
 async def _preview(services: WebServices, caller: RequestCaller, body: ChangesBody) -> PreviewView:
     wanted = PreviewSettings(_changes(body), body.digest, body.undo)
     found = await services.client.ask(wanted, SettingsPreview, caller.writer)
     return PreviewView.model_validate(found)
 
 
-@_post("/save", "save_settings", "write changes into the configuration's file", SavedView, _SAVE_ERRORS)
+@ADDRESSES.post(
+    "/save",
+    "save_settings",
+    "write changes into the configuration's file",
+    body_bytes=BODY_BYTES,
+    errors={409: f"the file was changed since it was read, or {warning_gate.REFUSED}"},
+)
 async def _save(services: WebServices, caller: RequestCaller, body: SaveChangesBody) -> SavedView:
     client, changes = services.client, _changes(body)
     if not body.undo:  # going back asks nothing
@@ -95,7 +74,7 @@ async def _save(services: WebServices, caller: RequestCaller, body: SaveChangesB
     return SavedView.model_validate(saved)
 
 
-@_post("/restart", "restart", "end the gateway cleanly and start it again", RestartView)
+@ADDRESSES.post("/restart", "restart", "end the gateway cleanly and start it again", body_bytes=BODY_BYTES)
 async def _restart(services: WebServices, caller: RequestCaller, body: RestartBody) -> RestartView:
     if not body.confirmed:
         raise RefusalError(409, "confirm", f"stop is shown on all bays for about {RESTART_S:g} s: confirm it")
@@ -114,7 +93,7 @@ async def _restart(services: WebServices, caller: RequestCaller, body: RestartBo
     return RestartView(seconds=RESTART_S, boot=client.about.boot)
 
 
-@ADDRESSES.get("/boot", Level.TECHNICIAN, "which start of the gateway answers", _described("boot", BootView, {}))
+@ADDRESSES.get("/boot", "boot", "which start of the gateway answers")
 async def _boot(services: WebServices) -> BootView:
     return BootView(boot=services.client.about.boot)
 

@@ -10,13 +10,17 @@ from gateway.config import ControlsConfig
 from gateway.config.sections.vision import CropConfig
 from gateway.vision.source.v4l2_controls import AUTOMATIC_OF, CONTROLS, FLAGS, MENUS, OfferedControl, in_file
 from gateway.web.auth.access import Level
-from gateway.web.auth.addresses import Addresses, Description
+from gateway.web.auth.addresses import ApiAddresses
 from gateway.web.ipc.messages import CameraControlsNow, ReadControls, TryControls
 from gateway.web.server.models import View
 from gateway.web.server.services import Bay, RequestCaller, WebServices
 from gateway.web.tuning.request_models import Body
 
-ADDRESSES = Addresses("/api/bays/{bay}/camera")
+ADDRESSES = ApiAddresses(
+    "/api/bays/{bay}/camera",
+    least=Level.TECHNICIAN,
+    errors={404: "no such bay", 503: "the gateway does not answer"},
+)
 UNITS = {"exposure_time_absolute": "100 µs", "white_balance_temperature": "K"}
 LOOK_S, ANSWER_LOOKS = 0.1, 20  # the camera answers with its next frame
 Value = bool | int | str
@@ -58,12 +62,7 @@ class CameraView(View):
     crop: CropConfig | None
 
 
-_ERRORS = {404: "no such bay", 503: "the gateway does not answer"}
-
-
-@ADDRESSES.get(
-    "", Level.TECHNICIAN, "the camera's controls and what is tried", Description("camera", CameraView, errors=_ERRORS)
-)
+@ADDRESSES.get("", "camera", "the camera's controls and what is tried")
 async def _camera(services: WebServices, bay: Bay, caller: RequestCaller) -> CameraView:
     now = await services.client.ask(ReadControls(bay.name), CameraControlsNow, caller.writer)
     report, tried, camera = now.report, now.tried.model_dump(exclude_none=True), bay.camera
@@ -81,13 +80,9 @@ async def _camera(services: WebServices, bay: Bay, caller: RequestCaller) -> Cam
 
 @ADDRESSES.post(
     "/try",
-    Level.TECHNICIAN,
+    "try_camera",
     "set the camera's controls until the function check ends",
-    Description(
-        "try_camera",
-        CameraView,
-        errors=_ERRORS | {400: "the body is not what is described here", 409: "refused by the main process"},
-    ),
+    errors={409: "refused by the main process"},
 )
 async def _try(services: WebServices, bay: Bay, caller: RequestCaller, body: TryControlsBody) -> CameraView:
     await services.client.command(TryControls(bay.name, body.controls), caller.writer)

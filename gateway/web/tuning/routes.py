@@ -1,6 +1,6 @@
 """The tuning page's addresses below /api/bays/{bay}/. `security` has checked who calls."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -11,8 +11,8 @@ from gateway.config import VisionConfig
 from gateway.core.state import FunctionCheck
 from gateway.errors import ConfigError
 from gateway.vision.transport.ring import Snapshot
-from gateway.web.auth.access import BODY_BYTES, PROFILE_BYTES, Level
-from gateway.web.auth.addresses import Addresses, Description, Endpoint, whole_number
+from gateway.web.auth.access import PROFILE_BYTES, Level
+from gateway.web.auth.addresses import ApiAddresses, whole_number
 from gateway.web.auth.audit_log import printable
 from gateway.web.auth.refusals import RefusalError
 from gateway.web.auth.sessions import Caller
@@ -68,7 +68,11 @@ PICTURE_PX = 1280  # width of a kept frame's picture, unless requested otherwise
 MIN_PX, MAX_PX = 80, 4096
 NEWER_S = 3.0  # the main process reports new settings within this
 UPLOAD_BYTES = MAX_TEXT + 4096  # with the rest of its request
-ADDRESSES = Addresses("/api/bays/{bay}")
+ADDRESSES = ApiAddresses(
+    "/api/bays/{bay}",
+    least=Level.TECHNICIAN,
+    errors={404: "no such bay", 503: "the gateway has not reported the bay, or is busy"},
+)
 
 Number = Annotated[int, whole_number(0, 1 << 53)]
 WidthPx = Annotated[int, whole_number(MIN_PX, MAX_PX), Query()]
@@ -125,57 +129,28 @@ Tuning = Annotated[TuningRequest, Depends(_request)]
 
 
 _NOT_MEASURED = {204: "the live picture has no frame now, or a newer request of the same page has replaced this one"}
-_ERRORS = {404: "no such bay", 503: "the gateway has not reported the bay, or is busy"}
-_BODY = {400: "the body is not what is described here"}
 _GONE = {400: "a number out of its range", 404: "no such bay, or it is not kept (any more)"}
-_SETTINGS = _BODY | {422: "these settings are not possible"}
+_SETTINGS = {422: "these settings are not possible"}
 _FILE = _SETTINGS | {422: "these settings are not possible, or the file can't be read or written"}
 
 
-def _described(
-    operation_id: str,
-    model: object = None,
-    errors: Mapping[int, str] | None = None,
-    *,
-    media: str | None = None,
-    empty: Mapping[int, str] | None = None,
-) -> Description:
-    return Description(operation_id, model, media, {**_ERRORS, **(errors or {})}, empty=empty or {})
-
-
-def _get(path: str, summary: str, described: Description) -> Callable[[Endpoint], Endpoint]:
-    return ADDRESSES.get(path, Level.TECHNICIAN, summary, described)
-
-
-def _post(path: str, summary: str, described: Description) -> Callable[[Endpoint], Endpoint]:
-    return ADDRESSES.post(path, Level.TECHNICIAN, summary, described)
-
-
-def _try(
-    path: str, summary: str, described: Description, body_bytes: int = BODY_BYTES
-) -> Callable[[Endpoint], Endpoint]:
-    """Changes nothing but what its own page shows: not in the audit log."""
-    return ADDRESSES.post(path, Level.TECHNICIAN, summary, described, body_bytes=body_bytes, audited=False)
-
-
-@_post(
+@ADDRESSES.post(
     "/function-check",
+    "function_check",
     "begin or end a function check",
-    _described(
-        "function_check",
-        ProfileView,
-        _BODY | {409: "refused: keys of the bay's decision wait for a restart, or too many commands"},
-    ),
+    errors={409: "refused: keys of the bay's decision wait for a restart, or too many commands"},
 )
 async def _function_check(request: Tuning, body: FunctionCheckBody) -> ProfileView:
     await request.command(SetFunctionCheck(request.bay, FunctionCheck[body.mode.upper()]))
     return await _profile(request)
 
 
-@_try(
+@ADDRESSES.post(
     "/freeze",
+    "freeze",
     "keep the newest frame, or that of a trial, to try settings on",
-    _described("freeze", CaptureView, _BODY | {404: "no such bay, or the trial's frame is not kept any more"}),
+    errors={404: "no such bay, or the trial's frame is not kept any more"},
+    audited=False,
 )
 async def _freeze(request: Tuning, body: FreezeBody) -> CaptureView:
     capture = await request.service.freeze(request.bay, body.trial)
@@ -184,11 +159,13 @@ async def _freeze(request: Tuning, body: FreezeBody) -> CaptureView:
     return responses.described(capture)
 
 
-@_try(
+@ADDRESSES.post(
     "/upload",
+    "upload",
     "keep a picture from a file, to try settings on",
-    _described("upload", CaptureView, _BODY | {422: "it is no picture that can be kept"}),
-    UPLOAD_BYTES,
+    errors={422: "it is no picture that can be kept"},
+    body_bytes=UPLOAD_BYTES,
+    audited=False,
 )
 async def _upload(request: Tuning, body: UploadBody) -> CaptureView:
     try:
@@ -197,20 +174,23 @@ async def _upload(request: Tuning, body: UploadBody) -> CaptureView:
         raise RefusalError(422, "picture", f"{printable(body.name)}: {error}") from None
 
 
-@_try("/record", "keep the frames of the next few seconds", _described("record", CaptureView, _BODY))
+@ADDRESSES.post("/record", "record", "keep the frames of the next few seconds", audited=False)
 async def _record(request: Tuning, body: RecordBody) -> CaptureView:
     return responses.described(await request.service.record(request.bay, body.seconds))
 
 
-@_get("/captures", "the kept frames and recordings", _described("captures", list[CaptureView]))
+@ADDRESSES.get("/captures", "captures", "the kept frames and recordings")
 async def _captures(request: Tuning) -> list[CaptureView]:
     return [responses.described(capture) for capture in request.service.store.of(request.bay)]
 
 
-@_get(
+@ADDRESSES.get(
     "/captures/{name}/{frame}",
+    "capture_frame",
     "one of these frames as a picture",
-    _described("capture_frame", errors=_GONE, media="image/jpeg", empty=_NOT_MEASURED),
+    errors=_GONE,
+    media="image/jpeg",
+    empty=_NOT_MEASURED,
 )
 async def _frame(request: Tuning, name: str, frame: Number, width: WidthPx = PICTURE_PX) -> Response:
     capture = request.capture(name)
@@ -220,12 +200,13 @@ async def _frame(request: Tuning, name: str, frame: Number, width: WidthPx = PIC
     return Response(jpeg, media_type="image/jpeg")
 
 
-@_try(
+@ADDRESSES.post(
     "/trial",
+    "trial",
     "try settings on a kept frame or a recording",
-    _described(
-        "trial", TrialView, _SETTINGS | {404: "no such bay, or the frames are not kept any more"}, empty=_NOT_MEASURED
-    ),
+    errors=_SETTINGS | {404: "no such bay, or the frames are not kept any more"},
+    empty=_NOT_MEASURED,
+    audited=False,
 )
 async def _trial(request: Tuning, body: TrialBody) -> TrialView | Response:
     frames, shown = await request.frames(body)
@@ -245,10 +226,8 @@ async def _trial(request: Tuning, body: TrialBody) -> TrialView | Response:
     return responses.tried(request.bay, made)
 
 
-@_get(
-    "/trial/{number}/{panel}",
-    "a stage of a trial as a picture",
-    _described("trial_panel", errors=_GONE, media="image/*"),
+@ADDRESSES.get(
+    "/trial/{number}/{panel}", "trial_panel", "a stage of a trial as a picture", errors=_GONE, media="image/*"
 )
 async def _panel(request: Tuning, number: Number, panel: str) -> Response:
     found = request.service.panel(request.bay, number, panel)
@@ -257,19 +236,17 @@ async def _panel(request: Tuning, number: Number, panel: str) -> Response:
     return Response(found[0], media_type=found[1])
 
 
-@_try(
+@ADDRESSES.post(
     "/eyedropper",
+    "eyedropper",
     "the red ranges that would admit a place in a frame",
-    _described(
-        "eyedropper",
-        ColourPickView,
-        _SETTINGS
-        | {
-            404: "no such bay, or the frames are not kept any more",
-            422: "these settings are not possible, or the place is beside the picture",
-        },
-        empty=_NOT_MEASURED,
-    ),
+    errors=_SETTINGS
+    | {
+        404: "no such bay, or the frames are not kept any more",
+        422: "these settings are not possible, or the place is beside the picture",
+    },
+    empty=_NOT_MEASURED,
+    audited=False,
 )
 async def _eyedropper(request: Tuning, body: EyedropperBody) -> ColourPickView | Response:
     frames, at = await request.frames(body)
@@ -285,7 +262,7 @@ async def _eyedropper(request: Tuning, body: EyedropperBody) -> ColourPickView |
     return responses.picked(made)
 
 
-@_get("/profile", "the settings in force, and what may be set", _described("profile", ProfileView))
+@ADDRESSES.get("/profile", "profile", "the settings in force, and what may be set")
 async def _profile(request: Tuning) -> ProfileView:
     file = await _file(request, await request.service.in_force(request.bay))
     schema = [ParameterView.model_validate(key) for key in parameter_schema.schema()]
@@ -317,15 +294,18 @@ async def _settings(request: TuningRequest) -> dict[str, Any]:
     }
 
 
-@_get("/profile/export", "the settings in force as a file", _described("export_profile", media="application/toml"))
+@ADDRESSES.get("/profile/export", "export_profile", "the settings in force as a file", media="application/toml")
 async def _export(request: Tuning) -> Response:
     return _exported(request, await request.service.in_force(request.bay))
 
 
-@_try(
+@ADDRESSES.post(
     "/profile/export",
+    "export_settings",
     "other settings as a file",
-    _described("export_settings", errors=_SETTINGS, media="application/toml"),
+    errors=_SETTINGS,
+    media="application/toml",
+    audited=False,
 )
 async def _export_draft(request: Tuning, body: SettingsBody) -> Response:
     return _exported(request, await request.settings(body.vision))
@@ -338,11 +318,13 @@ def _exported(request: TuningRequest, settings: VisionConfig) -> Response:
     return PlainTextResponse(text, media_type="application/toml", headers=headers)
 
 
-@_try(
+@ADDRESSES.post(
     "/profile/import",
+    "import_profile",
     "read settings from a file",
-    _described("import_profile", ImportedView, _BODY | {422: "what is wrong with the file"}),
-    PROFILE_BYTES,
+    errors={422: "what is wrong with the file"},
+    body_bytes=PROFILE_BYTES,
+    audited=False,
 )
 async def _import(request: Tuning, body: ImportBody) -> ImportedView:
     """Checked and returned: nothing is applied, nothing is written."""
@@ -352,7 +334,7 @@ async def _import(request: Tuning, body: ImportBody) -> ImportedView:
     return ImportedView(vision=parameter_schema.values(settings), changes=changes)
 
 
-@_try("/profile/diff", "what saving would change", _described("diff_profile", ProfileDiffView, _FILE))
+@ADDRESSES.post("/profile/diff", "diff_profile", "what saving would change", errors=_FILE, audited=False)
 async def _diff(request: Tuning, body: SettingsBody) -> ProfileDiffView:
     settings = await request.settings(body.vision)
     planned = await request.ask(PreviewFile(request.bay, settings), FilePreview)
@@ -365,14 +347,11 @@ async def _diff(request: Tuning, body: SettingsBody) -> ProfileDiffView:
     )
 
 
-@_post(
+@ADDRESSES.post(
     "/profile/apply",
+    "apply_profile",
     "let settings go live",
-    _described(
-        "apply_profile",
-        VisionInForceView,
-        _SETTINGS | {409: f"others are in force than `over`, or no function check, or {warning_gate.REFUSED}"},
-    ),
+    errors=_SETTINGS | {409: f"others are in force than `over`, or no function check, or {warning_gate.REFUSED}"},
 )
 async def _apply(request: Tuning, body: ApplyBody) -> VisionInForceView:
     settings = await request.settings(body.vision)
@@ -382,14 +361,12 @@ async def _apply(request: Tuning, body: ApplyBody) -> VisionInForceView:
     return VisionInForceView(**await _settings(request))
 
 
-@_post(
+@ADDRESSES.post(
     "/profile/undo",
+    "undo_profile",
     "go back to the settings before",
-    _described(
-        "undo_profile",
-        VisionInForceView,
-        _SETTINGS | {409: "there is nothing to go back to, or others are in force than `over`, or no function check"},
-    ),
+    errors=_SETTINGS
+    | {409: "there is nothing to go back to, or others are in force than `over`, or no function check"},
 )
 async def _undo(request: Tuning, body: UndoBody) -> VisionInForceView:
     over = None if body.over is None else await request.settings(body.over)
@@ -397,14 +374,11 @@ async def _undo(request: Tuning, body: UndoBody) -> VisionInForceView:
     return VisionInForceView(**await _settings(request))
 
 
-@_post(
+@ADDRESSES.post(
     "/profile/save",
+    "save_profile",
     "write settings into the configuration",
-    _described(
-        "save_profile",
-        ProfileSavedView,
-        _FILE | {409: f"the file was changed since it was read, or {warning_gate.REFUSED}"},
-    ),
+    errors=_FILE | {409: f"the file was changed since it was read, or {warning_gate.REFUSED}"},
 )
 async def _save(request: Tuning, body: SaveBody) -> ProfileSavedView:
     settings = await request.settings(body.vision)

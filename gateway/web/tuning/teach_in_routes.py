@@ -1,6 +1,5 @@
 """The addresses of the teach-in, /api/bays/{bay}/teach-in."""
 
-from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -9,7 +8,7 @@ from pydantic import Field
 from gateway.core.teach_in import Suggestion, spreads_of, toml_lines
 from gateway.durations import NS_PER_S
 from gateway.web.auth.access import Level
-from gateway.web.auth.addresses import Addresses, Description
+from gateway.web.auth.addresses import ApiAddresses
 from gateway.web.server.services import Bay, RequestCaller, WebServices
 from gateway.web.setup.models import SettingChangeBody
 from gateway.web.tuning.request_models import Body
@@ -22,7 +21,11 @@ from gateway.web.tuning.response_models import (
 )
 from gateway.web.tuning.teach_in import TeachInSession, TeachInSessions
 
-ADDRESSES = Addresses("/api/bays/{bay}/teach-in")
+ADDRESSES = ApiAddresses(
+    "/api/bays/{bay}/teach-in",
+    least=Level.TECHNICIAN,
+    errors={404: "no such bay", 503: "the gateway has not reported the bay, or is busy"},
+)
 POINTS = 300  # of the plot, about
 SECONDS = 60.0
 
@@ -33,24 +36,16 @@ class TeachInBody(Body):
     seconds: float = Field(SECONDS, ge=20, le=300, description="it measures for this time")
 
 
-_ERRORS = {404: "no such bay", 503: "the gateway has not reported the bay, or is busy"}
-_REFUSED = {400: "the body is not what is described here", 409: "it can't begin now, and why"}
-
-
-def _described(operation_id: str, errors: Mapping[int, str] | None = None) -> Description:
-    return Description(operation_id, TeachInView, errors={**_ERRORS, **(errors or {})})
-
-
-@ADDRESSES.get("", Level.TECHNICIAN, "the bay's teach-in and its result", _described("teach_in"))
+@ADDRESSES.get("", "teach_in", "the bay's teach-in and its result")
 async def _teach_in(services: WebServices, bay: Bay) -> TeachInView:
     return _view(services.teach_ins, bay.name)
 
 
 @ADDRESSES.post(
     "",
-    Level.TECHNICIAN,
+    "begin_teach_in",
     "measure a truck that stands right, for thresholds and aim",
-    _described("begin_teach_in", _REFUSED),
+    errors={409: "it can't begin now, and why"},
     audited=False,
 )
 async def _start(services: WebServices, bay: Bay, caller: RequestCaller, body: TeachInBody) -> TeachInView:
@@ -58,9 +53,7 @@ async def _start(services: WebServices, bay: Bay, caller: RequestCaller, body: T
     return _view(services.teach_ins, bay.name)
 
 
-@ADDRESSES.delete(  # audited: it may be another user's
-    "", Level.TECHNICIAN, "cancel or forget the bay's teach-in", _described("cancel_teach_in")
-)
+@ADDRESSES.delete("", "cancel_teach_in", "cancel or forget the bay's teach-in")  # audited: it may be another user's
 async def _cancel(services: WebServices, bay: Bay) -> TeachInView:
     services.teach_ins.cancel(bay.name)
     return _view(services.teach_ins, bay.name)
