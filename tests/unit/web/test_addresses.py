@@ -7,14 +7,14 @@ from fastapi import FastAPI, Query
 from pydantic import BaseModel
 
 from gateway.web.auth.access import Level
-from gateway.web.auth.addresses import Addresses, Description, whole_number
+from gateway.web.auth.addresses import ApiAddresses, whole_number
 from gateway.web.auth.login import ADDRESSES as LOGIN
 from gateway.web.auth.security import SecurityMiddleware
 from gateway.web.server.app import HANDLERS
 from tests.unit.web.auth import Browser, secured_app
 from tests.virtual_time import LoopClock, in_virtual_time
 
-ADDED = Addresses("/api/added")
+ADDED = ApiAddresses("/api/added", least=Level.VIEWER)
 
 
 class UptimeView(BaseModel):
@@ -25,14 +25,12 @@ class RestartBody(BaseModel):
     reason: str
 
 
-@ADDED.get(
-    "/uptime", Level.VIEWER, "how long it has run", Description("uptime", UptimeView, errors={400: "a wrong unit"})
-)
+@ADDED.get("/uptime", "uptime", "how long it has run", errors={400: "a wrong unit"})
 async def _uptime(per: Annotated[int, whole_number(1, 60), Query()] = 1) -> UptimeView:
     return UptimeView(uptime_s=120 / per)
 
 
-@ADDED.post("/restart", Level.TECHNICIAN, "begin anew", body_bytes=32)
+@ADDED.post("/restart", "restart", "begin anew", least=Level.TECHNICIAN, body_bytes=32)
 async def _restart(body: RestartBody) -> dict[str, str]:
     return {"restarted": body.reason}
 
