@@ -1,39 +1,28 @@
-"""The process that opens devices for the pages: each question in a process forked for it, with a time limit. IO.
+"""The helper process that opens devices for the pages (`processes.helper`). IO.
 
-It has the gateway's own rights, for the web process has none to open a device or a connection. It touches no device
-itself, so it can always be ended, and so can the gateway: a driver that hangs holds up only the process that was forked
-for it. One look at a device at a time; a new one ends the one before. It ends when nothing was asked for IDLE_S.
+It has the gateway's own rights, for the web process has none to open a device or a connection. A driver that hangs
+holds up only the process that was forked for it. One look at a device at a time; a new one ends the one before.
 """
 
-import contextlib
-import os
-import resource
-import select
-import signal
-import socket
-import sys
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
-from typing import NoReturn
 
 from gateway.clock import SystemClock
 from gateway.config import MqttConfig
 from gateway.doctor import brokers, devices, plc
 from gateway.doctor.finding import Verdict
-from gateway.durations import NS_PER_S
 from gateway.errors import ConfigError, GatewayError
 from gateway.processes import sandbox, seccomp
 from gateway.processes.channel import Channel, Failed
-from gateway.processes.child import die_with, shown
+from gateway.processes.child import lower_priority
 from gateway.processes.codec import record_packed
-from gateway.processes.forked import end_without_asker, write_all
+from gateway.processes.helper import Helper, QuestionKind, Send
 from gateway.vision.source.contract import Needs
 from gateway.vision.source.specs import source_spec
 from gateway.web.ipc.devices import (
     DEVICE_QUESTIONS,
     DEVICES_SETUP,
-    LENGTH_BYTES,
     STORED_PASSWORDS,
     DeviceAnswer,
     DeviceQuestion,
@@ -49,108 +38,28 @@ from gateway.web.ipc.devices import (
 )
 
 CODEC = DEVICES_SETUP
-NICE = 15  # after the camera, the PLC and the pages
-IDLE_S = 60.0
-MOST = 4  # at the same time; one that can't be killed keeps its place
+MOST = 4  # at the same time
 LOOK_LIMIT_S, LIMIT_S = 150.0, 60.0
-LIMIT_BYTES = 6_000_000_000  # of address space for data: the detector reserves 2.3 GB for a moment, and uses 0.2 GB
-ENDED_S = 2.0  # for a process that was killed
-TURN_S = 0.5  # between two looks at time limits
-BUSY = "too much is being tried at the same time: wait a moment"
-
-
-@dataclass(slots=True)
-class _Forked:
-    pid: int
-    look: bool
-    until_ns: int
-
-
-@dataclass(slots=True)
-class Answering:
-    """The processes that were forked and have not ended."""
-
-    setup: DevicesSetup
-    clock: SystemClock = field(default_factory=SystemClock)
-    running: list[_Forked] = field(default_factory=list)
-
-    def begin(self, question: DeviceQuestion, fd: int) -> None:
-        look = isinstance(question, LookAtCamera | LookAtRanger)
-        killed = [other.pid for other in self.running if look and other.look]
-        ended = [os.pidfd_open(pid) for pid in killed]
-        for pid in killed:
-            os.kill(pid, signal.SIGKILL)
-        self.reap()
-        if len(self.running) >= MOST:
-            with contextlib.suppress(OSError):  # nobody waits for it any more
-                _send(fd, Failed(BUSY))
-        else:
-            self._fork(question, fd, look, ended)
-        for pidfd in ended:
-            os.close(pidfd)
-
-    def _fork(self, question: DeviceQuestion, fd: int, look: bool, ended: list[int]) -> None:
-        """`ended`: of the processes whose device may still be open."""
-        parent, now_ns = os.getpid(), self.clock.now_ns()
-        pid = os.fork()
-        if not pid:
-            die_with(parent)
-            _work(self.setup, question, fd, ended)
-        self.running.append(_Forked(pid, look, now_ns + round((LOOK_LIMIT_S if look else LIMIT_S) * NS_PER_S)))
-
-    def reap(self) -> None:
-        """Ends those beyond their limit; never waits for any."""
-        now_ns = self.clock.now_ns()
-        for each in self.running:
-            if now_ns > each.until_ns:
-                os.kill(each.pid, signal.SIGKILL)
-        self.running = [each for each in self.running if os.waitpid(each.pid, os.WNOHANG)[0] == 0]
+LIMIT_BYTES = 5_500_000_000  # of address space: the detector reserves 2.3 GB for a moment, and uses 0.2 GB
 
 
 def run(channel: Channel[Failed, DevicesSetup], setup: DevicesSetup) -> None:
     """Until nothing is asked any more, or the main process has ended."""
-    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    os.nice(NICE)
-    questions: Channel[object, DeviceQuestion] = Channel(socket.socket(fileno=setup.questions), DEVICE_QUESTIONS)
-    answering = Answering(setup)
-    idle_ns = answering.clock.now_ns()
-    while True:
-        readable, _, _ = select.select([questions.sock, channel.sock], [], [], TURN_S)
-        answering.reap()
-        now_ns = answering.clock.now_ns()
-        if channel.sock in readable:
-            sys.exit(0)  # the main process has ended
-        if questions.sock in readable:
-            question, fds = questions.receive_with_fds()
-            try:
-                if len(fds) == 1:
-                    answering.begin(question, fds[0])
-            finally:
-                for fd in fds:
-                    os.close(fd)
-        if readable or answering.running:
-            idle_ns = now_ns
-        elif now_ns - idle_ns > IDLE_S * NS_PER_S:
-            sys.exit(0)
+    lower_priority()
+    devices_helper(setup).serve(channel, setup.questions, DEVICE_QUESTIONS)
 
 
-def _work(setup: DevicesSetup, question: DeviceQuestion, fd: int, ended: list[int]) -> NoReturn:
-    """In the forked process."""
-    code = 1
-    try:
-        _wait_for(ended)
-        resource.setrlimit(resource.RLIMIT_DATA, (LIMIT_BYTES, LIMIT_BYTES))
-        end_without_asker(fd)
-        _confine(question)
-        answer(setup, question, lambda piece: _send(fd, piece))
-        code = 0
-    except (GatewayError, OSError, MemoryError) as error:
-        _send(fd, Failed(shown(str(error) or type(error).__name__)))
-    except BaseException as error:  # noqa: BLE001 - nothing of the parent's may run here
-        sys.excepthook(type(error), error, error.__traceback__)
-    finally:
-        sys.stderr.flush()
-        os._exit(code)
+def devices_helper(setup: DevicesSetup) -> Helper:
+    look = QuestionKind(partial(_answer, setup), LOOK_LIMIT_S, LIMIT_BYTES, one_device=True)
+    other = QuestionKind(partial(_answer, setup), LIMIT_S, LIMIT_BYTES)
+    kinds: dict[type, QuestionKind] = {LookAtCamera: look, LookAtRanger: look}
+    return Helper(kinds | dict.fromkeys((ListDevices, TryPlc, TryBroker, Examine), other), MOST)
+
+
+def _answer(setup: DevicesSetup, question: DeviceQuestion, _: Sequence[int], send: Send) -> None:
+    """Raises GatewayError, OSError."""
+    _confine(question)
+    answer(setup, question, lambda piece: send(record_packed(piece)))
 
 
 def _confine(question: DeviceQuestion) -> None:
@@ -164,17 +73,6 @@ def _confine(question: DeviceQuestion) -> None:
     if needs in (Needs.FILES, Needs.CONNECTIONS):
         sandbox.drop_privileges(None)
         seccomp.refuse(connects=needs is Needs.CONNECTIONS)
-
-
-def _wait_for(ended: list[int]) -> None:
-    """A process that was killed has its device until it has ended; a driver that hangs keeps it for good."""
-    for pidfd in ended:
-        select.select([pidfd], [], [], ENDED_S)
-
-
-def _send(fd: int, piece: DeviceAnswer) -> None:
-    data = record_packed(piece)
-    write_all(fd, len(data).to_bytes(LENGTH_BYTES) + data)
 
 
 def answer(setup: DevicesSetup, question: DeviceQuestion, send: Callable[[DeviceAnswer], None]) -> None:

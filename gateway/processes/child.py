@@ -21,6 +21,7 @@ from gateway.processes.codec import Codec
 
 PR_SET_PDEATHSIG, PR_SET_NAME = 1, 15  # linux/prctl.h
 MAX_CHARACTERS = 500
+AFTER_PAGES = 15  # after the camera, the PLC and the pages
 
 
 def main() -> None:
@@ -50,6 +51,13 @@ def work(name_of_module: str, name: str, parent: int, sock: socket.socket, cpus:
     except GatewayError as error:
         channel.send(Failed(shown(str(error)), config=isinstance(error, ConfigError)))
         sys.exit(1)
+
+
+def lower_priority(nice: int = AFTER_PAGES) -> None:
+    """Of this process, for good. A plant may give the gateway a real-time policy, which the children inherit and which
+    ignores `nice`."""
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    os.nice(nice)
 
 
 def die_with(parent: int) -> None:

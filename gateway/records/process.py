@@ -5,7 +5,6 @@ frames from the ring as any viewer does, so the vision process does not notice i
 reported and tried again with the next block.
 """
 
-import os
 import select
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +16,7 @@ from gateway.clock import machine_ns
 from gateway.durations import NS_PER_S
 from gateway.errors import LinkError
 from gateway.processes.channel import Channel
+from gateway.processes.child import lower_priority
 from gateway.records import recording
 from gateway.records.incident import Incident, IncidentPictures
 from gateway.records.index import Index
@@ -40,7 +40,6 @@ from gateway.vision.pixels import Image
 from gateway.vision.transport.ring import Ring
 
 CODEC = TO_RECORDER
-NICE = 15  # after the camera, the PLC and the pages
 MB = 1_000_000
 TIDY_S = 60.0
 RETRY_S = 1.0
@@ -61,8 +60,7 @@ class _Bay:
 
 def run(channel: Channel[FromRecorder, ToRecorder], job: Job) -> None:
     """Until the main process has ended."""
-    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    os.nice(NICE)
+    lower_priority()
     cv2.setNumThreads(1)
     Recorder(channel, job).run()
 

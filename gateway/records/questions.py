@@ -1,10 +1,4 @@
-"""What the web process asks the reader process, and how the answer comes back. Pure.
-
-A question travels with the writing end of a pipe; the answer is one byte of AnswerKind and its content, until the end
-of the file. Where the asker closes its end, the work is given up.
-"""
-
-from enum import Enum
+"""What the web process asks the reader process (`processes.answers`: how the answer comes back). Pure."""
 
 from gateway.processes.codec import Codec, Message
 
@@ -38,11 +32,3 @@ class ValuesQuestion(Message, frozen=True):
 
 Question = WhyQuestion | ValuesQuestion
 QUESTIONS = Codec(Question)
-
-
-class AnswerKind(Enum):
-    """The first byte of an answer. What follows is the answer itself, or a text for people."""
-
-    ANSWER = b"+"
-    NOTHING = b"0"  # nothing is recorded that it could be answered from
-    FAULT = b"-"

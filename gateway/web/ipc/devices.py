@@ -1,19 +1,14 @@
 """What the web process asks about cameras, boards, the PLC and the broker, and what comes back. Pure.
 
-The web process may open no device and no connection: a process of the doctor's does (gateway/doctor/device_process.py).
-A question travels with the writing end of a pipe; answers are pieces, each its length and a record, until the end of
-the file. Where the asker closes its end, the work is given up.
+The web process may open no device and no connection: a helper process does (gateway/doctor/device_process.py).
 """
 
 from dataclasses import dataclass
 
 from gateway.config import CameraConfig, GatewayConfig, MqttConfig, RangerConfig
-from gateway.processes.channel import Failed
 from gateway.processes.codec import Codec, Message
 
-LENGTH_BYTES = 4  # before every record
 STORED_PASSWORDS = ("password_file", "password_env")  # keys end so; never sent to an address that was just typed
-MAX_PIECE_BYTES = 4 * 1024 * 1024
 
 
 class DevicesSetup(Message, frozen=True):
@@ -146,5 +141,5 @@ class RangerSeen(Message, frozen=True):
     damaged: int
 
 
-DeviceAnswer = FoundDevices | CameraSeen | RangerSeen | TriedParts | Failed
+DeviceAnswer = FoundDevices | CameraSeen | RangerSeen | TriedParts
 DEVICE_ANSWERS = Codec(DeviceAnswer)

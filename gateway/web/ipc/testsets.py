@@ -1,12 +1,10 @@
 """What the web process asks about test sets: labelled pictures that are kept, by name, for each bay. Pure.
 
-The web process may write no file: a process of its own does (gateway/web/testsets/process.py). A question travels with
-the writing end of a pipe, and a picture that is to be kept with the memory that holds its file. The answer is one byte
-of `AnswerKind` and its content, until the end of the file.
+The web process may write no file: a helper process does (gateway/web/testsets/process.py). A picture that is to be kept
+travels with its question, as the memory that holds its file.
 """
 
 from dataclasses import dataclass
-from enum import Enum
 from typing import Annotated
 
 from msgspec import Meta
@@ -18,7 +16,6 @@ MAX_PICTURES = 100  # of a set
 MAX_FILE_BYTES = 8 << 20  # of a picture
 MAX_SET_BYTES = 200 << 20
 MAX_NAME = 40  # characters
-MAX_ANSWER_BYTES = 16 << 20
 
 Text = Annotated[str, Meta(max_length=300)]
 Pixels = Annotated[float, Meta(ge=-100_000, le=100_000)]
@@ -136,12 +133,3 @@ class BaySets(Message, frozen=True):
 
 
 BAY_SETS = Codec(BaySets)
-
-
-class SetAnswerKind(Enum):
-    """The first byte of an answer. What follows is the answer itself, or a text for people."""
-
-    ANSWER = b"+"
-    NOTHING = b"0"  # no such set, no such picture
-    REFUSED = b"!"  # a limit, a name that is taken
-    FAULT = b"-"  # the folder can't be read or written

@@ -5,7 +5,6 @@ It serves any network client, so it gives up all rights that it does not need be
 
 import asyncio
 import logging
-import os
 import socket
 from contextlib import closing
 
@@ -19,6 +18,7 @@ from gateway.net.rate_limit import LogThrottle
 from gateway.net.tls import ReloadingContext, TlsFiles
 from gateway.processes import sandbox
 from gateway.processes.channel import Channel
+from gateway.processes.child import lower_priority
 from gateway.web.auth import slow_clients
 from gateway.web.auth.audit_log import WARNINGS, AuditRecord
 from gateway.web.auth.logins import Logins
@@ -56,9 +56,7 @@ class ErrorThrottle(logging.Filter):
 
 def run(channel: Channel[FromWeb, ToWeb], about: WebSetup) -> None:
     """Until the main process has ended. One that does not answer is waited for."""
-    # A plant may give the gateway a real-time policy, which the children inherit and which ignores `nice`.
-    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    os.nice(NICE)
+    lower_priority(NICE)
     cv2.setNumThreads(1)
     log.setLevel(logging.INFO)  # who logged in and who changed something is always logged
     limit = ErrorThrottle(SystemClock())

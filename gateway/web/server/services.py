@@ -11,10 +11,11 @@ from starlette.requests import HTTPConnection, Request
 
 from gateway.clock import Clock
 from gateway.config import BayConfig
+from gateway.records.questions import Question
 from gateway.web.auth.refusals import RefusalError
 from gateway.web.auth.sessions import Caller, caller_of
 from gateway.web.calibration.sessions import Calibrations
-from gateway.web.history.reader import Reader
+from gateway.web.helper_client import READER, HelperClient
 from gateway.web.history.records_thread import RecordsThread
 from gateway.web.languages import Languages, languages, of_memory
 from gateway.web.server import views
@@ -44,7 +45,7 @@ class Services:
     calibrations: Calibrations
     snapshots: Executor  # encodes the programs' snapshots
     records: RecordsThread
-    reader: Reader
+    reader: HelperClient[Question]
     devices: DeviceClient
     languages: Languages
     encoding: asyncio.Lock = field(default_factory=asyncio.Lock)
@@ -73,7 +74,7 @@ def services_of(client: GatewayClient, pace: Clock, thread: Executor | None = No
         calibrations=Calibrations(client, pace, tuning.trial_thread),
         snapshots=thread or ThreadPoolExecutor(1, thread_name_prefix="snapshots"),
         records=RecordsThread.of(client.about.config, thread),
-        reader=Reader(client.about.questions),
+        reader=HelperClient(READER, client.about.questions),
         devices=DeviceClient(client.about.devices),
         languages=languages(of_memory(client.about.languages)),
     )

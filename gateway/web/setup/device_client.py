@@ -5,21 +5,16 @@ A look at a camera or a board lasts as long as its page asks for news: a page th
 
 import asyncio
 import itertools
-import os
-import socket
 from collections.abc import AsyncGenerator
 from contextlib import aclosing
 from dataclasses import dataclass, field
 from typing import TypeVar
 
 from gateway.errors import LinkError, ProtocolError
-from gateway.processes.channel import Channel, Failed
-from gateway.processes.codec import Codec
 from gateway.web.auth.refusals import RefusalError
+from gateway.web.helper_client import DEVICES, HelperClient
 from gateway.web.ipc.devices import (
     DEVICE_ANSWERS,
-    LENGTH_BYTES,
-    MAX_PIECE_BYTES,
     CameraSeen,
     DeviceAnswer,
     DeviceQuestion,
@@ -31,15 +26,11 @@ from gateway.web.ipc.devices import (
     TriedParts,
 )
 
-ANSWER_S = 45.0  # real time: several brokers, each with its own time limits
 EXAMINED_S = 55.0  # the process gives it 60
 KEPT_S = 10.0  # an examination
 SILENT_S = 20.0  # a look whose device has given nothing for this time has ended
 NEWS_S = 5.0  # a page's question waits at most this long for something newer
 UNWATCHED_S = NEWS_S + 5.0  # a look that no page asks for ends
-MAX_WAITING = 4
-READ_BYTES = 256 * 1024
-HANGS = "no answer: what was tried does not come back"
 BUSY = "another page is looking at a device; close it there, or wait a few seconds"
 
 Answer = TypeVar("Answer", bound=DeviceAnswer)
@@ -64,14 +55,12 @@ class DevicePreview:
                 self.seen = piece
             case TriedParts((line, *_)):
                 self.end = line
-            case Failed(why):
-                self.end = Tried("device", "", "fault", "look at it", why, "look at the gateway's log")
             case _:
-                self.end = Tried("device", "", "fault", "look at it", "another answer", "look at the gateway's log")
+                self.finish("another answer", "look at the gateway's log")
         self.news()
 
-    def finish(self, why: str) -> None:
-        self.end = self.end or Tried("device", "", "fault", "look at it", why, "check cable, power and address")
+    def finish(self, why: str, remedy: str = "check cable, power and address") -> None:
+        self.end = self.end or Tried("device", "", "fault", "look at it", why, remedy)
         self.news()
 
     def news(self) -> None:
@@ -84,10 +73,7 @@ class DeviceClient:
     """`fd`: of the socket to that process; None: there is none. For one event loop."""
 
     def __init__(self, fd: int | None) -> None:
-        self._channel: Channel[DeviceQuestion, Failed] | None = None
-        if fd is not None:
-            self._channel = Channel(socket.socket(fileno=os.dup(fd)), Codec(Failed))
-        self._waiting = 0
+        self._helper: HelperClient[DeviceQuestion] = HelperClient(DEVICES, fd)
         self._numbers = itertools.count(1)
         self._look: DevicePreview | None = None
         self._examining = asyncio.Lock()
@@ -96,27 +82,17 @@ class DeviceClient:
     def close(self) -> None:
         if self._look is not None and self._look.task is not None:
             self._look.task.cancel()
-        if self._channel is not None:
-            self._channel.close()
+        self._helper.close()
 
     async def ask(self, question: DeviceQuestion, kind: type[Answer]) -> Answer:
         """The one answer to a question that is no look. Raises RefusalError."""
-        if self._waiting >= MAX_WAITING:
-            raise RefusalError(503, "busy", "too much is being tried", headers={"Retry-After": "3"})
-        self._waiting += 1
         try:
-            async with asyncio.timeout(ANSWER_S), aclosing(self._answers(question)) as pieces:
-                async for piece in pieces:
-                    if isinstance(piece, kind):
-                        return piece
-                    raise LinkError(piece.why if isinstance(piece, Failed) else "another answer")
-            raise LinkError("the process that opens devices has failed; see the gateway's log")
-        except TimeoutError:
-            raise RefusalError(503, "devices", HANGS) from None
-        except (LinkError, ProtocolError) as error:
-            raise RefusalError(503, "devices", str(error)) from None
-        finally:
-            self._waiting -= 1
+            answer: DeviceAnswer = DEVICE_ANSWERS.unpacked(await self._helper.ask(question))
+        except ProtocolError as error:
+            raise RefusalError(503, DEVICES.code, str(error)) from None
+        if not isinstance(answer, kind):
+            raise RefusalError(503, DEVICES.code, "another answer")
+        return answer
 
     async def examined(self) -> tuple[list[Tried], bool]:
         """What the doctor finds beside the running gateway, and whether that is all of it: a part may take too long.
@@ -130,13 +106,13 @@ class DeviceClient:
                 async with asyncio.timeout(EXAMINED_S), aclosing(self._answers(Examine())) as pieces:
                     async for piece in pieces:
                         if not isinstance(piece, TriedParts):
-                            raise LinkError(piece.why if isinstance(piece, Failed) else "another answer")
+                            raise LinkError("another answer")
                         lines += piece.lines
                 complete = bool(lines)
             except TimeoutError:
                 pass
-            except (LinkError, ProtocolError) as error:
-                raise RefusalError(503, "devices", str(error)) from None
+            except (LinkError, ProtocolError, OSError) as error:
+                raise RefusalError(503, DEVICES.code, str(error)) from None
             self._examined = _now_s(), lines, complete
             return lines, complete
 
@@ -187,58 +163,18 @@ class DeviceClient:
                         break
                     look.take(piece)
         except TimeoutError:
-            why = HANGS
-        except (LinkError, ProtocolError) as error:
+            why = DEVICES.late
+        except RefusalError as refusal:
+            look.finish(str(refusal), "look at the gateway's log")
+        except (LinkError, ProtocolError, OSError) as error:
             why = str(error)
         finally:
             look.finish(why)
 
     async def _answers(self, question: DeviceQuestion) -> AsyncGenerator[DeviceAnswer]:
-        """Pieces until the end of the file. Where it is closed before, the work is given up. Raises LinkError,
-        ProtocolError."""
-        if self._channel is None:
-            raise LinkError("no process opens devices here")
-        reading, writing = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
-        loop = asyncio.get_running_loop()
-        more = asyncio.Event()
-        try:
-            os.set_blocking(writing, True)
-            try:
-                if not self._channel.offer(question, (writing,)):
-                    raise LinkError("the process that opens devices takes no questions")
-            finally:
-                os.close(writing)
-            loop.add_reader(reading, more.set)
-            try:
-                data = b""
-                while True:
-                    piece, data = _first(data)
-                    if piece is not None:
-                        yield DEVICE_ANSWERS.unpacked(piece)
-                        continue
-                    try:
-                        got = os.read(reading, READ_BYTES)
-                    except BlockingIOError:
-                        more.clear()
-                        await more.wait()
-                        continue
-                    if not got:
-                        return
-                    data += got
-            finally:
-                loop.remove_reader(reading)
-        finally:
-            os.close(reading)
-
-
-def _first(data: bytes) -> tuple[bytes | None, bytes]:
-    """The first complete piece, and what follows it. Raises ProtocolError for one that is too long."""
-    if len(data) < LENGTH_BYTES:
-        return None, data
-    end = LENGTH_BYTES + int.from_bytes(data[:LENGTH_BYTES])
-    if end > MAX_PIECE_BYTES:
-        raise ProtocolError("an answer is too long")
-    return (None, data) if len(data) < end else (data[LENGTH_BYTES:end], data[end:])
+        async with aclosing(self._helper.pieces(question)) as pieces:
+            async for piece in pieces:
+                yield DEVICE_ANSWERS.unpacked(piece)
 
 
 def _now_s() -> float:

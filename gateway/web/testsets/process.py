@@ -1,23 +1,21 @@
-"""The process that keeps test sets: it alone reads and writes their folder, one question after the other. IO.
+"""The helper process that keeps test sets: it alone reads and writes their folder, one question after the other. IO.
 
-It has the gateway's own rights, for the web process may write no file. It decodes no picture. It is killed where a
-disk holds it up for LIMIT_S, which leaves every file as it was or as it was to be, and ends when nothing was asked for
-IDLE_S.
+It has the gateway's own rights, for the web process may write no file. It decodes no picture. An answer is ended where
+a disk holds it up for LIMIT_S, which leaves every file as it was or as it was to be (`processes.helper`).
 """
 
 import os
-import select
-import signal
-import socket
-import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
+from typing import get_args
 
-from gateway.errors import GatewayError
+from gateway.errors import LinkError
+from gateway.processes.answers import QuestionRefusedError
 from gateway.processes.channel import Channel, Failed
-from gateway.processes.child import shown
+from gateway.processes.child import lower_priority
 from gateway.processes.codec import record_packed
-from gateway.processes.forked import write_all
+from gateway.processes.helper import Helper, QuestionKind, Send
 from gateway.web.ipc.testsets import (
     MAX_FILE_BYTES,
     SETS_QUESTIONS,
@@ -30,70 +28,38 @@ from gateway.web.ipc.testsets import (
     ReadPicture,
     RemovePicture,
     RenameSet,
-    SetAnswerKind,
     SetLabel,
     SetsQuestion,
     SetsSetup,
 )
-from gateway.web.testsets.store import NothingError, SetRefusedError, SetStore
+from gateway.web.testsets.store import SetStore
 
 CODEC = SETS_SETUP
-NICE = 15  # after the camera, the PLC and the pages
-IDLE_S = 60.0
-LIMIT_S = 40
+LIMIT_S = 40.0
+LIMIT_BYTES = 500_000_000
 
 
 def run(channel: Channel[Failed, SetsSetup], setup: SetsSetup) -> None:
     """Until nothing is asked any more, or the main process has ended."""
-    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    os.nice(NICE)
-    questions: Channel[object, SetsQuestion] = Channel(socket.socket(fileno=setup.questions), SETS_QUESTIONS)
+    lower_priority()
     store = SetStore(Path(setup.folder), frozenset(setup.bays))
-    signal.signal(signal.SIGPIPE, signal.SIG_IGN)
-    while True:
-        readable, _, _ = select.select([questions.sock, channel.sock], [], [], IDLE_S)
-        if questions.sock not in readable:
-            sys.exit(0)
-        take(questions, store)
+    sets_helper(store).serve(channel, setup.questions, SETS_QUESTIONS)
 
 
-def take(questions: Channel[object, SetsQuestion], store: SetStore) -> None:
-    """Take a question and answer it. One whose asker is gone changes nothing: its asker was told so, and may have asked
-    once more."""
-    question, fds = questions.receive_with_fds()
-    signal.alarm(LIMIT_S)
+def sets_helper(store: SetStore) -> Helper:
+    kind = QuestionKind(partial(answer, store), LIMIT_S, LIMIT_BYTES, to_its_end=True)
+    return Helper(dict.fromkeys(get_args(SetsQuestion), kind))
+
+
+def answer(store: SetStore, question: SetsQuestion, fds: Sequence[int], send: Send) -> None:
+    """Raises GatewayError."""
     try:
-        if fds and _is_read(fds[0]):
-            write_all(fds[0], answer(store, question, fds[1:]))
-    except OSError as error:  # who asked is gone
-        print(f"test sets: an answer could not be given: {error.strerror}", file=sys.stderr)
-    finally:
-        signal.alarm(0)
-        for fd in fds:
-            os.close(fd)
-
-
-def _is_read(pipe: int) -> bool:
-    """Is its other end open?"""
-    watch = select.poll()
-    watch.register(pipe, 0)  # only that the other end is closed
-    return not watch.poll(0)
-
-
-def answer(store: SetStore, question: SetsQuestion, fds: Sequence[int] = ()) -> bytes:
-    """`fds`: what came with the question, but for the pipe. Never raises what the asker can cause."""
-    try:
-        return SetAnswerKind.ANSWER.value + _content(store, question, fds)
-    except NothingError as error:
-        return SetAnswerKind.NOTHING.value + shown(str(error)).encode()
-    except SetRefusedError as error:
-        return SetAnswerKind.REFUSED.value + shown(str(error)).encode()
-    except GatewayError as error:
-        return SetAnswerKind.FAULT.value + shown(str(error)).encode()
+        content = _content(store, question, fds)
     except OSError as error:
         where = error.filename or store.folder
         why = f"{os.fsdecode(where) if isinstance(where, bytes) else where}: {error.strerror or error}"
-        return SetAnswerKind.FAULT.value + shown(why).encode()
+        raise LinkError(why) from error
+    send(content)
 
 
 def _content(store: SetStore, question: SetsQuestion, fds: Sequence[int]) -> bytes:
@@ -121,5 +87,5 @@ def _content(store: SetStore, question: SetsQuestion, fds: Sequence[int]) -> byt
 def _received(fds: Sequence[int]) -> bytes:
     """A copy of the memory that came with a question: its sender may still change it."""
     if len(fds) != 1:
-        raise SetRefusedError("no picture came with it")
+        raise QuestionRefusedError("no picture came with it")
     return os.pread(fds[0], MAX_FILE_BYTES + 1, 0)

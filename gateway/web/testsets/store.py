@@ -18,8 +18,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from gateway.errors import ConfigError, GatewayError
+from gateway.errors import ConfigError
 from gateway.files import plain_bytes, sync_folder, write_file
+from gateway.processes.answers import NothingError, QuestionRefusedError
 from gateway.vision.offline.evaluation import labels
 from gateway.vision.offline.evaluation.labels import Label
 from gateway.web.ipc.testsets import (
@@ -43,14 +44,6 @@ MAX_FAULTS = 10
 LISTED_SETS = 4 * MAX_SETS  # people may make folders, too
 LISTED = 1000  # files of a folder that are looked at
 _NUMBERED = re.compile(r"(\d{4,9})-")
-
-
-class NothingError(GatewayError):
-    """There is no such bay, set or picture."""
-
-
-class SetRefusedError(GatewayError):
-    """A limit, a name that is taken or not possible, a set whose labels are damaged."""
 
 
 @dataclass(slots=True)
@@ -85,7 +78,7 @@ class SetStore:
     def make(self, bay: str, name: str) -> None:
         path = self._free(bay, name)
         if len(self._paths(bay)) >= MAX_SETS:
-            raise SetRefusedError(f"{bay} has {MAX_SETS} test sets already, and may have no more: delete one")
+            raise QuestionRefusedError(f"{bay} has {MAX_SETS} test sets already, and may have no more: delete one")
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         path.mkdir(mode=0o700)
         sync_folder(path.parent)
@@ -102,7 +95,7 @@ class SetStore:
         path = self._existing(bay, name)
         found = _read(path)
         if found.others:
-            raise SetRefusedError(
+            raise QuestionRefusedError(
                 f"{path}: holds what does not belong to a test set ({_some(found.others)}): remove that first"
             )
         _clean(found)
@@ -118,18 +111,18 @@ class SetStore:
         try:
             uploads.check(data)
         except UploadError as error:
-            raise SetRefusedError(str(error)) from None
+            raise QuestionRefusedError(str(error)) from None
         found = _read(path)
         _clean(found)
         if len(found.pictures) >= MAX_PICTURES:
-            raise SetRefusedError(f"the test set {name} has {MAX_PICTURES} pictures already, and may have no more")
+            raise QuestionRefusedError(f"the test set {name} has {MAX_PICTURES} pictures already, and may have no more")
         if found.bytes + len(data) > MAX_SET_BYTES:
-            raise SetRefusedError(f"the test set {name} would be larger than {MAX_SET_BYTES >> 20} MiB")
+            raise QuestionRefusedError(f"the test set {name} would be larger than {MAX_SET_BYTES >> 20} MiB")
         if self._all_bytes() + len(data) > ALL_BYTES:
-            raise SetRefusedError(f"all test sets would be larger than {ALL_BYTES >> 30} GiB: delete one")
+            raise QuestionRefusedError(f"all test sets would be larger than {ALL_BYTES >> 30} GiB: delete one")
         disk = os.statvfs(path)
         if disk.f_bavail * disk.f_frsize < FREE_BYTES + len(data):
-            raise SetRefusedError(f"less than {FREE_BYTES >> 20} MiB of the disk would be free")
+            raise QuestionRefusedError(f"less than {FREE_BYTES >> 20} MiB of the disk would be free")
         taken = [int(match[1]) for file in (*found.pictures, *(found.rows or ())) if (match := _NUMBERED.match(file))]
         kind = "png" if data.startswith(b"\x89PNG") else "jpg"
         file = f"{max(taken, default=0) + 1:04d}-{_slug(title)}.{kind}"
@@ -150,7 +143,7 @@ class SetStore:
         try:
             Label.model_validate(row)
         except ValueError:
-            raise SetRefusedError(f"{file}: no possible place of a marker") from None
+            raise QuestionRefusedError(f"{file}: no possible place of a marker") from None
         _write(found, {**{key: data for key, (_, data) in rows.items()}, file: row})
 
     def remove(self, bay: str, name: str, file: str) -> None:
@@ -163,7 +156,7 @@ class SetStore:
     def read(self, bay: str, name: str, file: str) -> bytes:
         data = plain_bytes(self._picture(bay, name, file).path / file, MAX_FILE_BYTES + 1)
         if len(data) > MAX_FILE_BYTES:
-            raise SetRefusedError(f"{file}: larger than {MAX_FILE_BYTES >> 20} MiB")
+            raise QuestionRefusedError(f"{file}: larger than {MAX_FILE_BYTES >> 20} MiB")
         return data
 
     def _bay(self, bay: str) -> Path:
@@ -188,7 +181,7 @@ class SetStore:
     def _free(self, bay: str, name: str) -> Path:
         path = self._bay(bay) / _named(name)
         if os.path.lexists(path):
-            raise SetRefusedError(f"{bay} has a test set {name} already")
+            raise QuestionRefusedError(f"{bay} has a test set {name} already")
         return path
 
     def _picture(self, bay: str, name: str, file: str, *, missing: bool = False) -> _Folder:
@@ -204,9 +197,9 @@ class SetStore:
 
 
 def _named(name: str) -> str:
-    """Raises RefusedError for a name that can't be one."""
+    """Raises QuestionRefusedError for a name that can't be one."""
     if unicodedata.normalize("NFC", name) != name or not SET_NAME.fullmatch(name):
-        raise SetRefusedError(
+        raise QuestionRefusedError(
             f"{name[:MAX_NAME]!r} is no name for a test set: 1 to {MAX_NAME} letters, digits, spaces, - and _, "
             "with a letter or digit at both ends"
         )
@@ -272,7 +265,7 @@ def _read_labels(found: _Folder) -> None:
 def _sound(found: _Folder) -> dict[str, tuple[Label, dict[str, Any]]]:
     """The rows of labels that are not damaged: others would be lost."""
     if found.rows is None:
-        raise SetRefusedError(f"{found.path / LABELS} is damaged: mend it, or delete the set")
+        raise QuestionRefusedError(f"{found.path / LABELS} is damaged: mend it, or delete the set")
     return found.rows
 
 

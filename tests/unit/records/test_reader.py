@@ -1,21 +1,17 @@
-"""Answers from recordings: their numbers, and the process that is forked for each, on a real pipe."""
+"""Answers from recordings: their numbers."""
 
 import json
-import multiprocessing
-import os
-import signal
-import time
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import msgspec
 import pytest
 
 from gateway.core.state import StateVector
-from gateway.errors import ConfigError, LinkError, ProtocolError
-from gateway.records import reader_process
+from gateway.errors import ConfigError, ProtocolError
+from gateway.processes.answers import NothingError
+from gateway.records import answers, reader_process
 from gateway.records.answers import answer
 from gateway.records.index_rows import SegmentRows
 from gateway.records.questions import QUESTIONS, Question, ValuesQuestion, WhyQuestion
@@ -112,89 +108,6 @@ def test_only_questions_are_read() -> None:
             QUESTIONS.unpacked(data)
 
 
-def asked_of(work: Callable[[Path, Question], bytes], read: bool = True) -> tuple[bytes, float]:
-    """What comes through the pipe of a forked process that does `work`, and how long its parent waited, s."""
-    reading, writing = os.pipe()
-
-    def server() -> None:
-        os.close(reading)
-        reader_process._answered(SimpleNamespace(answer=work), Path("/nowhere"), ASKED, writing)  # type: ignore[arg-type]
-
-    process = multiprocessing.get_context("fork").Process(target=server)
-    process.start()
-    os.close(writing)
-    data = b""
-    while read and (piece := os.read(reading, 65536)):
-        data += piece
-    os.close(reading)
-    begun_s = time.monotonic()
-    process.join(30)
-    assert process.exitcode == 0
-    return data, time.monotonic() - begun_s
-
-
-def test_an_answer_comes_whole_through_the_pipe() -> None:
-    assert asked_of(lambda folder, question: b"x" * 3_000_000)[0] == b"+" + b"x" * 3_000_000
-
-
-def raising(error: BaseException) -> Callable[[Path, Question], bytes]:
-    def work(_folder: Path, _question: Question) -> bytes:
-        raise error
-
-    return work
-
-
-@pytest.mark.parametrize(
-    ("error", "told"),
-    [
-        (ConfigError("no segment"), b"0no segment"),
-        (LinkError("gone\x07"), b"-gone\\x07"),
-        (OSError(5, "Input/output error"), b"-[Errno 5] Input/output error"),
-        (MemoryError(), b"-it needs too much memory"),
-    ],
-)
-def test_what_went_wrong_is_told(error: BaseException, told: bytes) -> None:
-    assert asked_of(raising(error))[0] == told
-
-
-def test_a_fault_in_the_software_ends_only_the_forked_process(capfd: pytest.CaptureFixture[str]) -> None:
-    assert asked_of(raising(KeyError("a bug")))[0] == b""
-    assert "a bug" in capfd.readouterr().err
-
-
-def for_ever(_folder: Path, _question: Question) -> bytes:
-    while True:
-        time.sleep(0.001)
-
-
-def test_nobody_waits_so_nothing_goes_on() -> None:
-    assert asked_of(for_ever, read=False)[1] < 20
-
-
-def test_what_takes_too_long_ends(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(reader_process, "LIMIT_S", 0.2)
-    assert asked_of(for_ever)[0] == b""
-
-
-def test_what_takes_too_much_memory_ends(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(reader_process, "LIMIT_BYTES", 100_000_000)
-    assert asked_of(lambda folder, question: b"%d" % len(bytearray(300_000_000)))[0] == b"-it needs too much memory"
-    assert asked_of(lambda folder, question: b"%d" % len(bytearray(30_000_000)))[0] == b"+30000000"
-
-
-def test_its_parent_is_not_outlived() -> None:
-    """The forked process ends with the reader process, even where that one is killed."""
-    reading, writing = os.pipe()
-
-    def server() -> None:
-        reader_process._answered(SimpleNamespace(answer=for_ever), Path("/nowhere"), ASKED, writing)  # type: ignore[arg-type]
-
-    process = multiprocessing.get_context("fork").Process(target=server)
-    process.start()
-    time.sleep(0.3)
-    assert process.pid is not None
-    os.kill(process.pid, signal.SIGKILL)
-    process.join(30)
-    os.close(writing)
-    assert os.read(reading, 1) == b""  # all that had it open have ended
-    os.close(reading)
+def test_where_nothing_is_recorded_nothing_is_the_answer(tmp_path: Path) -> None:
+    with pytest.raises(NothingError, match="bay1"):
+        reader_process._answer(answers, tmp_path, ASKED, (), lambda piece: None)

@@ -2,31 +2,26 @@
 
 import asyncio
 import os
-import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import pytest
 
 from gateway.config import CameraConfig, RangerConfig
 from gateway.errors import ConfigError
-from gateway.processes.channel import Channel, Failed
+from gateway.processes.answers import AnswerKind, write_piece
 from gateway.processes.codec import record_packed
 from gateway.web.auth.access import Level
 from gateway.web.auth.refusals import RefusalError
+from gateway.web.helper_client import DEVICES
 from gateway.web.ipc.devices import (
     DEVICE_QUESTIONS,
-    LENGTH_BYTES,
-    MAX_PIECE_BYTES,
     CameraSeen,
     DeviceAnswer,
-    DeviceQuestion,
     Examine,
     FoundDevices,
     FoundPort,
-    ListDevices,
     LookAtCamera,
     LookAtRanger,
     RangerSeen,
@@ -39,6 +34,8 @@ from gateway.web.setup.device_bodies import BrokerBody
 from gateway.web.setup.device_client import DeviceClient
 from gateway.web.setup.device_routes import ADDRESSES
 from tests.unit.web.gateway_client import plant
+from tests.unit.web.helper_stand_in import StandIn, stand_in
+from tests.unit.web.helper_stand_in import send as send_pieces
 from tests.unit.web.programs import api_client, fits
 from tests.virtual_time import in_virtual_time
 
@@ -50,33 +47,19 @@ LOOK = LookAtCamera(CameraConfig(url="/dev/video5"))
 FOUND = FoundDevices((), (FoundPort("/dev/a", "/dev/b", "board"),))
 
 
-@dataclass
-class StandIn:
-    """In place of that process."""
-
-    channel: Channel[Any, DeviceQuestion]
-
-    def take(self) -> tuple[DeviceQuestion, int]:
-        question, (fd,) = self.channel.receive_with_fds()
-        return question, fd
-
-
 def send(fd: int, *pieces: DeviceAnswer) -> None:
-    for piece in pieces:
-        data = record_packed(piece)
-        os.write(fd, len(data).to_bytes(LENGTH_BYTES) + data)
+    send_pieces(fd, *map(record_packed, pieces))
 
 
 @asynccontextmanager
 async def asking() -> AsyncIterator[tuple[DeviceClient, StandIn]]:
-    near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    client = DeviceClient(near.fileno())
-    try:
-        with near, far:
-            yield client, StandIn(Channel(far, DEVICE_QUESTIONS))
-    finally:
-        client.close()
-        await asyncio.sleep(0)
+    with stand_in(DEVICE_QUESTIONS) as (fd, other):
+        client = DeviceClient(fd)
+        try:
+            yield client, other
+        finally:
+            client.close()
+            await asyncio.sleep(0)
 
 
 async def settled() -> None:
@@ -85,44 +68,16 @@ async def settled() -> None:
         await asyncio.sleep(0)
 
 
-@in_virtual_time
-async def test_a_question_has_one_answer_however_it_arrives() -> None:
-    async with asking() as (client, stand_in):
-        asked = asyncio.ensure_future(client.ask(ListDevices(), FoundDevices))
-        await settled()
-        question, fd = stand_in.take()
-        assert question == ListDevices()
-        data = record_packed(FOUND)
-        for byte in len(data).to_bytes(LENGTH_BYTES) + data:
-            os.write(fd, bytes([byte]))
-            await settled()
-        assert await asked == FOUND
-        with pytest.raises(BrokenPipeError):  # its end is what ends the work
-            os.write(fd, b"x")
-        os.close(fd)
-
-
-@pytest.mark.parametrize(
-    ("sent", "text"),
-    [
-        ([Failed("too much")], "too much"),
-        ([], "has failed"),
-        ([FOUND], "another answer"),
-        ((MAX_PIECE_BYTES + 1).to_bytes(LENGTH_BYTES), "too long"),
-        (b"\0\0\0\1x", "not a message"),
-    ],
-)
-def test_what_is_no_answer_is_refused(sent: list[DeviceAnswer] | bytes, text: str) -> None:
+@pytest.mark.parametrize(("sent", "text"), [(record_packed(FOUND), "another answer"), (b"x", "not a message")])
+def test_what_is_no_answer_is_refused(sent: bytes, text: str) -> None:
     @in_virtual_time
     async def asked() -> None:
-        async with asking() as (client, stand_in):
+        async with asking() as (client, other):
             answer = asyncio.ensure_future(client.ask(TryBroker(None), TriedParts))
             await settled()
-            _, fd = stand_in.take()
-            if isinstance(sent, bytes):
-                os.write(fd, sent)
-            else:
-                send(fd, *sent)
+            question, fd = other.take()
+            assert question == TryBroker(None)
+            send_pieces(fd, sent)
             os.close(fd)
             with pytest.raises(RefusalError, match=text) as found:
                 await answer
@@ -132,28 +87,11 @@ def test_what_is_no_answer_is_refused(sent: list[DeviceAnswer] | bytes, text: st
 
 
 @in_virtual_time
-async def test_what_does_not_come_back_is_given_up_and_few_wait() -> None:
-    async with asking() as (client, stand_in):
-        waiting = [asyncio.ensure_future(client.ask(ListDevices(), FoundDevices)) for _ in range(module.MAX_WAITING)]
-        await settled()
-        fds = [stand_in.take()[1] for _ in waiting]
-        with pytest.raises(RefusalError, match="too much"):
-            await client.ask(ListDevices(), FoundDevices)
-        for each in waiting:
-            with pytest.raises(RefusalError, match="does not come back"):
-                await each
-        for fd in fds:
-            os.close(fd)
-    with pytest.raises(RefusalError, match="no process opens devices"):
-        await DeviceClient(None).ask(ListDevices(), FoundDevices)
-
-
-@in_virtual_time
 async def test_a_look_lasts_as_long_as_its_page_asks() -> None:
-    async with asking() as (client, stand_in):
+    async with asking() as (client, other):
         look = client.begin(LOOK, None)
         await settled()
-        question, fd = stand_in.take()
+        question, fd = other.take()
         assert question == LOOK
         for n in range(1, 30):  # a minute
             await asyncio.sleep(2)
@@ -172,22 +110,22 @@ async def test_a_look_lasts_as_long_as_its_page_asks() -> None:
 
 @in_virtual_time
 async def test_a_device_that_falls_silent_ends_its_look() -> None:
-    async with asking() as (client, stand_in):
+    async with asking() as (client, other):
         look = client.begin(LOOK, None)
         await settled()
-        _, fd = stand_in.take()
+        _, fd = other.take()
         while look.end is None:
             await client.news(look.number, 0)
-        assert look.end.result == module.HANGS
+        assert look.end.result == DEVICES.late
         os.close(fd)
 
 
 @in_virtual_time
 async def test_one_look_at_a_time() -> None:
-    async with asking() as (client, stand_in):
+    async with asking() as (client, other):
         first = client.begin(LOOK, None)
         await settled()
-        _, fd = stand_in.take()
+        _, fd = other.take()
         with pytest.raises(RefusalError, match="another page") as found:
             client.begin(LookAtRanger(RangerConfig()), None)
         assert found.value.status == 409
@@ -196,7 +134,7 @@ async def test_one_look_at_a_time() -> None:
         with pytest.raises(BrokenPipeError):
             os.write(fd, b"x")
         os.close(fd)
-        question, fd = stand_in.take()
+        question, fd = other.take()
         assert question == LookAtRanger(RangerConfig())
         client.end(first.number)  # a late message of the page about its look before
         send(fd, HEARD)
@@ -208,7 +146,7 @@ async def test_one_look_at_a_time() -> None:
             await client.news(first.number, 0)
         third = client.begin(LOOK, None)  # the one before is over
         await settled()
-        os.close(stand_in.take()[1])
+        os.close(other.take()[1])
         await settled()
         assert third.end is not None
         assert "has ended; see the gateway's log" in third.end.result
@@ -216,12 +154,12 @@ async def test_one_look_at_a_time() -> None:
 
 @in_virtual_time
 async def test_the_page_gets_figures_and_picture() -> None:
-    async with plant() as made, asking() as (client, stand_in):
+    async with plant() as made, asking() as (client, other):
         api = api_client(made)
         api.app.state.services = replace(api.app.state.services, devices=client)
         begun = await api.post("/api/setup/look", {"camera": {"url": "/dev/video5"}})
         await settled()
-        _, fd = stand_in.take()
+        _, fd = other.take()
         send(fd, SEEN)
         seen = (await api.get(f"/api/setup/look/{begun.json['look']}?after=0")).json
         assert seen["figures"] == {
@@ -244,28 +182,28 @@ def test_every_address_is_for_technicians_alone() -> None:
 
 @in_virtual_time
 async def test_an_examination_is_collected_kept_for_ten_seconds_and_cut_off_where_a_part_hangs() -> None:
-    async with asking() as (client, stand_in):
+    async with asking() as (client, other):
         asked = asyncio.ensure_future(client.examined())
-        other = asyncio.ensure_future(client.examined())
+        beside = asyncio.ensure_future(client.examined())
         await settled()
-        question, fd = stand_in.take()
+        question, fd = other.take()
         assert isinstance(question, Examine)
         send(fd, TriedParts((LINE,)), FAULT)
         os.close(fd)
         assert await asked == ([LINE, *FAULT.lines], True)
-        assert await other == ([LINE, *FAULT.lines], True), "nobody was asked a second time"
+        assert await beside == ([LINE, *FAULT.lines], True), "nobody was asked a second time"
         await asyncio.sleep(module.KEPT_S + 1)
         asked = asyncio.ensure_future(client.examined())
         await settled()
-        _, fd = stand_in.take()
+        _, fd = other.take()
         send(fd, FAULT)
         assert await asked == (list(FAULT.lines), False)
         os.close(fd)
         await asyncio.sleep(module.KEPT_S + 1)
         asked = asyncio.ensure_future(client.examined())
         await settled()
-        _, fd = stand_in.take()
-        send(fd, Failed("no memory"))
+        _, fd = other.take()
+        write_piece(fd, AnswerKind.FAULT, b"no memory")
         os.close(fd)
         with pytest.raises(RefusalError, match="no memory"):
             await asked

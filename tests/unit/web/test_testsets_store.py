@@ -7,10 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from gateway.processes.answers import NothingError, QuestionRefusedError
 from gateway.vision.offline.evaluation import labels
 from gateway.web.ipc.testsets import MAX_FILE_BYTES, MAX_PICTURES, MAX_SETS, MarkerPlace, PictureSet
 from gateway.web.testsets import store as module
-from gateway.web.testsets.store import NothingError, SetRefusedError, SetStore
+from gateway.web.testsets.store import SetStore
 from tests.unit.web.testsets import plain
 
 PLACE = MarkerPlace(20.123, 11.5, 7.0)
@@ -84,9 +85,9 @@ def test_removing_the_last_picture_leaves_an_empty_set(store: SetStore) -> None:
 )
 def test_a_name_can_not_leave_the_folder(store: SetStore, name: str) -> None:
     before = sorted(store.folder.rglob("*"))
-    with pytest.raises(SetRefusedError, match="is no name for a test set: 1 to 40 letters"):
+    with pytest.raises(QuestionRefusedError, match="is no name for a test set: 1 to 40 letters"):
         store.make("bay1", name)
-    with pytest.raises(SetRefusedError, match="is no name for a test set"):
+    with pytest.raises(QuestionRefusedError, match="is no name for a test set"):
         store.rename("bay1", "dusk", name)
     for action in (store.delete, lambda bay, which: store.add(bay, which, "a", plain())):
         with pytest.raises(NothingError, match="bay1 has no test set"):
@@ -119,32 +120,32 @@ def test_files_outside_of_a_set_are_not_reached(store: SetStore, tmp_path: Path)
 def test_limits(store: SetStore, monkeypatch: pytest.MonkeyPatch) -> None:
     for n in range(MAX_SETS - 1):
         store.make("bay1", f"set {n}")
-    with pytest.raises(SetRefusedError, match="bay1 has 8 test sets already, and may have no more: delete one"):
+    with pytest.raises(QuestionRefusedError, match="bay1 has 8 test sets already, and may have no more: delete one"):
         store.make("bay1", "one more")
-    with pytest.raises(SetRefusedError, match="bay1 has a test set dusk already"):
+    with pytest.raises(QuestionRefusedError, match="bay1 has a test set dusk already"):
         store.make("bay1", "dusk")
-    with pytest.raises(SetRefusedError, match="bay1 has a test set dusk already"):
+    with pytest.raises(QuestionRefusedError, match="bay1 has a test set dusk already"):
         store.rename("bay1", "set 1", "dusk")
     for n in range(MAX_PICTURES):
         (folder(store) / f"{n}.png").write_bytes(plain())
-    with pytest.raises(SetRefusedError, match="the test set dusk has 100 pictures already, and may have no more"):
+    with pytest.raises(QuestionRefusedError, match="the test set dusk has 100 pictures already, and may have no more"):
         store.add("bay1", "dusk", "a", plain())
-    with pytest.raises(SetRefusedError, match="a file of 8388609 bytes: at most 8388608"):
+    with pytest.raises(QuestionRefusedError, match="a file of 8388609 bytes: at most 8388608"):
         store.add("bay1", "set 1", "a", plain() + bytes(MAX_FILE_BYTES + 1 - len(plain())))
-    with pytest.raises(SetRefusedError, match="not a JPEG or PNG picture"):
+    with pytest.raises(QuestionRefusedError, match="not a JPEG or PNG picture"):
         store.add("bay1", "set 1", "a.png", b"GIF89a")
-    with pytest.raises(SetRefusedError, match="a picture of 8 x 8 px: at least 16 px each way"):
+    with pytest.raises(QuestionRefusedError, match="a picture of 8 x 8 px: at least 16 px each way"):
         store.add("bay1", "set 1", "a.png", plain(8, 8))
     monkeypatch.setattr(module, "MAX_SET_BYTES", len(plain()) - 1)
-    with pytest.raises(SetRefusedError, match="the test set set 1 would be larger than"):
+    with pytest.raises(QuestionRefusedError, match="the test set set 1 would be larger than"):
         store.add("bay1", "set 1", "a", plain())
     monkeypatch.undo()
     monkeypatch.setattr(module, "ALL_BYTES", 101 * len(plain()) - 1)
-    with pytest.raises(SetRefusedError, match="all test sets would be larger than"):
+    with pytest.raises(QuestionRefusedError, match="all test sets would be larger than"):
         store.add("bay1", "set 1", "a", plain())
     monkeypatch.undo()
     monkeypatch.setattr(module, "FREE_BYTES", 1 << 62)
-    with pytest.raises(SetRefusedError, match="of the disk would be free"):
+    with pytest.raises(QuestionRefusedError, match="of the disk would be free"):
         store.add("bay1", "set 1", "a", plain())
     assert list((store.folder / "bay1" / "set 1").iterdir()) == []
 
@@ -169,7 +170,7 @@ def test_damaged_labels_are_reported_and_not_overwritten(store: SetStore, text: 
     found = dusk(store)
     assert found.faults[0].startswith(fault)
     assert [(one.file, one.labelled) for one in found.pictures] == [(file, False)]
-    with pytest.raises(SetRefusedError, match="is damaged: mend it, or delete the set"):
+    with pytest.raises(QuestionRefusedError, match="is damaged: mend it, or delete the set"):
         store.label("bay1", "dusk", file, PLACE)
     assert text is None or path.read_bytes() == text
 
@@ -192,7 +193,7 @@ def test_what_does_not_belong_there_is_reported(store: SetStore) -> None:
     ]
     store.remove("bay1", "dusk", "gone.png")
     assert "gone" not in (folder(store) / "labels.jsonl").read_text()
-    with pytest.raises(SetRefusedError, match="holds what does not belong to a test set"):
+    with pytest.raises(QuestionRefusedError, match="holds what does not belong to a test set"):
         store.delete("bay1", "dusk")
     assert file in {one.file for one in dusk(store).pictures}
     (folder(store) / "notes.txt").unlink()

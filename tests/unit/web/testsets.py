@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from gateway.processes.channel import Channel
-from gateway.processes.forked import write_all
+from gateway.processes.helper import give_answer
 from gateway.vision.pixels import Image
 from gateway.web.ipc.testsets import SETS_QUESTIONS, SetsQuestion
 from gateway.web.testsets import process
@@ -36,13 +36,13 @@ def plain(width: int = 32, height: int = 24) -> bytes:
 async def keeping(folder: Path, *bays: str) -> AsyncIterator[int]:
     """The descriptor of the socket that the web process inherits."""
     near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    store = SetStore(folder, frozenset(bays or ("bay1",)))
+    kinds = process.sets_helper(SetStore(folder, frozenset(bays or ("bay1",)))).kinds
     channel: Channel[Any, SetsQuestion] = Channel(far, SETS_QUESTIONS)
 
     def take() -> None:
         question, fds = channel.receive_with_fds()
         fcntl.fcntl(fds[0], fcntl.F_SETPIPE_SZ, PIPE_BYTES)
-        write_all(fds[0], process.answer(store, question, fds[1:]))
+        give_answer(kinds[type(question)], question, fds[1:], fds[0])
         for fd in fds:
             os.close(fd)
 
