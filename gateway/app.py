@@ -62,7 +62,7 @@ async def run(
 
     `on_started` is called once the Modbus port is open: at the start, or later where its address is not there yet.
     `extra_tasks`: for the table (a terminal view, simulated rangers). `source`: the operator's own configuration file,
-    which the pages may write back; empty: there is none. `notifier`: to the service manager. `reload`: requests to read
+    which the pages may write back; empty: no file. `notifier`: to the service manager. `reload`: requests to read
     the file again; None: there will be none. `log_counts`: what the log did not write. `startup`: what the settings
     page needs to know of the command line. Raises ConfigError, or what the supervisor could not survive.
     """
@@ -142,7 +142,7 @@ async def _run_tables(
                     supervised = group.create_task(supervisor.run(), name="supervisor")
                     try:
                         await stop.wait()
-                    finally:  # also when a task is past help: what the broker retains must not look good for ever
+                    finally:  # also after a task has given up: what the broker retains must not stay good
                         await end()
                     supervised.cancel()
             finally:

@@ -47,7 +47,7 @@ class BayControl:
         hub: Hub,
         clock: Clock,
         mirrors: tuple[Callable[[StateVector], None], ...] = (),
-        gateway: GatewayConfig | None = None,  # for recipes and writes; without it there are none
+        gateway: GatewayConfig | None = None,  # for recipes and writes; None: without both
         retained: RetainedState | None = None,  # from before the restart
         untried: Sequence[str] = (),  # keys that differ from those last tried: why it begins with a function check
         record: Recorder | None = None,
@@ -80,7 +80,7 @@ class BayControl:
             self._waiting[type(reading)] = reading
 
     def on_write(self, write: PlcWrite) -> WriteVerdict:
-        """Take a write to the handshake block, if it is its writer's to make.
+        """Take a write to the handshake block, if its writer may make it.
 
         A write must not make a bay look alive whose control task is dead.
         """
@@ -132,7 +132,7 @@ class BayControl:
             self._report(self._hub.state(self.name), found)
 
     def open_visit(self) -> VisitSummary | None:
-        """The visit that goes on, as far as it is known; None: there is none."""
+        """The visit that goes on, as far as it is known; None: no visit."""
         return self._visits.open(self._hub.state(self.name).t_ns)
 
     async def run(self) -> None:

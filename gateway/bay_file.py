@@ -78,7 +78,7 @@ def _tried_beside(path: Path) -> Path:
 
 
 def read_file(path: Path) -> bytes | None:
-    """None: there is none. Never waits for a pipe, never follows a link. Raises OSError."""
+    """None: no file. Never waits for a pipe, never follows a link. Raises OSError."""
     try:
         fd = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
     except FileNotFoundError:

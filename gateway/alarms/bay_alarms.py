@@ -1,7 +1,7 @@
 """The alarms that each bay has. Pure.
 
-docs/alarms.md is made from the rows. ISA-18.2: an alarm is something a person must act on, in time. What needs no
-action is none: an empty bay, a truck in place, a marker hidden for a moment, a sensor that starts.
+docs/alarms.md is made from the rows. ISA-18.2: an alarm requires an action in time. These do not: an empty bay, a
+truck in place, a marker that is hidden for a moment, a sensor that starts.
 """
 
 from collections.abc import Callable

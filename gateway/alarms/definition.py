@@ -12,7 +12,7 @@ MINUTE_S = 60.0
 
 
 class Priority(IntEnum):
-    """How much hangs on a quick answer. The numbers are on the wire."""
+    """How urgent the operator's action is. The numbers are on the wire."""
 
     LOW = 1
     MEDIUM = 2
@@ -20,7 +20,7 @@ class Priority(IntEnum):
 
 
 class Suppression(StrEnum):
-    """Why an alarm means nothing for the moment."""
+    """Why an alarm is suppressed by design."""
 
     FUNCTION_CHECK = "function_check"
     NOT_COMPUTED = "not_computed"
@@ -43,7 +43,7 @@ class BayInputs:
 
     @property
     def suppressions(self) -> frozenset[Suppression]:
-        """What holds of the reasons to suppress."""
+        """The reasons to suppress that apply now."""
         state = self.state
         holds = {
             Suppression.FUNCTION_CHECK: state.function_check is FunctionCheck.MAY_MOVE_OFF,

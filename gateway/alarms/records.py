@@ -86,7 +86,7 @@ class LoggedChange:
 
     @staticmethod
     def of(text: str) -> "LoggedChange | None":
-        """`str` of an AlarmChange, read again; None: it is none, or one of a later version."""
+        """`str` of an AlarmChange, read again; None: another text, or the change of a later version."""
         found = _LOGGED.match(text)
         try:
             return None if found is None else LoggedChange(found[1], AlarmEvent(found[2]), AlarmState(found[3]))

@@ -28,7 +28,7 @@ from gateway.core.scale import expected_radius_px
 from gateway.core.state import FusionMemory
 from gateway.durations import NS_PER_S
 
-LARGEST = 1e9  # px or mm; a number beyond is no measurement, and no register could hold it
+LARGEST = 1e9  # px or mm; a larger number is not a measurement and does not fit into a register
 FAR_SHARE = 0.5  # of R_th: a smaller circle is that of a truck far from D = 1
 MIN_PAIRS = 5  # they make a constant
 MAX_PAIRS = 15  # of them are kept
@@ -57,7 +57,7 @@ def checked(
 
 
 def without_marker(memory: FusionMemory, config: FusionConfig) -> FusionMemory:
-    """No truck is there: what was seen of the last one is not that of the next."""
+    """The bay is clear: what was seen of the last truck does not count for the next one."""
     if config.cross_check is not None or not (memory.pairs or memory.marker_confirmed):
         return memory
     return _agreed(replace(_without_others(memory), pairs=(), followed=None, marker_confirmed=False))
@@ -128,7 +128,7 @@ def _implausible(memory: FusionMemory, pair: Pair, config: FusionConfig) -> bool
 
 
 def _followed(memory: FusionMemory) -> tuple[FusionMemory, bool]:
-    """Has R changed with Z, since Z was last judged? Of medians: a glitch is no change."""
+    """Has R changed with Z, since Z was last judged? Medians are compared, so that a glitch does not count."""
     if len(memory.pairs) < MIN_PAIRS:
         return memory, True
     now = _middle(memory.pairs)

@@ -73,8 +73,8 @@ class Event:
 def diff(old: StateVector, new: StateVector) -> list[Event]:
     """Causes before consequences: people, sensors, the PLC, then the target, then stop.
 
-    A sensor that changes from one fault to another is reported again; WAITING (nothing received yet) is no fault. Where
-    `old` has been shown withdrawn meanwhile, that comes first, at the time at which it was.
+    A sensor that changes from one fault to another is reported again; WAITING (nothing received yet) is not a fault.
+    Where `old` has been shown withdrawn meanwhile, that comes first, with its own time.
     """
     going_on = resumed(old, new.t_ns)
     if going_on is old:

@@ -90,7 +90,7 @@ def step(
         case RangeReading():
             rng = _newest_range(rng, _checked_range(observation, now_ns))
         case Tick() | PlcWrite() | PlcConnection() | FunctionCheck():
-            pass  # what people and the PLC want is no measurement: core/interlock.py
+            pass  # requests of people and of the PLC: core/interlock.py
     vision = _aged_vision(vision, now_ns, config)
     rng = _aged_range(rng, now_ns, config)
     memory, vision, rng = _recovering(state, vision, rng, now_ns, config)
@@ -110,7 +110,7 @@ def step(
     if stop:
         reason = fault if fault is not Reason.NONE and config.fail_safe else Reason.TARGET_REACHED
     calm = not stop and fault is Reason.NONE
-    # Two sensors that contradict each other don't end a stop, not even before that is a fault.
+    # Sensors that contradict each other do not end a stop, even before that is a fault.
     sure = memory.disagree_since_ns is None or not stopped or config.decision == "plain"
     memory = _no_cause_since(memory, now_ns if calm and sure else None)
     if calm and not _no_cause_for_long(memory, now_ns, config):
@@ -150,7 +150,7 @@ def forced_stop(state: StateVector, reason: Reason, now_ns: int) -> StateVector:
 
 
 def not_good(quality: Quality) -> Quality:
-    """A prediction is a value, too: it is not continued, so it must not remain."""
+    """The quality once its value has ended: STALE instead of GOOD or COASTED (a prediction ends, too)."""
     return Quality.STALE if quality in (Quality.GOOD, Quality.COASTED) else quality
 
 
@@ -223,7 +223,7 @@ def _aged_vision(reading: VisionReading, now_ns: int, config: FusionConfig) -> V
 
 
 def _aged_range(reading: RangeReading, now_ns: int, config: FusionConfig) -> RangeReading:
-    # A live complaint (no echo, too far) ages like a value: silence after it is silence.
+    # A fault of a live sensor (no echo, too far) ages like a value: silence after it makes it stale.
     ages = reading.quality not in (Quality.LINK_DOWN, Quality.WRONG_VERSION, Quality.STALE)
     deadline_s = config.start_grace_s if reading.quality is Quality.WAITING else config.range_deadline_s
     if ages and now_ns - reading.t_ns > deadline_s * NS_PER_S:

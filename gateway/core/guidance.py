@@ -163,7 +163,7 @@ def _from_visit(
         return GuidanceCode.DRIVE_UP
     # Loaded, it is only sent back to the mark once it drives there: one that stands or creeps is on its way out.
     returns = not state.visit.released and speed is not None and speed > config.still_mm_s
-    # One that rolled off before it was loaded has nothing to leave for, as long as it is near.
+    # One that rolled off before it was loaded is not told to leave while it is near.
     returns |= state.visit.rolled_off and go_mm is not None and go_mm <= config.slow_mm
     if phase is VisitPhase.RELEASED or (phase is VisitPhase.LEAVING and not returns):
         return GuidanceCode.LEAVE
@@ -176,7 +176,7 @@ def _backs(speed: float | None, config: GuidanceConfig) -> bool:
 
 
 def _brakes(state: StateVector, fusion: FusionConfig, config: GuidanceConfig) -> bool:
-    """Does it roll, and is not the truck that goes back as it is told?"""
+    """Does it roll, other than back as instructed?"""
     visit, reference = state.visit, state.visit.reference
     brakes = state.unintended_motion
     if not brakes or reference is None or reference.distance_mm is None or state.range.distance_mm is None:

@@ -51,7 +51,7 @@ Work = Callable[[Handshake, Sensed], Handshake]
 def _start(plc: Handshake, state: Sensed) -> Handshake:
     return replace(
         plc,
-        acquisition=plc.acquisition % 0xFFFF + 1,  # 0 is none
+        acquisition=plc.acquisition % 0xFFFF + 1,  # 0: no measurement yet
         trigger_ns=state.t_ns,
         trigger_ack=True,
         overrun=False,

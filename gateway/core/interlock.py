@@ -198,7 +198,7 @@ def _step(state: StateVector, observation: fusion.Observation, now_ns: int, rule
 def _accepted_write(
     state: StateVector, observation: fusion.Observation, now_ns: int, config: HandshakeConfig | None
 ) -> tuple[Handshake, PlcWrite | None]:
-    """The block as its writer finds it, and the write; None: there is none, or it is refused."""
+    """The block as its writer finds it, and the write; None: no write, or a refused one."""
     match observation:
         case PlcWrite() if config is not None:
             plc = handshake.claim(state.plc, observation, state, now_ns, config)
@@ -259,7 +259,7 @@ def _reset_unreleased(current: Visit, before: Handshake, plc: Handshake, fused: 
 
 
 def _cause_gone(fused: Fused) -> bool:
-    """Do both sensors show that D is 0? Two that do not fit each other end no stop, not even before that is a fault."""
+    """Do both sensors show that D is 0? Two that contradict each other do not, even before that is a fault."""
     return visit.d_is_zero(fused)
 
 

@@ -9,7 +9,7 @@ from enum import IntEnum
 from gateway.core.readings import DEAD, Quality
 from gateway.core.state import FunctionCheck, Reason, Sensed, StateVector
 
-MAINTENANCE_NS = 600 * 1_000_000_000  # a repair by itself is worth a look for this time
+MAINTENANCE_NS = 600 * 1_000_000_000  # after something was restarted by itself it is reported for this time
 
 
 class Ne107(IntEnum):
@@ -66,7 +66,7 @@ def status(state: StateVector) -> Ne107:
 
 
 def restarts(state: Sensed) -> int:
-    """What had to mend itself since the start of the gateway."""
+    """What was restarted, reopened or lost since the start of the gateway."""
     vision, rng = state.vision.stats, state.range.stats
     return vision.restarts + vision.reopens + vision.lost + rng.reopens
 

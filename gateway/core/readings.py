@@ -103,7 +103,7 @@ class ExposureState(StrEnum):
 
 
 UNCONTROLLED = frozenset({ExposureState.IGNORED, ExposureState.REFUSED, ExposureState.NO_CONTROLS})
-"""The camera does not do as it is told."""
+"""The camera does not follow its settings."""
 
 
 EXPOSURE_MEANING: dict[ExposureState, str] = {
@@ -118,7 +118,7 @@ EXPOSURE_MEANING: dict[ExposureState, str] = {
 
 @dataclass(frozen=True, slots=True)
 class CameraExposure:
-    """What a camera is set to, as far as it says so."""
+    """What a camera is set to, as far as it reports that."""
 
     state: ExposureState
     time_ms: float | None = None

@@ -73,7 +73,7 @@ def _by_distance(reference: ReferencePosition, fused: Fused, config: VisitConfig
     if reference.distance_mm is None or since_ns > GAP_NS:
         return replace(reference, distance_mm=reading.distance_mm, range_ns=reading.t_ns, nearer_mm=0.0, farther_mm=0.0)
     nearer_mm, farther_mm = _sums(reference, reading.echo_mm, reference.distance_mm, config.rolling_mm)
-    # After a lost echo the median is of one: no more than what the sums have already.
+    # After a lost echo the median is that of one echo, which the sums include already.
     single = reading.echo_mm is not None and reading.oldest_ns == reading.t_ns
     off = not single and abs(reading.distance_mm - reference.distance_mm) > config.rolling_mm
     if off or max(nearer_mm, farther_mm) > LIMIT * config.rolling_mm:

@@ -241,7 +241,7 @@ def _too_few(spreads: Spreads) -> tuple[str, ...]:
 
 
 def _moved(radius: Spread, distance: Spread, u: Spread, v: Spread) -> list[str]:
-    """Each sensor by itself: one that drifts is no base for a threshold either."""
+    """Each sensor by itself: one that drifts gives no threshold."""
     most_mm = max(MOVED_MM, MOVED_SHARE * distance.median)
     seen_mm = distance.median * radius.drift / radius.median
     found = []

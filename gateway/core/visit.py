@@ -176,7 +176,7 @@ def _way_out(visit: Visit, fused: Fused, limits: VisitLimits) -> tuple[WayOut | 
 
 
 def _reference(visit: Visit, fused: Fused, speed_mm_s: float | None, limits: VisitLimits) -> ReferencePosition | None:
-    """From in place until the truck was released, has left, or nobody knows where it stands any more."""
+    """From in place until the truck was released, has left, or its place is not known any more."""
     gone = visit.place is None or visit.released or visit.restored
     if gone or (visit.reference is None and not visit.in_place) or (visit.off_mark and not visit.rolling):
         return None

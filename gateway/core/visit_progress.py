@@ -26,7 +26,7 @@ FAULTS = frozenset({
     Reason.RANGE_TOO_NEAR, Reason.RANGER_STUCK, Reason.RANGE_UNSTABLE, Reason.RANGER_VERSION, Reason.SENSORS_DISAGREE,
     Reason.GATEWAY_FAULT, Reason.PLC_LOST,
 })  # fmt: skip
-"""Why `stop` is on, where it is a fault during a visit; a covered marker while loading is none."""
+"""Reasons of `stop` that are faults during a visit. A marker that is covered while loading is not a fault."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ class Turns:
 
     @property
     def corrections(self) -> int:
-        """Of a truck that was never in place: its last way out was none."""
+        """Of a truck that was never in place: its last way out does not count as one."""
         return max(0, self.count - bool(self.outward))
 
 
@@ -77,7 +77,7 @@ class Truck:
 
     @property
     def both_turns(self) -> Turns:
-        """Those that both sensors show: an echo, a lamp or a person is no motion."""
+        """Those that both sensors show: an echo, a lamp or a person is not counted as motion."""
         return min(self.turns, self.seen_turns, key=lambda turns: turns.count)
 
     def summary(self, t_ns: int, end: VisitEnd = VisitEnd.OPEN) -> VisitSummary:
@@ -96,7 +96,7 @@ class VisitProgress:
     was_clear: bool = False  # since the start
 
     def open(self, t_ns: int) -> VisitSummary | None:
-        """The visit that goes on; None: there is none."""
+        """The visit that goes on, if any."""
         if self.truck is None or not self.truck.confirmed:
             return self.earlier
         return self.joined(self.truck.summary(t_ns))

@@ -105,7 +105,7 @@ def to_journal(stream: Any) -> bool:
     """Does the journal of systemd read this stream? JOURNAL_STREAM, see systemd.exec(5)."""
     try:
         found = os.fstat(stream.fileno())
-    except (OSError, ValueError, AttributeError):  # closed, or no file
+    except (OSError, ValueError, AttributeError):  # closed, or not a file
         return False
     return os.environ.get("JOURNAL_STREAM") == f"{found.st_dev}:{found.st_ino}"
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from ipaddress import IPv6Address, ip_address
 
 BURST = 20
-PERIOD_NS = 200_000_000  # 5 events a second, without end, is what people and brokers can bear
+PERIOD_NS = 200_000_000  # over a long time 5 events a second are as many as people and brokers can process
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +105,7 @@ class LogThrottle:
 def plain_address(host: str) -> str:
     """One spelling for each address: without an interface (`fe80::1%eth0`), IPv4 inside IPv6 as IPv4.
 
-    Raises ValueError for what is no address.
+    Raises ValueError where `host` is not an address.
     """
     address = ip_address(host.partition("%")[0])
     mapped = address.ipv4_mapped if isinstance(address, IPv6Address) else None

@@ -54,7 +54,7 @@ class TlsFiles:
 
 
 def server_context(files: TlsFiles) -> ssl.SSLContext:
-    """Raises ConfigError, naming key and file, for files that can't be read, are no PEM or don't fit together."""
+    """Raises ConfigError, naming key and file, for files that can't be read, are not PEM or do not match."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
     context.set_ciphers(CIPHERS)
@@ -129,7 +129,7 @@ def warnings(files: TlsFiles | None, wall_ns: int) -> list[str]:
 
 
 def ends(path: str) -> list[datetime]:
-    """The last valid moments of the certificates in this PEM file. Raises OSError, or ValueError: there is none."""
+    """The last valid moments of the certificates in this PEM file. Raises OSError, or ValueError where it has none."""
     return [found.not_valid_after_utc for found in x509.load_pem_x509_certificates(Path(path).read_bytes())]
 
 

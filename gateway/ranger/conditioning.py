@@ -53,7 +53,7 @@ class GlitchGate:
     def reset(self) -> None:
         """Forget everything: another sensor, or the same one after a restart."""
         self._reference: _Distance | None = None  # the newest reading believed
-        self._candidate: _Distance | None = None  # the odd one waiting for a second opinion
+        self._candidate: _Distance | None = None  # the odd one, until a second reading confirms it
         self._odd_ns: int | None = None  # when the reading before this one was odd, and held back
         self._history: deque[bool] = deque(maxlen=HISTORY)
 

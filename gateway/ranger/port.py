@@ -125,7 +125,7 @@ def _opened(url: str, baud: int) -> serial.Serial:
             url += ("&" if "?" in url else "?") + "ign_set_control"
         link = serial.serial_for_url(url, do_not_open=True, baudrate=baud, timeout=READ_S)
     else:
-        # exclusive: a second program on the same device would steal half of the bytes.
+        # exclusive: a second program on the same device would take some of the bytes.
         exclusive = None if scheme else True
         link = serial.serial_for_url(
             url, do_not_open=True, baudrate=baud, timeout=0, write_timeout=WRITE_S, exclusive=exclusive

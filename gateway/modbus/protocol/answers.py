@@ -26,7 +26,7 @@ MAX_WRITE_BITS = 1968
 MAX_WRITE_WORDS = 123
 MAX_READ_WRITE_WORDS = 121  # what FC 23 may write
 COIL_VALUES = {0x0000: 0, 0xFF00: 1}  # what FC 5 may write
-READ_DEVICE_IDENTIFICATION = 14  # the only MEI type of FC 43 that is no transport for something else
+READ_DEVICE_IDENTIFICATION = 14  # MEI type of FC 43; 13 (CANopen) is not supported
 MAY_NOT_WRITE = "it may not write (modbus.plc_addresses or, over TLS, modbus.tls.write_roles define who may)"
 NOT_DECIDING = STATUS.mask("gateway_fault", "shutdown")
 

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from gateway.modbus.protocol.adu import ModbusException, frame_bytes
 from gateway.modbus.protocol.answers import FUNCTIONS, Peer, Unit, answer, exception
 
-MAX_KEPT = 256  # answers a unit keeps for one image; a scanner asking for everything must not make them grow
+MAX_KEPT = 256  # answers a unit keeps for one image; a scanner must not make them grow
 READ_FRAME_BYTES = 12
 READ_FRAME_HEAD = b"\x00\x00\x00\x06"  # protocol id and length of every FC 1 to 4 request that is well formed
 LAST_READ = 4
 FAILED = 0x80  # in the function code of an answer
-DEVICE_IDS = (0, 255)  # "the device itself" in the guide (4.4.2.1): the only bay, where there is but one
+DEVICE_IDS = (0, 255)  # "the device itself" in the guide (4.4.2.1): the only bay, where there is only one
 BROADCAST = 0  # on a serial line; nothing is written under it
 
 
@@ -25,7 +25,7 @@ class RequestStats:
 
     requests: int = 0  # complete frames with protocol id 0
     exceptions: int = 0  # of them, answered with a Modbus exception, for any reason
-    image_faults: int = 0  # of these, because an image could not be had or was no image (exception 04)
+    image_faults: int = 0  # of these, because an image could not be read or was not valid (exception 04)
 
 
 class RequestHandler:

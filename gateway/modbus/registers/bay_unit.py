@@ -64,7 +64,7 @@ def image_of(
 def writer(take: Callable[[PlcWrite], WriteVerdict], refused: Callable[[Writer, str], None]) -> Write:
     """What a Modbus server calls to write: all of the words or none.
 
-    An address that is not the PLC's to write is exception 02, a control bit without a meaning 03; both are reported to
+    An address that the PLC may not write is exception 02, a control bit without a meaning 03; both are reported to
     `refused`. What `take` does not take is exception 06 (another owns the block) or 04 (the control task does not run).
     """
 

@@ -2,7 +2,7 @@
 
 Coils and discrete inputs show the same bits, as holding and input registers show the same words. Bit 16 n + b is bit b
 of the n-th register in BIT_REGISTERS (b = 0 the least significant), so that no bit can contradict its register. A coil
-is written (FC 5 and 15) as the bit of its register, where that is the PLC's to write. Never reorder, only append.
+is written (FC 5 and 15) as the bit of its register, where the PLC may write it. Never reorder, only append.
 
 The bits of the heartbeat are the sign of life for programs that read bits only. Bit b of it changes every 2^b ticks.
 At 50 ticks a second bit 3 changes every 160 ms: longer than a poll of 100 ms, so that none of its changes can be missed

@@ -31,7 +31,7 @@ log = logging.getLogger(__name__)
 CLOSE_TIMEOUT_S = 0.5
 ACCEPT_TURNS = 3  # of the event loop, from accept() to connection_made(); asyncio loses a socket closed in between
 ACCEPT_AT_ONCE = 8  # asyncio accepts as many before it serves other connections
-BACKLOG = 64  # connections that the kernel completes before they are accepted; a storm of them is taken in such bites
+BACKLOG = 64  # connections that the kernel completes before they are accepted; many at once are accepted in such groups
 RECEIVE_BYTES = 8 * 1024  # a Modbus request has at most 260 bytes; the kernel doubles this
 SEND_BYTES = 32 * 1024
 KEEPALIVE_PROBES = 4
@@ -237,7 +237,7 @@ class ModbusServer:
             )
 
     def _image_fault(self, error: Exception) -> None:
-        if type(error) not in self._logged_faults:  # a PLC polls on and on; one traceback of each kind is enough
+        if type(error) not in self._logged_faults:  # a PLC repeats its polls; one traceback of each kind is enough
             self._logged_faults.add(type(error))
             log.error("modbus: no image to answer with", exc_info=error)
 

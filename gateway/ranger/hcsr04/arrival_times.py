@@ -4,7 +4,7 @@ Four rules:
 
 1. After opening, lines are a backlog until they have kept the sensor's own pace (at least half a cycle per sequence
    number) across two pauses. A serial server delivers what it had stored in bursts; nothing in them shows how old they
-   are, and the pause before a burst makes its first line look live. Lines that always arrive in pairs are no backlog.
+   are, and the pause before a burst makes its first line look live. Lines that always come in pairs are not a backlog.
 2. Later, a line that arrives much later than its sequence number allows was held up on the way (a network, a stopped
    process): its content is old and is not used, and the next one is expected by the number. If the late lines keep
    the sensor's own pace, it was the sensor that paused, and they are live again.

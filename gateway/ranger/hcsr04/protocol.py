@@ -180,7 +180,7 @@ class Decoder:
         return events
 
     def _noisy(self, run: bytes) -> Iterator[Damaged]:
-        """Count bytes outside any line. A single carriage return is no damage."""
+        """Count bytes outside any line. A single carriage return is not counted."""
         count = len(run) - run.count(b"\r")
         forgiven = min(self._forgiven, count)
         self._forgiven -= forgiven

@@ -116,7 +116,7 @@ class Hcsr04Session:
         return self._conditioner.lost(now_ns, detail)
 
     def request(self, now_ns: int) -> bytes:
-        """The question for a hello: at once after opening, then once a second while something is amiss."""
+        """The question for a hello: at once after opening, then once a second while something is missing."""
         if self._asked_ns is not None and now_ns - self._asked_ns < ASK_NS:
             return b""
         if self.hello is not None and not self._silent(now_ns):
@@ -201,7 +201,7 @@ class Hcsr04Session:
         return self._conditioner.measured(raw_mm, quality, t_ns, m.seq, flags)
 
     def _air_c(self, m: Measurement) -> float:
-        """Measured where that is plausible; a broken thermometer reports 85 or -40 and would bend every distance."""
+        """Measured where that is plausible; a broken thermometer reports 85 or -40 and would falsify every distance."""
         if m.temperature_dc is None:
             return self._temperature_c
         measured_c = m.temperature_dc / 10
