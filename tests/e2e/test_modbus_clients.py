@@ -1,9 +1,7 @@
 """Clients that we did not write: libmodbus (a C program built here), mbpoll, pymodbus. And bytes cut anywhere."""
 
 import asyncio
-import random
 import shlex
-import socket
 import subprocess
 from collections.abc import Callable, Coroutine, Sequence
 from pathlib import Path
@@ -15,7 +13,7 @@ from pymodbus.client import AsyncModbusTcpClient
 from gateway import __version__, event_loop
 from gateway.config import ModbusConfig
 from gateway.modbus.protocol import identity
-from gateway.modbus.protocol.adu import ModbusException, frame_bytes
+from gateway.modbus.protocol.adu import ModbusException
 from gateway.modbus.protocol.answers import Peer, Unit
 from gateway.modbus.registers.bits import coil_of
 from gateway.modbus.server.server import ModbusServer
@@ -133,35 +131,6 @@ def test_libmodbus(libmodbus_client: Path, writes_on: bool) -> None:
     serve(bay, use)
 
 
-def test_mbpoll_reads_bits_and_writes() -> None:
-    bay = Bay(writes_on=True)
-
-    async def poll(line: str) -> str:
-        process = await asyncio.create_subprocess_exec(
-            *shlex.split(line), stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT
-        )
-        return (await process.communicate())[0].decode()
-
-    async def use(server: ModbusServer) -> None:
-        common = f"mbpoll -m tcp -0 -1 -a 1 -p {server.port}"
-        for table in (0, 1):
-            told = await poll(f"{common} -t {table} -r 0 -c 16 127.0.0.1")
-            values = [line.split()[1] for line in told.splitlines() if line.startswith("[")]
-            assert "".join(values) == "1101011111000000"
-        assert "Written 2 references." in await poll(f"{common} -t 4 -r 80 127.0.0.1 17 18")
-        assert bay.words[80:83] == [17, 18, 1082]
-        assert "Illegal data address" in await poll(f"{common} -t 4 -r 4 127.0.0.1 1")
-        assert bay.words[4] == 1004
-        bay.words[81] = 0
-        assert "Written 1 references." in await poll(f"{common} -t 0 -r {CONTROL + 3} 127.0.0.1 1")
-        assert bay.words[81] == 8
-        assert "Written 3 references." in await poll(f"{common} -t 0 -r {CONTROL} 127.0.0.1 1 1 0")
-        assert bay.words[81] == 11
-        assert "Illegal data address" in await poll(f"{common} -t 0 -r 4 127.0.0.1 1")
-
-    serve(bay, use)
-
-
 def test_pymodbus_pipelines_bits_and_writes() -> None:
     bay = Bay(writes_on=True)
 
@@ -185,68 +154,6 @@ def test_pymodbus_pipelines_bits_and_writes() -> None:
         )  # it takes the last byte for the run indicator, wherever that stands
         assert told.identifier == f"\x01\xffplc-loading-gateway {__version__} site1/bay".encode("latin1")
         client.close()
-
-    serve(bay, use)
-
-
-def a_request(rng: random.Random) -> bytes:
-    """A frame of a client that is mostly, not always, in its right mind. Its length is always possible."""
-    function = rng.choice([1, 2, 3, 3, 3, 4, 4, 5, 6, 7, 8, 15, 16, 17, 22, 23, 43, rng.randrange(256)])
-    address, count = rng.choice([(0, 110), (0, 1), (80, 1), (99, 1), (109, 2), (3, 20), (0, 126), (7, 0)])
-    pdu = bytes([function, 0, address, 0, count])
-    if function in (16, 23):
-        pdu = bytes([16, 0, 80, 0, 2, 4, rng.randrange(256), 1, 2, 3]) if function == 16 else pdu
-        pdu = bytes([23, 0, 79, 0, 4, 0, 81, 0, 1, 2, 7, rng.randrange(256)]) if function == 23 else pdu
-    if function in (5, 15):
-        pdu = bytes([5, 0, CONTROL + rng.randrange(16), rng.choice([0, 255]), 0])
-        pdu = bytes([15, 0, CONTROL, 0, 9, 2, rng.randrange(256), rng.randrange(2)]) if function == 15 else pdu
-    if function == 22:
-        pdu = bytes([22, 0, 81, *rng.randbytes(4)])
-    if function == 17:
-        pdu = bytes([17])
-    if function == 43:
-        pdu = bytes([43, 14, rng.choice([1, 2, 3, 4, 9]), rng.randrange(8)])
-    if rng.random() < 0.1:
-        pdu = pdu[: rng.randrange(1, len(pdu) + 1)]
-    frame = frame_bytes(rng.randrange(65536), rng.choice([1, 1, 1, 0, 255, 2]), pdu)
-    return frame[:2] + b"\0\7" + frame[4:] if rng.random() < 0.05 else frame
-
-
-@pytest.mark.parametrize("pieces", ["one by one", "ragged", "all at once"])
-def test_pipelined_requests_are_all_answered_in_order_wherever_the_bytes_are_cut(pieces: str) -> None:
-    """Some hundred requests without waiting for an answer; then whatever must have come back, to the last byte."""
-    bay = Bay(writes_on=True)
-    rng = random.Random(f"cut {pieces}")
-    requests = [a_request(rng) for _ in range(150 if pieces == "one by one" else 600)]
-    answers = [oracle.answer_frame(bay.server, frame) for frame in requests]
-    expected = b"".join(told for told in answers if isinstance(told, bytes))
-    stream = b"".join(requests)
-
-    def exchange(port: int) -> bytes:
-        came = b""
-        with socket.create_connection(("127.0.0.1", port), timeout=20) as raw:
-            raw.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            raw.setblocking(False)
-            at = 0
-            while at < len(stream):
-                size = {"one by one": 1, "all at once": len(stream)}.get(pieces) or rng.randrange(1, 40)
-                try:
-                    at += raw.send(stream[at : at + size])
-                except BlockingIOError:
-                    raw.settimeout(20)
-                    came += raw.recv(65536)
-                    raw.setblocking(False)
-            raw.settimeout(20)
-            raw.shutdown(socket.SHUT_WR)  # what is owed comes all the same
-            while chunk := raw.recv(65536):
-                came += chunk
-        return came
-
-    async def use(server: ModbusServer) -> None:
-        came = await asyncio.get_running_loop().run_in_executor(None, exchange, server.port)
-        assert came == expected
-        assert bay.words == bay.server.bays[1].words
-        assert server.stats.requests == len([told for told in answers if told != oracle.NOTHING])
 
     serve(bay, use)
 

@@ -398,13 +398,6 @@ def _pymodbus(plant: Plant, port: int) -> AsyncModbusTlsClient:
 
 
 @played
-async def test_many_requests_over_one_connection_are_all_answered_in_order(plant: Plant) -> None:
-    async with gateway(plant, Bay()) as listening:
-        found = await threaded(ask, listening.tls, context_of(plant, "viewer"), *[READ_STOP] * 300)
-        assert found == [ANSWER_STOP] * 300
-
-
-@played
 async def test_requests_sent_with_the_last_bytes_of_the_handshake_are_answered(plant: Plant) -> None:
     """TLS 1.3: the client may speak before the server has looked at its certificate; nothing may get lost."""
 

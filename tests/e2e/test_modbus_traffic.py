@@ -65,11 +65,3 @@ async def test_a_stranger_s_requests_are_no_sign_of_the_plc() -> None:
             assert now.peers[0].is_plc is False
     with pytest.raises(RuntimeError, match="not running"):
         server.now()
-
-
-@on_gateway_loop
-async def test_a_refused_connection_is_told_by_its_reason() -> None:
-    async with ModbusServer(ModbusConfig(port=0, allow=("10.0.0.0/8",)), UNITS) as server:
-        with closing(socket.create_connection(("127.0.0.1", server.port), timeout=10)):
-            now = await until(server, lambda now: dict(now.refused)[Refusal.NOT_ALLOWED] > 0)
-        assert (now.open, now.connections, now.peers) == (0, 0, ())

@@ -1,21 +1,16 @@
 """Who may write, on plain TCP over real sockets: plc_addresses, one of them at a time."""
 
 import asyncio
-import os
 from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager
-from pathlib import Path
 from typing import Any
 
 import pytest
 from pymodbus.client import AsyncModbusTcpClient
 
-from gateway import event_loop
 from gateway.core.plc import Control
 from gateway.modbus.registers.bits import coil_of
 from gateway.modbus.registers.register_map import BLOCK_WORDS, decode
-from tests.e2e.plc import Plc
-from tests.e2e.processes import Gateway
 from tests.e2e.served_bay import ServedBay
 from tests.virtual_time import on_gateway_loop
 
@@ -125,77 +120,3 @@ async def test_of_two_programs_of_one_plc_the_second_is_refused_until_the_first_
 
 async def _has(asked: AsyncModbusTcpClient, register: str, value: float) -> bool:
     return bool((await image(asked))[register] == value)
-
-
-@on_gateway_loop
-async def test_coils_write_the_control_bits_and_a_bit_without_meaning_is_refused() -> None:
-    bay = bay_with(heartbeat_required=False)
-
-    async with bay.open() as listening, client(listening.first, PLC) as plc:
-        assert not (await plc.write_coil(CONTROL + Control.TRUCK_PRESENT, True)).isError()
-        assert not (await plc.write_coils(CONTROL, [True, True, False])).isError()
-        assert (await image(plc))["plc_control"] == 0b11
-        assert (await plc.read_coils(CONTROL, count=3)).bits[:3] == [True, True, False]
-        assert not (await plc.mask_write_register(address=81, and_mask=0xFFFE, or_mask=0)).isError()
-        assert (await image(plc))["plc_control"] == 0b10
-        assert (await plc.write_coil(CONTROL + 15, True)).exception_code == 3
-        assert (await plc.write_register(81, 0x8001)).exception_code == 3
-        assert (await plc.write_coil(0, False)).exception_code == 2
-        assert (await plc.write_register(81, 1, device_id=0)).exception_code == 0x0B
-        assert (await image(plc))["plc_control"] == 0b10
-    assert bay.refused() == [
-        f"{PLC}: plc_control has no bit 15",
-        f"{PLC}: plc_control has no bit 15",
-        f"{PLC}: register 3 is read only",
-        f"{PLC}: write single register: nothing is written under unit id 0",
-    ]
-
-
-@on_gateway_loop
-async def test_without_a_heartbeat_another_writes_once_the_owner_has_gone() -> None:
-    bay = bay_with(heartbeat_required=False, heartbeat_deadline_s=0.2)
-
-    async with bay.open() as listening, client(listening.first, SECOND) as second:
-        async with client(listening.first, PLC) as first, client(listening.first, PLC):
-            assert not (await first.write_register(81, 1)).isError()
-            await asyncio.sleep(0.5)  # longer than heartbeat_deadline_s
-            first.close()
-            await asyncio.sleep(0.5)
-            assert (await second.write_register(81, 2)).exception_code == BUSY, "it is still connected"
-        await until(lambda: _taken(second))
-        assert (await image(second))["plc_control"] == 2
-
-
-async def _taken(asked: AsyncModbusTcpClient) -> bool:
-    return not (await asked.write_register(81, 2)).isError()
-
-
-SETTINGS = """
-instance = "writers-{pid}"
-[modbus]
-port = 0
-writes = true
-plc_addresses = ["127.0.0.1"]
-[modbus.handshake]
-heartbeat_deadline_s = 30.0
-"""
-
-
-def test_a_simulated_gateway_with_writes_on(tmp_path: Path) -> None:
-    (tmp_path / "settings.toml").write_text(SETTINGS.format(pid=os.getpid()))
-    with (
-        Gateway(
-            *("simulate", "--config", str(tmp_path / "settings.toml"), "--modbus-port", "0", "--json", "--no-hmi")
-        ) as gateway,
-        Plc(port := gateway.started()["modbus_port"]) as plc,
-    ):
-
-        async def write(source: str, words: list[int]) -> int:
-            async with client(port, source) as master:
-                told = await master.write_registers(80, words)
-                return told.exception_code if told.isError() else 0
-
-        assert event_loop.run(write(PLC, [7, 1])) == 0
-        plc.wait_for(lambda seen: (seen["plc_heartbeat"], seen["plc_control"]) == (7, 1))
-        assert event_loop.run(write(SECOND, [8, 0])) == ILLEGAL_FUNCTION
-        assert plc.wait_for(lambda seen: seen["plc_age"] > 0).image["plc_control"] == 1

@@ -270,3 +270,11 @@ def test_units(units: tuple[int, ...]) -> None:
             exceptions += expected[0] >= 0x80
     assert failed == []
     assert (stats.requests, stats.exceptions, stats.image_faults) == (256 * 7, exceptions, 0)
+
+
+def test_what_is_written_under_unit_id_0_is_refused_and_reported() -> None:
+    told: list[str] = []
+    unit = replace(Pair(writes_on=True).unit, refused=lambda _, why: told.append(why))
+    handler = RequestHandler({1: unit}, RequestStats(), lambda error: None)
+    assert handler.answer(frame_bytes(1, 0, pdu(6, 81, 1)), ANYBODY) == frame_bytes(1, 0, b"\x86\x0b")
+    assert told == ["write single register: nothing is written under unit id 0"]
