@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from bench.teach_in import PLACES, Day, Place, first_stop_mm, share_of_stop, taught, with_values
 from gateway.config import BayConfig, CrossCheck, FusionConfig, GuidanceConfig, VisitConfig
+from gateway.config.sections.common import MAX_DISTANCE_MM
 from gateway.core.detection import Circle
 from gateway.core.scale import MarkerScale, ScaleSample
 from gateway.core.teach_in import BEFORE_MM, Spread, Suggestion, TeachSample, spreads_of, suggest, toml_lines
@@ -253,7 +254,7 @@ def test_whatever_was_measured_the_values_are_allowed(
         return
     named = values(found)
     assert 0 < named["fusion.radius_threshold_px"] < radius_px
-    assert distance_mm < named["fusion.distance_threshold_mm"] <= 4000
+    assert distance_mm < named["fusion.distance_threshold_mm"] <= MAX_DISTANCE_MM
     FusionConfig(
         radius_threshold_px=named["fusion.radius_threshold_px"],
         distance_threshold_mm=named["fusion.distance_threshold_mm"],
