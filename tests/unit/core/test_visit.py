@@ -199,14 +199,6 @@ def test_a_truck_too_far_in_must_go_back_and_is_not_in_place() -> None:
     assert (bench.state.in_place, bench.state.guidance.code) == (False, GuidanceCode.BACK)
 
 
-def test_a_truck_that_stops_short_is_guided_on_and_nothing_is_wrong() -> None:
-    bench = Bench(truck({"distance_cm": 34, "speed_cm_s": 20}))
-    bench.run(20)
-    assert (bench.state.stop, bench.state.may_move, bench.state.reason) == (False, True, Reason.NONE)
-    assert bench.state.guidance.code is GuidanceCode.SLOW
-    assert bench.state.visit.phase is VisitPhase.APPROACHING
-
-
 def test_d_that_is_held_at_a_red_lamp_makes_no_place_of_it() -> None:
     """Even where R x Z is not checked at all."""
     lamp = {"kind": "red_lamp", "at_s": 2, "for_s": 30}
@@ -405,40 +397,10 @@ def test_the_spout_covers_the_marker_and_in_place_is_held_and_stop_stays_on() ->
     assert bench.state.visit.phase is VisitPhase.HELD
 
 
-@pytest.mark.long
-def test_ten_minutes_and_more_of_loading_are_held_up_to_the_limit() -> None:
-    bench = held(config=gateway(visit={"hold_limit_s": 900.0}), scenario=stands(faults=(spout(1, 2000),), for_s=3000))
-    state = bench.state
-    # Time passes without the simulator: only what the step needs to stay alive.
-    begun_ns = state.visit.covered_since_ns or 0
-    ended_s = None
-    for n in range(1, 10_000):
-        now_ns = begun_ns + n * 100_000_000
-        for observation in (
-            VisionReading(now_ns, Quality.NO_TARGET),
-            RangeReading(now_ns, Quality.GOOD, 280.0),
-            Tick(),
-        ):
-            state = interlock.step(state, observation, now_ns, bench.rules)
-        if not state.in_place:
-            ended_s = (now_ns - begun_ns) / 1e9
-            break
-    assert ended_s == pytest.approx(900, abs=0.11)
-    assert state.visit.ended == "held for too long"
-    assert state.stop
-
-
 def test_with_no_hold_at_all_a_covered_marker_ends_it_at_once() -> None:
     bench = in_place(stands(faults=(spout(),)), gateway(visit={"hold_limit_s": 0.0}))
     bench.run_until(lambda state: state.vision.circle is None, 5)
     assert not bench.state.in_place
-
-
-def test_seen_again_where_it_was_it_is_in_place_as_before() -> None:
-    bench = held(stands(faults=(spout(1, 8),)))
-    bench.run(10)
-    assert (bench.state.visit.phase, bench.state.visit.held) == (VisitPhase.IN_PLACE, False)
-    assert events(bench, EventKind.IN_PLACE_ENDED) == []
 
 
 def test_in_place_keeps_stop_on_even_where_a_blind_gateway_does_not_say_stop() -> None:
@@ -579,6 +541,7 @@ def test_power_returns_while_a_red_lamp_is_lit_before_the_covered_marker(check: 
 # It has moved.
 
 
+@pytest.mark.failure_mode("T1")
 def test_a_truck_that_rolls_under_the_spout_is_reported() -> None:
     bench = held(stands({"distance_cm": 34, "speed_cm_s": 2, "hold_s": 20}, for_s=6.0, faults=(spout(1, 60),)))
     bench.run(8)
@@ -684,6 +647,7 @@ def test_a_truck_that_drives_off_is_reported_though_the_ranger_was_dead_meanwhil
     assert bench.run(7).visit.moved is Moved.DISTANCE
 
 
+@pytest.mark.failure_mode("T3")
 def test_the_next_truck_in_place_ends_the_report_of_the_one_before() -> None:
     legs = (
         {"distance_cm": 70, "speed_cm_s": 40},
@@ -716,6 +680,7 @@ def test_a_truck_that_rolled_and_stands_again_must_earn_it_where_it_stands() -> 
     [{}, {"cross_check": CROSS_CHECK}, {"cross_check": {**CROSS_CHECK, "lasting_s": 60.0}}, {"scale_tolerance": 0}],
     ids=["learned", "cross-check", "late cross-check", "none"],
 )
+@pytest.mark.failure_mode("M2")
 def test_a_red_lamp_for_the_covered_marker_never_ends_a_stop(keys: dict[str, Any]) -> None:
     lamp = {"kind": "red_lamp", "at_s": 5, "for_s": 10}
     bench = in_place(stands(faults=(spout(1, 20), lamp)), gateway(fusion=keys))
@@ -747,6 +712,7 @@ def test_a_disc_that_the_search_refuses_by_its_size_is_doubted_at_once() -> None
 
 
 @pytest.mark.parametrize("echo_cm", [3, 10, 20, 22])
+@pytest.mark.failure_mode("R9")
 def test_an_echo_beside_a_seen_marker_is_a_contradiction_and_no_move(echo_cm: float) -> None:
     echo = {"kind": "ranger_echo", "distance_cm": echo_cm, "at_s": 2, "for_s": 5}
     bench = in_place(stands(faults=(echo,)))
@@ -792,6 +758,7 @@ def test_an_echo_of_the_spout_within_the_band_hides_a_truck_that_goes() -> None:
     assert (bench.state.in_place, bench.state.visit.moved) == (False, Moved.DISTANCE)
 
 
+@pytest.mark.failure_mode("R9")
 def test_a_person_before_the_ranger_stops_the_truck_with_that_reason() -> None:
     waits = truck({"distance_cm": 90, "speed_cm_s": 20, "hold_s": 60}, faults=(
         {"kind": "ranger_echo", "distance_cm": 45, "at_s": 5, "for_s": 0.05},
@@ -835,29 +802,6 @@ def test_a_released_truck_may_leave_although_d_is_1_and_although_it_is_unknown()
         assert (state.visit.phase, state.guidance.code) == (VisitPhase.RELEASED, GuidanceCode.LEAVE)
         assert state.visit.ended == "released"
         assert events(bench, EventKind.MOVED) == []
-
-
-def test_a_released_truck_leaves_without_a_move_and_without_a_stop_on_its_way() -> None:
-    bench = in_place(stands(LEAVE, for_s=4.0))
-    release_at(bench, 3)
-    bench.run(3.2)
-    begun = len(bench.moments)
-    bench.run(15)
-    on_its_way = bench.moments[begun:]
-    assert all(m.state.may_move and not m.state.stop for m in on_its_way)
-    assert {m.state.guidance.code for m in on_its_way if m.truth.distance_mm < 900} == {GuidanceCode.LEAVE}
-    assert events(bench, EventKind.MOVED) == []
-    assert bench.state.visit.place is None
-
-
-def test_without_writes_each_departure_is_a_move() -> None:
-    bench = in_place(stands(LEAVE, for_s=2.0), gateway(writes=False))
-    bench.run(12)
-    assert [kind for kind, _ in events(bench, EventKind.MOVED, EventKind.VISIT_ENDED)] == [
-        EventKind.MOVED,
-        EventKind.VISIT_ENDED,
-    ]
-    assert bench.state.visit.moved is Moved.NO
 
 
 def test_only_a_truck_that_was_in_place_is_let_go() -> None:
@@ -1121,13 +1065,6 @@ def test_the_bit_may_go_back_once_the_truck_has_left_the_mark() -> None:
     assert bench.state.may_move
     assert bench.state.visit.phase is VisitPhase.LEAVING
     assert events(bench, EventKind.MOVED) == []
-
-
-def test_an_echo_while_it_is_released_ends_the_release() -> None:
-    bench = in_place(stands(faults=({"kind": "ranger_echo", "at_s": 3, "for_s": 2},)))
-    release_at(bench, 1)
-    bench.run(4.5)
-    assert (bench.state.stop, bench.state.visit.released) == (True, False)
 
 
 def test_a_latched_stop_does_not_hold_a_released_truck() -> None:
