@@ -148,7 +148,7 @@ async def test_float_word_order_with_mbpoll(order: WordOrder, flag: str) -> None
 @complete
 @pytest.mark.failure_mode("G10")
 async def test_an_image_that_is_none_is_a_fault_of_the_gateway(caplog: pytest.LogCaptureFixture) -> None:
-    async with ModbusServer(ANY_PORT, {1: Unit(lambda: [1.5])}) as server:
+    async with ModbusServer(ANY_PORT, {1: Unit(lambda: [1.5])}) as server:  # type: ignore[list-item]
         with caplog.at_level(logging.ERROR):
             for _ in range(3):
                 assert await ask(server, 1, b"\x03\x00\x00\x00\x01") == b"\x83\x04"
