@@ -14,7 +14,7 @@ from gateway.durations import NS_PER_S
 
 ROLE_OID = x509.ObjectIdentifier("1.3.6.1.4.1.50316.802.1")
 _UTF8_STRING = 0x0C
-MAX_ROLE_BYTES = 127  # the short form of a length; a longer name is no configured role
+MAX_ROLE_BYTES = 127  # the short form of a length; a longer name is not a configured role
 MAX_SHOWN = 200  # characters of a subject or a role
 _CRL = re.compile(rb"-----BEGIN X509 CRL-----.*?-----END X509 CRL-----", re.DOTALL)
 Serial = tuple[x509.Name, int]

@@ -158,5 +158,5 @@ def _share(value: float | None) -> str:
 
 
 def _printable(name: str) -> str:
-    """Names may hold line feeds, escape sequences and bytes that are no text."""
+    """Names may hold line feeds, escape sequences and bytes that are not text."""
     return name if name.isprintable() else name.encode("unicode_escape").decode("ascii")

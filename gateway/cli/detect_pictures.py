@@ -51,7 +51,7 @@ class DetectionRun:
     def __init__(self, params: VisionConfig, args: argparse.Namespace) -> None:
         self._params = params
         self._fps: float | None = args.track
-        # Without --track the pictures are no sequence: each is processed by itself.
+        # Without --track the pictures are not a sequence: each is processed by itself.
         self._find = registry.detector(
             params.model_copy(update={"tracking": self._fps is not None}), SystemClock().now_ns
         )

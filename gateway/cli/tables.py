@@ -9,7 +9,7 @@ from rich.text import Text
 
 from gateway.vision.offline.reports.tables import ReportTable
 
-WIDTH = 124  # where the output is no terminal
+WIDTH = 124  # where the output is not a terminal
 _STYLES = {"whole": "bold", "bad": "red", "faint": "dim"}
 
 

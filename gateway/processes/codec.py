@@ -62,7 +62,7 @@ def record_of(kind: type, data: bytes) -> Any:
 
 
 def _plain(value: Any) -> object:
-    """Settings as their JSON, a number of numpy's as Python's. Anything else is no data: a bug."""
+    """Settings as their JSON, a number of numpy's as Python's. Anything else is not data: a bug."""
     if (dump := getattr(value, "model_dump_json", None)) is not None:  # pydantic need not be loaded here
         return dump(exclude_unset=True)
     if getattr(value, "shape", None) == ():

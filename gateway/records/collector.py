@@ -116,7 +116,7 @@ class Collector:
             self._checkpoint(state, follows=True)
 
     def note(self, t_ns: int, kind: str, detail: str) -> None:
-        """Something that is no event of the control step."""
+        """Something that is not an event of the control step."""
         if self._bytes <= MAX_PENDING_BYTES and not self._missing:
             self._add(EventRecord(t_ns=t_ns, kind=kind, detail=detail))
 

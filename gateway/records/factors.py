@@ -102,7 +102,7 @@ def _rank(factor: Factor, state: StateVector) -> int:
     if factor is Factor.NO_TRUCK or (factor is Factor.MOVED and state.reason is not Reason.PLC_LOST):
         return 0
     if factor is Factor.IN_PLACE and state.in_place and state.d is not True:
-        return 1  # held: the covered marker is no fault then
+        return 1  # held: the covered marker is not a fault then
     return 2 if factor is of_reason.get(state.reason) else 3 + tuple(Factor).index(factor)
 
 

@@ -1,7 +1,7 @@
 """Vision runs anew on the kept pictures: what was recorded of each frame against what is found in it now. IO.
 
 The kept pictures are some of the frames, so each is searched by itself and completely. The recorded search followed
-the marker from frame to frame and had the ranger's limits of its radius. So small differences are no fault: within
+the marker from frame to frame and had the ranger's limits of its radius. So small differences are not a fault: within
 TOLERANCE both are the same.
 """
 
@@ -45,7 +45,7 @@ class FrameAgain:
 
     @property
     def same(self) -> bool:
-        """Both within the tolerance, or no marker both times. A prediction is no marker."""
+        """Both within the tolerance, or no marker both times. A prediction is not a marker."""
         if self.was is None:
             return False
         if self.was.circle is None or self.now is None:

@@ -89,7 +89,7 @@ def _heads(path: Path) -> Iterator[KeptPicture]:
 
 
 def _blocks(fd: int) -> Iterator[tuple[int, int]]:
-    """Offset and length of the payload of each picture's block, by the blocks' headers; until one is no header."""
+    """Offset and length of the payload of each picture's block, by the blocks' headers; until one is not a header."""
     at = len(MAGIC)
     while len(header := os.pread(fd, HEADER.size, at)) == HEADER.size:
         mark, kind, length, _ = HEADER.unpack(header)

@@ -79,7 +79,7 @@ class RecordedPicture:
 
 @dataclass(frozen=True, slots=True)
 class DamagedBytes:
-    """Bytes of a segment that are no block: the end of a file that was being written, or a fault of the disk."""
+    """Bytes of a segment that are not a block: the end of a file that was being written, or a fault of the disk."""
 
     offset: int
     length: int
@@ -125,7 +125,7 @@ def block(kind: BlockKind, payload: bytes) -> bytes:
 def blocks(data: bytes) -> Iterator[Block | DamagedBytes]:
     """All of a segment's blocks, in order, and what lies between them. Never raises, whatever the bytes.
 
-    Raises nothing for a file that is no segment either: all of it is then Damage.
+    Raises nothing for a file that is not a segment either: all of it is then Damage.
     """
     at = good = len(MAGIC) if data.startswith(MAGIC) else 0
     while at < len(data):

@@ -266,7 +266,7 @@ class Machine:
     # Links and files: on disk when they return.
 
     def version(self) -> str:
-        """To which `current` points. Raises UpdateError where this is no installed machine."""
+        """To which `current` points. Raises UpdateError where this is not an installed machine."""
         current = self.paths.current
         try:
             target = os.readlink(current)

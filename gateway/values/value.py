@@ -50,7 +50,7 @@ class Value(Generic[Source]):
         return f"{self.meaning}; null: {self.null}" if self.null else self.meaning
 
     def of(self, source: Source) -> Any:
-        """As it may be shown: None where it is not known, or is no number."""
+        """As it may be shown: None where it is not known, or is not a number."""
         if self.quality is not always and self.quality(source) is not Quality.GOOD:
             return None
         found = self.read(source)

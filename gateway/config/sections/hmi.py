@@ -14,7 +14,7 @@ LOOPBACK_NAMES = ("localhost", "127.0.0.1", "::1")
 MIN_MEMORY_KIB, MAX_MEMORY_KIB = (
     19_456,
     262_144,
-)  # OWASP's smallest for argon2id; more than the other is no login any more
+)  # OWASP's smallest for argon2id; more than the other is not a login any more
 MAX_PASSES = MAX_LANES = 16
 _HASH = re.compile(
     r"\$argon2id\$v=19\$m=([1-9]\d{0,9}),t=([1-9]\d{0,9}),p=([1-9]\d{0,9})"

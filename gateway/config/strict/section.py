@@ -18,7 +18,7 @@ class Section(BaseModel):
     @field_validator("*", mode="before")
     @classmethod
     def _own_type(cls, value: object, info: ValidationInfo) -> object:
-        """TOML has types: `true` is no number and "off" no boolean, though the checker would turn them into one."""
+        """TOML has types: `true` is not a number, "off" is not a boolean, though the checker would convert them."""
         annotation = cls.model_fields[info.field_name or ""].annotation
         kinds = get_args(annotation) if get_origin(annotation) in (Union, UnionType) else (annotation,)
         if value is None:

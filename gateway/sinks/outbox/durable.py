@@ -153,7 +153,7 @@ class OutboxJournal:
 class DurableOutbox:
     """A context manager around an `Outbox`. Entering may wait for the disk, nothing after it does.
 
-    Entering raises ConfigError where another gateway of the same name runs. A file that can't be used is no error:
+    Entering raises ConfigError where another gateway of the same name runs. A file that can't be used is not an error:
     `store` reports it. `open_file` makes the tests' faults possible.
     """
 
@@ -366,7 +366,7 @@ class DurableOutbox:
         return True
 
     def _shrink(self) -> None:
-        """Puts do not wait for it. A disk without room for it is no fault: nothing is lost by a large file."""
+        """Puts do not wait for it. A disk without room for it is not a fault: nothing is lost by a large file."""
         if self._file is None or machine_ns() < self._shrink_ns:
             return
         try:

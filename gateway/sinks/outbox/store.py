@@ -82,7 +82,7 @@ class EventFile:
         self._db.execute(f"PRAGMA user_version = {LAYOUT}")
 
     def entries(self) -> list[OutboxEntry]:
-        """Everything in it, oldest first. A row that is no event makes the file a corrupt one."""
+        """Everything in it, oldest first. A row that is not an event makes the file corrupt."""
         with self._errors() as db:
             # Text as bytes: invalid UTF-8 must not look like a failing disk.
             rows = db.execute(

@@ -31,7 +31,7 @@ SHARE = 0.7  # of what is missing, a step
 MOST_UP, MOST_DOWN = 4.0, 8.0  # factors of one step
 RISING_NS, RISING_LEVEL = 700_000_000, 40.0  # after a darker step none brighter for this time, unless it is below this
 BRIGHTER_NS = 300_000_000  # for this time the frames must have been too dark
-FLICKER_NS = 700_000_000  # a beat of lamp and frames that is no slower than this is not followed
+FLICKER_NS = 700_000_000  # a beat of lamp and frames that is not slower than this is not followed
 LOST_DARK = 25.0  # grey level at the place of a marker that is not found any more
 
 

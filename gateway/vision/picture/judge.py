@@ -13,7 +13,7 @@ from gateway.durations import NS_PER_S
 
 CLEARS = 0.1  # beyond its limit by this share of it, on the good side, a fault ends
 SET, CLEAR = 0.7, 0.3  # of the time, with an exponential memory
-LONGEST_STEP_S = 2.0  # a gap in the pictures is no time in which anything was seen
+LONGEST_STEP_S = 2.0  # a gap in the pictures is not a time in which anything was seen
 
 Beyond = Callable[[PictureHealth, PictureConfig], float | None]
 """The value over its limit; 1: at the limit, more is worse. None: unknown, or switched off."""

@@ -14,7 +14,7 @@ Rules
   judged: native code may hold the interpreter's lock; nor for a moment afterwards. A process of which neither thread
   runs is PROCESS_FAULT, too, and so is one whose detector has stopped between two frames. A process that crashes while
   its detector works on no frame has crashed in its driver: LINK_DOWN.
-- Nothing that a process notes or sends is taken on trust: notes that cannot be are no notes, a result that cannot be is
+- Nothing that a process notes or sends is taken on trust: impossible notes are ignored, an impossible result is
   PROCESS_FAULT. So a damaged process neither hides its silence nor spoils the numbers of its successors.
 - After LINK_DOWN the next process is started with the delays of `camera.reconnect`; after PROCESS_FAULT at once, from
   the second failure in a row on with a delay.
@@ -210,7 +210,7 @@ class ProcessMonitor:
             self._give_up(why, config)
 
     def failed(self, token: int, why: str, now_ns: int, *, config: bool = False) -> None:
-        """The detector has raised something, or the process has sent what is no message."""
+        """The detector has raised something, or the process has sent what is not a message."""
         if self._is(token):
             self._process_fault(f"vision process: {why}", now_ns)
             self._give_up(why, config)

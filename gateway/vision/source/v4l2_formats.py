@@ -43,7 +43,7 @@ class Capabilities:
 
 
 def capabilities(path: str, ioctl: Ioctl = fcntl.ioctl) -> Capabilities:
-    """Raises OSError where the node can't be opened or is no V4L2 device. A driver that hangs does not return."""
+    """Raises OSError where the node can't be opened or is not a V4L2 device. A driver that hangs does not return."""
     fd = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
     try:
         record = bytearray(CAPABILITY.size)

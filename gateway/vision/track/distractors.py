@@ -55,7 +55,7 @@ class Distractors:
         return next((r.circle for r in rejected if r.why == SIZE and same_circle(r.circle, self.marker)), None)
 
     def wrong_size(self, rejected: Iterable[Rejection]) -> Circle | None:
-        """The best red disc that was rejected for its radius and is no distractor: presumably the marker."""
+        """The best red disc that was rejected for its radius and is not a distractor: presumably the marker."""
         return next((r.circle for r in rejected if r.why == SIZE and not self.has(r.circle)), None)
 
     def has(self, found: Circle) -> bool:

@@ -8,7 +8,7 @@ Everything scales with R: a truck that brakes at 30 cm changes the picture ten t
 model doesn't describe, the vibration of truck and camera from frame to frame, is counted as noise of the measurement.
 
 The filter predicts and nothing else. What is reported as measured is the measured circle, never a filtered one. Times
-are monotonic nanoseconds. A frame that is no newer than the track can be predicted, but does not update it; the
+are monotonic nanoseconds. A frame that is not newer than the track can be predicted, but does not update it; the
 uncertainty grows with the interval in either direction. No input gives NaN or a negative variance.
 """
 
@@ -25,7 +25,7 @@ AGILITY = 3.0  # the velocity wanders by so many R (or REACH, if more) a second,
 REACH_PX = 30.0  # a small, far marker still moves with the shake of the camera
 FIRST_SPEED = 3.0  # of a track that has just begun: standard deviation of its unknown velocity, R (or REACH) a second
 FARTHEST_S = 10.0  # nothing is predicted over more than that
-LARGEST_PX = 1e6  # a circle beyond is no measurement
+LARGEST_PX = 1e6  # a circle beyond is not a measurement
 CONFIRMED_HITS = 3  # measurements that fit each other, before a prediction may be shown
 
 

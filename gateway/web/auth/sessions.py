@@ -69,7 +69,7 @@ class Sessions:
         return self.keep_alive(_key(identity), now_ns) if 0 < len(identity) <= MAX_ID_LENGTH else None
 
     def keep_alive(self, key: str, now_ns: int) -> Session | None:
-        """The same by its key: an open page is no idle one."""
+        """The same by its key: an open page is not idle."""
         session = self._open.get(key)
         if session is None:
             return None
@@ -85,7 +85,7 @@ class Sessions:
         return max(0, session.opened_ns + self._lifetime_ns - now_ns)
 
     def close(self, key: str) -> None:
-        """Ends it; one that there is not is no fault."""
+        """Ends it; one that does not exist is not a fault."""
         if self._open.pop(key, None) is not None:
             self.ended(key)
 

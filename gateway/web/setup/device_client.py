@@ -85,7 +85,7 @@ class DeviceClient:
         self._helper.close()
 
     async def ask(self, question: DeviceQuestion, kind: type[Answer]) -> Answer:
-        """The one answer to a question that is no look. Raises RefusalError."""
+        """The one answer to a question other than a look. Raises RefusalError."""
         try:
             answer: DeviceAnswer = DEVICE_ANSWERS.unpacked(await self._helper.ask(question))
         except ProtocolError as error:

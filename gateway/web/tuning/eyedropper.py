@@ -18,7 +18,7 @@ from gateway.vision.offline.tuning.thresholds import MOST_HUE
 from gateway.vision.pixels import Image
 
 MARGIN = (4, 30, 30)  # H, S, V: the light changes
-MANY = 0.2  # of the picture: more is no marker
+MANY = 0.2  # of the picture: more is not a marker
 ELSEWHERE = 0.5  # of what hangs together with the click: more red elsewhere is a rival
 PALE, DARK = 43, 30  # S and V below which the hue is noise
 CLOSED = 180  # a hue that never occurs: a range that begins there admits nothing

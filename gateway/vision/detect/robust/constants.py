@@ -21,7 +21,7 @@ FEWEST_EDGES = 8
 
 # Rim, fine (`rim_fine`, `rim`).
 STILL_SIGMAS = 0.15  # of the blur: the step's shift is linear so far, smaller moves need no further round
-LEAST_VISIBLE = 0.15  # of the entire rim's rays: fewer are no rim
+LEAST_VISIBLE = 0.15  # of the entire rim's rays: fewer are not a rim
 ROUNDS = 4  # at most
 SMALLEST_AXIS_PX = 3.0  # a semi-axis
 LARGEST_AXIS_PX = 20_000.0

@@ -18,7 +18,7 @@ from gateway.vision.track.distractors import SIZE
 
 Window = tuple[int, int, int, int]  # x0, y0, x1, y1 px of the full frame, the last two beyond it
 
-SMALLEST_PX = 4.0  # of a radius, whatever the limits say: less is no rim
+SMALLEST_PX = 4.0  # of a radius, whatever the limits say: less is not a rim
 
 
 def detect(

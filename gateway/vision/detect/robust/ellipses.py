@@ -99,7 +99,7 @@ def _conics(points: Floats, trust: Floats) -> Floats:
 
 
 def _axes(solution: Floats) -> Floats:
-    """(K, 5) p, B, D, E, F to centre, semi-axes (the larger first) and angle; NaN for what is no ellipse."""
+    """(K, 5) p, B, D, E, F to centre, semi-axes (the larger first) and angle; NaN for what is not an ellipse."""
     p, b, d, e, f = solution.T
     a, c = 0.5 + p, 0.5 - p
     bottom = 4 * a * c - b * b  # 1 for a circle, 0 for a parabola

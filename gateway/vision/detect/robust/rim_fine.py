@@ -99,7 +99,7 @@ def _measure(rays: Rays, seen: Profile, sigma: float) -> _Edges:
     inner = level + height
     strange = (np.square(inner - _middle(inner, inside)).sum(axis=0)) / (0.4 * power + 200.0)
     weight = np.minimum(power / usual, 2.0) / (1.0 + strange * strange)
-    weight *= np.minimum(1.4 * quiet / noise, 1.0) ** 4  # specks, and what else is no plain step
+    weight *= np.minimum(1.4 * quiet / noise, 1.0) ** 4  # specks, and what else is not a plain step
     weight[(clear == 0) | (own < 9.0) | (np.abs(shift) > 1.5 * sigma + 1.0)] = 0.0
     return _Edges(shift, np.sqrt(own), variance, weight)
 

@@ -30,7 +30,7 @@ from gateway.vision.track.distractors import RED_DISC
 from gateway.vision.track.kalman_filter import Prediction
 
 CHECK, FULL, FAINT = 8, 64, 128  # frames; each a multiple of the one before
-CHECK_NS = 300_000_000  # a slow camera's truck is no slower
+CHECK_NS = 300_000_000  # a slow camera's truck is not slower
 ROUND_RIM = 1.35  # the evidence includes the surroundings: so many radii
 
 

@@ -123,7 +123,7 @@ def _toward_circle(
 
 
 def _moved(outline: SupportEllipse, change: Floats) -> SupportEllipse | None:
-    """The ellipse after the change; None where that is no ellipse. To second order for a circle, to first otherwise."""
+    """The ellipse after the change; None where it is not one. To second order for a circle, to first otherwise."""
     du, dv, x, y, z = (float(value) for value in change)
     twice = 2 * outline.mean_px
     wave = hypot(y, z)

@@ -23,7 +23,7 @@ RAYS = 120  # on which the rim is shown
 _AROUND = 1.35  # of the semi-major axis: what the rim's panel shows
 _REACH = 0.25  # of the semi-minor axis: how far along a ray an edge is searched for
 _STEP = 0.25  # of a pixel
-_CLEAR = 0.3  # of the median fall of redness: less is no edge
+_CLEAR = 0.3  # of the median fall of redness: less is not an edge
 SURE = 0.3  # of a confidence gate: below, even odds pass
 
 

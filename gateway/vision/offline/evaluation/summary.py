@@ -117,7 +117,7 @@ def _sequences(outcomes: Sequence[ScoredPicture], series: SeriesOf) -> tuple[Acq
 
 
 def _constancy(outcomes: Sequence[ScoredPicture], series: SeriesOf) -> tuple[Constancy, ...]:
-    """Of every series with at least two pictures on the target and a distance; answers elsewhere are no radius."""
+    """Of every series with at least two pictures on the target and a distance; answers elsewhere are not a radius."""
     members: dict[str, list[tuple[float, float, float]]] = defaultdict(list)
     for outcome in outcomes:
         circle, z_cm, true_px = outcome.detection.circle, outcome.label.z_cm, outcome.label.major_px

@@ -21,7 +21,7 @@ lies in the picture. All the shortcuts follow from these boxes.
 6. The area of a contour is at most (width - 1) (height - 1) of the box round it. A cluster whose box has no more than
    S_min can't hold a candidate.
 
-All of it holds for every K >= 3, any threshold, any blur. K = 1 is no opening: then every red pixel counts.
+All of it holds for every K >= 3, any threshold, any blur. K = 1 opens nothing: then every red pixel counts.
 """
 
 from dataclasses import dataclass
