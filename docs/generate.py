@@ -23,8 +23,6 @@ from gateway.modbus.exports.registry import export
 from gateway.modbus.exports.target import Target
 from gateway.ranger.hcsr04 import protocol
 from gateway.sinks import registry as sink_registry
-from gateway.sinks.postgresql import tables as historian_tables
-from gateway.sinks.sparkplug import metrics as sparkplug_metrics
 from gateway.web.server import app, openapi
 from tests import doc_pictures
 from tests.failure_mode_tests import marked_tests
@@ -33,6 +31,7 @@ from tools import (
     detection_methods,
     failure_modes,
     hcsr04,
+    historian,
     lamps,
     modbus_server,
     mqtt,
@@ -101,7 +100,7 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
     "ranger.md": {"wire": hcsr04.wire},
     "reaction-time.md": reaction_time.blocks(protocol.PERIOD_MS),
     "registers.md": {"registers": register_tables.markdown, **lamps.BLOCKS},
-    "sparkplug.md": {"device metrics": sparkplug_metrics.markdown},
+    "sparkplug.md": {"device metrics": tables.sparkplug},
     "simulator.md": {"keys and faults": tables.scenario},
     "visit.md": {
         "situations": situations.markdown,
@@ -138,7 +137,7 @@ def texts() -> Iterator[tuple[Path, str]]:
             yield folder / name, page((folder / name).read_text(encoding="utf-8"), blocks)
     for name, text in mqtt.schemas().items():
         yield DOCS / "schemas" / name, text
-    yield DOCS / "scada" / "postgresql.sql", historian_tables.sql_file()
+    yield DOCS / "scada" / "postgresql.sql", historian.sql_file()
     yield DOCS / "openapi.json", json.dumps(openapi.document(app.ROUTES), indent=1, ensure_ascii=False) + "\n"
     for name in PLC_EXAMPLES:
         for file, text in export(name, (Target(writes=True),)).items():

@@ -29,7 +29,6 @@ from gateway.ranger.hcsr04.protocol import (
     Measurement,
     encode_hello,
     encode_measurement,
-    wire_ms,
 )
 from gateway.ranger.hcsr04.session import FARTHEST_MM, NEAREST_MM
 
@@ -70,6 +69,11 @@ def header() -> str:
 def _define(name: str, value: int | str, comment: str) -> str:
     text = f"({value})" if isinstance(value, int) and value < 0 else f"{value}"
     return f"#define PROTOCOL_{name} {text}" + (f" /* {comment} */" if comment else "")
+
+
+def wire_ms(size: int, baud: int) -> float:
+    """How long so many bytes take on the wire: start bit, 8 data bits, stop bit."""
+    return size * 10_000 / baud
 
 
 def wire() -> str:

@@ -5,6 +5,8 @@ from gateway.config.reference import key_table
 from gateway.config.strict.section import inner_model
 from gateway.modbus.exports.tables import markdown_table
 from gateway.sim.scenario import FAULT_MEANING, Scenario
+from gateway.sinks.sparkplug import metrics as device
+from gateway.sinks.sparkplug.wire import QualityCode
 from gateway.vision.offline.evaluation.labels import Label
 from gateway.vision.offline.evaluation.requirements import METRICS
 from gateway.vision.offline.evaluation.scoring import VERDICT_MEANING
@@ -41,6 +43,18 @@ def metrics() -> str:
     rows.append(f"| `{PREFIX}{LATENCY[0]}` | histogram | `bay` | {LATENCY[1]} |")
     rows.append(f"| `{PREFIX}{STAGE[0]}` | histogram | `bay`, `stage` | {STAGE[1]} |")
     return "\n".join(["| name | form | labels | meaning |", "|---|---|---|---|", *rows])
+
+
+def sparkplug() -> str:
+    """The metrics of a device, as its birth has them: docs/sparkplug.md."""
+    birth = device.metrics(dict.fromkeys(device.ROWS, (None, QualityCode.GOOD)), 0, birth=True)
+    rows = [
+        (f"`{one.name}`", one.datatype.name.capitalize(), one.unit or "–", device.ROWS[one.name].words) for one in birth
+    ]
+    alarms = "state (ISA-18.2) of each alarm of the bay; names: [alarms](alarms.md)"
+    rows.append((f"`{device.ALARM}<kind>`", "String", "–", alarms))
+    rows.append((f"`{device.GATEWAY_ALARM}<kind>`", "String", "–", "of each alarm of the gateway itself"))
+    return markdown_table(("metric", "datatype", "unit", "meaning"), rows)
 
 
 def requirements() -> str:

@@ -30,6 +30,7 @@ from tests.e2e.mqtt_plant import ComputedBays
 from tests.e2e.postgres import PASSWORD, PASSWORD_IN_URL, Postgres
 from tests.e2e.processes import Gateway
 from tests.plant_certs import Plant as Certificates
+from tools.historian import sql_file
 
 pytestmark = pytest.mark.xdist_group("postgresql")
 BOOT = "00000000deadbeef"
@@ -174,8 +175,8 @@ def test_every_column_is_filled_or_null_on_purpose(server: Postgres, schema: str
 
 
 def test_comments_and_the_file_for_administrators(server: Postgres) -> None:
-    server.sql(tables.sql_file())
-    server.sql(tables.sql_file())  # any number of times
+    server.sql(sql_file())
+    server.sql(sql_file())  # any number of times
     assert server.sql("SELECT version FROM loading.layout") == [[str(tables.LAYOUT)]]
     (count,) = server.sql(
         "SELECT count(*) FROM information_schema.columns WHERE table_schema = 'loading' AND table_name <> 'layout' "
@@ -441,7 +442,7 @@ STATEMENTS = re.findall(r"```sql\n(.*?)```", PAGE.read_text(encoding="utf-8"), r
 
 
 def test_the_statements_of_the_page_run(server: Postgres) -> None:
-    server.sql(tables.sql_file())
+    server.sql(sql_file())
     examples = [text for text in STATEMENTS if "CREATE DATABASE" not in text]
     assert len(examples) == 5
     for text in examples:

@@ -5,9 +5,10 @@ from itertools import pairwise
 
 import pytest
 
-from gateway.ranger.hcsr04.protocol import BURST_NS, NO_FLAGS, TICK_NS, Flags, wire_ms
+from gateway.ranger.hcsr04.protocol import BURST_NS, NO_FLAGS, TICK_NS, Flags
 from gateway.ranger.hcsr04.session import distance_mm
 from tests.firmware.bench_runs import PERIOD_MS, Run, run, with_thermometer
+from tools.hcsr04 import wire_ms
 
 TIMING_CHAIN_MM = 0.2
 STEP_MM = 4.0

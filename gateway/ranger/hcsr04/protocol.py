@@ -226,8 +226,3 @@ def _measurement(found: re.Match[bytes], size: int) -> Event:
     if abs(tenths - tenths_at_20c(ticks)) > 1:  # firmware may round otherwise
         return Damaged(Damage.MISMATCH, size)
     return Measurement(seq, ticks, Flags(flags), temperature_dc, size)
-
-
-def wire_ms(size: int, baud: int) -> float:
-    """How long so many bytes take on the wire: start bit, 8 data bits, stop bit."""
-    return size * 10_000 / baud

@@ -205,20 +205,3 @@ END $$;"""
 
 def _quoted(text: str) -> str:
     return "'" + text.replace("'", "''") + "'"
-
-
-def sql_file() -> str:
-    """docs/scada/postgresql.sql."""
-    return "\n".join(
-        [
-            "-- The tables of the gateway's historian (docs/historian.md), as the gateway creates them itself, too.",
-            "-- Written by ./dev docs; another schema than `loading`: replace it everywhere.",
-            "--",
-            "-- Where the gateway must not create tables (create_tables = false), it needs no more than this:",
-            "--   GRANT USAGE ON SCHEMA loading TO gateway;",
-            "--   GRANT SELECT ON loading.layout TO gateway;",
-            "--   GRANT INSERT ON loading.events, loading.visits, loading.states TO gateway;",
-            "",
-            create("loading"),
-        ]
-    )

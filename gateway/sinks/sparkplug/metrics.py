@@ -183,16 +183,3 @@ def metrics(now: dict[str, Reading], timestamp_ms: int, *, birth: bool = False) 
 
 def _unit(name: str) -> str:
     return "" if _datatype(name) is DataType.DATETIME else ROWS[name].unit
-
-
-def markdown() -> str:
-    """The device metrics as a table."""
-    rows = [
-        f"| `{name}` | {_datatype(name).name.capitalize()} | {_unit(name) or '–'} | {row.words} |"
-        for name, row in ROWS.items()
-    ]
-    rows += [
-        f"| `{ALARM}<kind>` | String | – | state (ISA-18.2) of each alarm of the bay; names: [alarms](alarms.md) |",
-        f"| `{GATEWAY_ALARM}<kind>` | String | – | of each alarm of the gateway itself |",
-    ]
-    return "\n".join(["| metric | datatype | unit | meaning |", "|---|---|---|---|", *rows]) + "\n"

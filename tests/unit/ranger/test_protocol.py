@@ -25,9 +25,9 @@ from gateway.ranger.hcsr04.protocol import (
     frame,
     reset_cause,
     tenths_at_20c,
-    wire_ms,
 )
 from tests.examples import examples
+from tools.hcsr04 import wire_ms
 
 DOCS = Path(__file__).parents[3] / "docs" / "ranger.md"
 

@@ -34,6 +34,7 @@ from gateway.sinks.postgresql.settings import PostgresqlConfig
 from gateway.sinks.postgresql.sink import EVENTS_AT_ONCE, PostgresqlSink
 from tests.unit.sinks.mqtt_stand_ins import VALID_NS
 from tests.virtual_time import LoopClock, in_virtual_time, run
+from tools.historian import sql_file
 
 BOOT = "00000000deadbeef"
 URL = "postgresql://gateway:s%2Fe@db.plant/history"
@@ -494,7 +495,7 @@ def test_every_table_is_complete() -> None:
         assert len(set(names)) == len(names)
         assert {*table.key, *(name for index in table.indexes for name in index)} <= set(names)
         assert all(column.meaning for column in table.columns)
-    sql = tables.sql_file()
+    sql = sql_file()
     assert sql.count("CREATE TABLE IF NOT EXISTS") == 4
     assert "create_hypertable('\"loading\".states', 't'" in sql
 
