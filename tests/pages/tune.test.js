@@ -1,6 +1,7 @@
 import assert from 'node:assert/strict';
 import test from 'node:test';
 import { css, differing, groups, partLimits, placeOf, range, same, stepOf, title, typed, valueAt, widely, followed } from '../static/tune/settings.js';
+import { begun, changed, edited, profiled, tried } from '../static/tune/state.js';
 import { trials } from '../static/tune/trials.js';
 import { confirmed } from '../static/lib/warnings.js';
 
@@ -215,4 +216,26 @@ test('who does not accept the warnings changes nothing; another refusal is no qu
   assert.equal(one.sent.length, 1);
   const broken = async () => { throw Object.assign(new Error('no'), { body: { error: 'refused' } }); };
   await assert.rejects(confirmed(broken, () => assert.fail('asked')), /no/);
+});
+
+test('what is told to be in force: edits stay, the rest follows, and a file that was not asked for is the same', () => {
+  const profile = (vision, more = {}) => ({ vision, undo_steps: 0, undo: {}, untried: [], function_check: 'off', ...more });
+  let page = begun(profile({ a: 1, b: 2 }, { file: { path: 'f' } }), []);
+  page = changed(page, edited({ a: 5 }));
+  page = changed(page, profiled(profile({ a: 3, b: 4 }, { undo_steps: 1, function_check: 'may_move_off' })));
+  assert.deepEqual([page.inForce, page.settings], [{ a: 3, b: 4 }, { a: 5, b: 4 }]);
+  assert.deepEqual([page.undoSteps, page.mode, page.file.path], [1, 'MAY_MOVE_OFF', 'f']);
+  assert.equal(changed(page, { mode: 'MAY_MOVE_OFF' }), page);
+});
+
+test('a look keeps the times that were measured for the same settings, and none of others', () => {
+  const side = (ms) => ({ total_ms: ms, stages: [] });
+  const trial = (ms, frame_id, timed) => ({ timed, frame_id, time_ratio: ms, exposure: timed ? 'judged' : null, tried: side(ms), in_force: side(ms) });
+  const wish = { settings: {}, inForce: {}, source: { kind: 'live' } };
+  let page = changed({ result: null, trouble: 'no picture' }, tried(trial(8, 1, true), { ...wish, timed: true }));
+  page = changed(page, tried(trial(99, 2, false), { ...wish, timed: false }));
+  assert.deepEqual([page.trouble, page.result.frame_id, page.result.tried.total_ms, page.result.exposure, page.result.judged_id], ['', 2, 8, 'judged', 1]);
+  assert.equal(changed(page, tried(null, wish)).result, page.result);
+  page = changed(page, tried(trial(99, 3, false), { ...wish, settings: { a: 1 }, timed: false }));
+  assert.deepEqual([page.result.timed, page.result.tried.total_ms, page.result.judged_id], [false, 99, 3]);
 });

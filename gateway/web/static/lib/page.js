@@ -9,7 +9,7 @@
 import * as preact from '../vendor/preact-htm.js';
 import { catalogued, choice, chosen, isMade, languages, load, missed } from './lang.js';
 
-export { createContext, h, render, useCallback, useContext, useEffect, useErrorBoundary, useLayoutEffect, useMemo, useRef, useState } from '../vendor/preact-htm.js';
+export { createContext, h, render, useCallback, useContext, useEffect, useErrorBoundary, useLayoutEffect, useMemo, useReducer, useRef, useState } from '../vendor/preact-htm.js';
 
 const READ = ['aria-label', 'title', 'placeholder', 'alt', 'aria-valuetext', 'aria-description'];
 // A value as lib/format.js writes it: a time with its date, a number with its unit (joined by a narrow space), or none.

@@ -126,12 +126,15 @@ export function useLive(bays, paceMs, limitMs = LIMIT_MS) {
   return { ...live, ...link, stateOf };
 }
 
-/** What `path` answers, again and again while `on` and the page is in front: as `useFresh`, and what went wrong. */
-export function usePolled(path, everyMs, on = true) {
-  const live = useFresh();
+/**
+ * `path` asked when `key` changes, and every `everyMs` (0: never again) while `on` and the page is in front.
+ * @param {(answer: any, asked: import('../lib/freshness.js').Moment) => void} take @param {() => void} [begin] before the first
+ * @returns {string} what went wrong
+ */
+function useAsked(path, key, everyMs, on, take, begin = () => {}) {
   const [wrong, setWrong] = useState('');
   useEffect(() => {
-    live.forget(true);
+    begin();
     if (!on) return undefined;
     const end = new AbortController();
     let timer = 0;
@@ -139,44 +142,12 @@ export function usePolled(path, everyMs, on = true) {
       if (!document.hidden) {
         const asked = moment();
         try {
-          live.take(await get(path, { signal: end.signal }), asked);
+          take(await get(path, { signal: end.signal }), asked);
           setWrong('');
         } catch (error) {
           if (end.signal.aborted) return;
           if (error.status === 401) toLogin();
           setWrong(error.name === 'TypeError' ? 'no connection to the gateway' : error.message);
-        }
-      }
-      if (!end.signal.aborted) timer = setTimeout(once, everyMs);
-    };
-    once();
-    return () => {
-      clearTimeout(timer);
-      end.abort();
-    };
-  }, [path, everyMs, on]);
-  return { ...live, wrong };
-}
-
-/**
- * `path` fetched when `key` changes, and every `everyMs` (0: never again) while `on` and the page is in front.
- * @returns {[any, string]} newest answer or null, and what went wrong
- */
-export function useFetched(path, key, everyMs, on = true) {
-  const [got, setGot] = useState([null, '']);
-  useEffect(() => {
-    if (!on) return undefined;
-    const end = new AbortController();
-    let timer = 0;
-    const once = async () => {
-      if (!document.hidden) {
-        try {
-          const answer = await get(path, { signal: end.signal });
-          setGot([answer, '']);
-        } catch (error) {
-          if (end.signal.aborted) return;
-          if (error.status === 401) toLogin();
-          setGot((was) => [was[0], error.name === 'TypeError' ? 'no connection to the gateway' : error.message]);
         }
       }
       if (everyMs && !end.signal.aborted) timer = setTimeout(once, everyMs);
@@ -187,7 +158,23 @@ export function useFetched(path, key, everyMs, on = true) {
       end.abort();
     };
   }, [path, key, everyMs, on]);
-  return got;
+  return wrong;
+}
+
+/** What `path` answers, again and again: as `useFresh`, and what went wrong. */
+export function usePolled(path, everyMs, on = true) {
+  const live = useFresh();
+  const wrong = useAsked(path, '', everyMs, on, live.take, () => live.forget(true));
+  return { ...live, wrong };
+}
+
+/**
+ * What `path` answered, for what does not grow old.
+ * @returns {[any, string]} newest answer or null, and what went wrong
+ */
+export function useFetched(path, key, everyMs, on = true) {
+  const [got, setGot] = useState(null);
+  return [got, useAsked(path, key, everyMs, on, setGot)];
 }
 
 /** `value`, of which a change is passed on at most every `everyMs`: the first at once, then the newest. */

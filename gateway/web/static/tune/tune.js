@@ -1,6 +1,6 @@
 // The technician's page: settings tried on pictures, let live, and written back to the configuration's file.
 
-import { html, render, useEffect, useMemo, useRef, useState } from '../lib/page.js';
+import { html, render, useEffect, useMemo, useReducer, useRef, useState } from '../lib/page.js';
 import { get, post, toLogin } from '../lib/api.js';
 import { widthFor } from '../lib/pictures.js';
 import { t, text } from '../lib/lang.js';
@@ -14,9 +14,10 @@ import { Effect, Remarks, summary } from './effect.js';
 import { Eyedropper } from './eyedropper.js';
 import { ImportButton, SaveDialog, download } from './file.js';
 import { Form } from './form.js';
-import { differing, followed } from './settings.js';
+import { differing } from './settings.js';
 import { SourceBar, base64, tooMuch } from './source.js';
 import { Stages } from './stages.js';
+import { begun, changed, edited, profiled, said, tried } from './state.js';
 import { TeachIn } from './teachin.js';
 import { CancelledError, TestSets, useTestSets } from './testsets.js';
 import { trials } from './trials.js';
@@ -102,25 +103,9 @@ function Top({ session, connected, fresh }) {
 function Page({ session, profile: first, taken: kept, renew }) {
   const send = useSend(session, renew);
   const { schema } = first;
-  const [inForce, setInForce] = useState(first.vision);
-  const known = useRef(first.vision); // the newest that was told to be in force
-  const [settings, setSettings] = useState(first.vision);
-  const [file, setFile] = useState(first.file);
-  const [undoSteps, setUndoSteps] = useState(first.undo_steps);
-  const [untried, setUntried] = useState(first.untried);
-  const [restarting, setRestarting] = useState(null); // the settings page's file, for the question
-  const [undone, setUndone] = useState(first.undo); // what one step back brings back
-  const [mode, setMode] = useState(first.function_check.toUpperCase());
-  const [taken, setTaken] = useState(kept);
-  const [source, setSource] = useState({ kind: 'live' });
-  const [result, setResult] = useState(null);
-  const [said, setSaid] = useState({ text: '', bad: false });
-  const [trouble, setTrouble] = useState('');
-  const [waiting, setWaiting] = useState(false);
-  const [busy, setBusy] = useState('');
-  const [picked, setPicked] = useState({ answer: null, failed: '' });
-  const [plan, setPlan] = useState(null);
-  const [question, setQuestion] = useState(null); // warnings that someone is to accept
+  const [state, set] = useReducer(changed, null, () => begun(first, kept));
+  const { inForce, settings, file, undoSteps, untried, restarting, undone, mode, taken, source, result, trouble, waiting, busy, picked, plan, question } = state;
+  const known = useRef(first.vision); // what was told to be in force last, drawn or not
   const testSets = useTestSets(send, at);
   const tiles = useRef(null);
   const working = useRef(false);
@@ -129,7 +114,7 @@ function Page({ session, profile: first, taken: kept, renew }) {
   const fresh = live.fresh(one?.age_ms);
   const mine = fresh ? one : null;
 
-  useEffect(() => { if (mine) setMode(mine.function_check); }, [mine?.function_check]);
+  useEffect(() => { if (mine) set({ mode: mine.function_check }); }, [mine?.function_check]);
 
   // Trials.
   const trialQueue = useMemo(() => trials(
@@ -140,15 +125,13 @@ function Page({ session, profile: first, taken: kept, renew }) {
     },
     {
       done(next, request) {
-        setTrouble('');
-        if (next === null) return; // given up for something newer, or there is no picture yet
-        setResult((was) => ({ ...carried(was, next, request), request }));
-        if (differing(schema, next.settings_in_force, known.current).length) notice().catch((error) => setTrouble(error.message));
+        set(tried(next, request));
+        if (next !== null && differing(schema, next.settings_in_force, known.current).length) notice().catch((error) => set({ trouble: error.message }));
       },
       failed(error) {
-        setTrouble(error.message);
+        set({ trouble: error.message });
       },
-      busy: setWaiting,
+      busy: (waiting) => set({ waiting }),
     },
   ), []);
   useEffect(() => () => trialQueue.close(), [trialQueue]);
@@ -159,12 +142,12 @@ function Page({ session, profile: first, taken: kept, renew }) {
     return () => clearTimeout(timer);
   }, [trialQueue, source, settings, inForce, result, waiting, trouble, live.last]);
 
-  const change = (name, value) => setSettings((was) => (typeof name === 'string' ? { ...was, [name]: value } : { ...was, ...name }));
-  const tell = (what, bad = false) => setSaid({ text: what, bad });
+  const change = (name, value) => set(edited(typeof name === 'string' ? { [name]: value } : name));
+  const tell = (what, bad = false) => set(said(what, bad));
   const doing = async (what, work) => {
     if (working.current) return null; // the button itself stays enabled: it keeps the focus
     working.current = true;
-    setBusy(what);
+    set({ busy: what });
     try {
       return await work();
     } catch (error) {
@@ -172,22 +155,22 @@ function Page({ session, profile: first, taken: kept, renew }) {
       return null;
     } finally {
       working.current = false;
-      setBusy('');
+      set({ busy: '' });
     }
   };
-  const keep = async () => setTaken(await get(at('captures')));
+  const keep = async () => set({ taken: await get(at('captures')) });
   /** The frame that is on the page. */
   const freeze = () => doing('freeze', async () => {
     const one = await send('freeze', shown?.request.source.kind === 'live' ? { trial: shown.number } : {});
     await keep();
     const on = { kind: 'snapshot', name: one.name, frame: 0 };
-    setSource(on);
+    set({ source: on });
     return on;
   });
   const record = () => doing('record', async () => {
     const one = await send('record', { seconds: 3 }, 20_000);
     await keep();
-    setSource({ kind: 'recording', name: one.name, frame: Math.floor(one.frames / 2) });
+    set({ source: { kind: 'recording', name: one.name, frame: Math.floor(one.frames / 2) } });
     tell(`${one.frames} frames recorded`);
   });
   const upload = (files) => doing('upload', async () => {
@@ -196,7 +179,7 @@ function Page({ session, profile: first, taken: kept, renew }) {
     try {
       for (const file of files) {
         const one = await send('upload', { name: file.name.slice(0, 100), data: await base64(file) }, 30_000);
-        setSource({ kind: 'snapshot', name: one.name, frame: 0 });
+        set({ source: { kind: 'snapshot', name: one.name, frame: 0 } });
       }
     } finally {
       await keep();
@@ -210,25 +193,18 @@ function Page({ session, profile: first, taken: kept, renew }) {
     try {
       const answer = await send('eyedropper', { [on.kind]: on.name, frame: on.frame ?? 0, u_px: place.u, v_px: place.v, size_px: size, mode: way, vision: settings, tab: TAB });
       if (answer === null) return; // another click came after it
-      setPicked({ answer, failed: '' });
+      set({ picked: { answer, failed: '' } });
       change(answer.keys);
     } catch (error) {
-      setPicked({ answer: null, failed: error.message });
+      set({ picked: { answer: null, failed: error.message } });
       trialQueue.want({ source, settings, inForce });
     }
   };
 
   // Settings.
   const applyProfile = (answer) => {
-    const was = known.current;
     known.current = answer.vision;
-    setInForce(answer.vision);
-    setSettings((draft) => followed(draft, was, answer.vision));
-    setUndoSteps(answer.undo_steps);
-    setUndone(answer.undo);
-    setUntried(answer.untried);
-    setMode(answer.function_check.toUpperCase());
-    if (answer.file) setFile(answer.file);
+    set(profiled(answer));
   };
   const refresh = async () => {
     const answer = await get(at('profile'));
@@ -250,7 +226,7 @@ function Page({ session, profile: first, taken: kept, renew }) {
     }
     return true;
   });
-  const askRestart = () => doing('restart', async () => setRestarting(await get('/api/setup/settings')));
+  const askRestart = () => doing('restart', async () => set({ restarting: await get('/api/setup/settings') }));
   const check = (next) => doing('check', async () => {
     try {
       applyProfile(await send('function-check', { mode: next }));
@@ -261,8 +237,8 @@ function Page({ session, profile: first, taken: kept, renew }) {
     tell(next === 'off' ? 'The function check has ended.' : next === 'may_move_off' ? 'Function check: may_move is off.' : 'Function check: may_move is kept.');
   });
   const ask = (what) => async (warnings) => {
-    const accepted = await new Promise((answer) => setQuestion({ what, warnings, answer }));
-    setQuestion(null);
+    const accepted = await new Promise((answer) => set({ question: { what, warnings, answer } }));
+    set({ question: null });
     return accepted;
   };
   /** What is to go live or into the file is scored first, in sight, and may be cancelled; the gateway would score only for some seconds. */
@@ -297,7 +273,7 @@ function Page({ session, profile: first, taken: kept, renew }) {
       if (!on) applyProfile(await send('function-check', { mode: 'may_move_off' }));
       const answer = await send('profile/undo', { over: inForce });
       applyProfile(answer);
-      setSettings(answer.vision);
+      set({ settings: answer.vision });
     } finally {
       await refresh();
     }
@@ -306,7 +282,7 @@ function Page({ session, profile: first, taken: kept, renew }) {
   const diff = () => doing('diff', async () => {
     const change = await send('profile/diff', { vision: settings });
     if (change.changes.length && !change.why_not && !(await scored())) return tell('Scoring was cancelled: nothing was changed.');
-    setPlan(change);
+    set({ plan: change });
   });
   const save = async (shown) => {
     const done = await confirmed((accepted) => send('profile/save', { vision: settings, digest: shown.digest, accepted }, TRIAL_MS), ask('save'));
@@ -323,7 +299,7 @@ function Page({ session, profile: first, taken: kept, renew }) {
   const imported = (name, toml) => doing('import', async () => {
     if (toml === null) throw new Error(text('{0}: too large for a profile', name));
     const answer = await send('profile/import', { name, text: toml });
-    setSettings(answer.vision);
+    set({ settings: answer.vision });
     const { length: count } = answer.changes;
     tell(count === 0 ? text('{0} says just what is in force.', name) : text(count === 1 ? '{0}: one key differs from what is in force: {2}.' : '{0}: {1} keys differ from what is in force: {2}.', name, count, answer.changes.join(', ')));
   });
@@ -355,7 +331,7 @@ function Page({ session, profile: first, taken: kept, renew }) {
       <h1 class="sr">${text('Tuning of {0}', bay)}</h1>
       <${CheckBanner} mode=${fresh ? mode : null} state=${mine?.state ?? null} age=${stateAge} change=${check} busy=${busy !== ''}
         thresholds=${mine?.thresholds ?? null} file=${file} untried=${untried} refresh=${mayEnd} restart=${askRestart} />
-      ${restarting && html`<${Restart} session=${session} seconds=${restarting.restart_s} close=${() => setRestarting(null)} />`}
+      ${restarting && html`<${Restart} session=${session} seconds=${restarting.restart_s} close=${() => set({ restarting: null })} />`}
       <${TeachIn} send=${send} url=${at('teach-in')} checking=${on} />
       <div class="controls">
         <${Camera} bay=${bay} send=${send} url=${at('camera')} checking=${on} />
@@ -366,7 +342,7 @@ function Page({ session, profile: first, taken: kept, renew }) {
         </section>
       </div>
       <div class="pictures">
-        <${SourceBar} source=${source} taken=${taken} freeze=${freeze} record=${record} upload=${upload} choose=${setSource} busy=${busy} working=${waiting} />
+        <${SourceBar} source=${source} taken=${taken} freeze=${freeze} record=${record} upload=${upload} choose=${(chosen) => set({ source: chosen })} busy=${busy} working=${waiting} />
         ${trouble && html`<p class="notice bad" role="alert">${trouble}</p>`}
         <div class=${`tiles${behind ? ' behind' : ''}${elsewhere ? ' elsewhere' : ''}`} ref=${tiles} data-trial=${shown?.number}>
           <${Eyedropper} bitmap=${picture} frame=${shown?.picture ?? null} frameId=${frameId} elsewhere=${elsewhere} pick=${pick} picked=${picked.answer} failed=${picked.failed} live=${source.kind === 'live'} />
@@ -382,7 +358,7 @@ function Page({ session, profile: first, taken: kept, renew }) {
       <div class="row">
         <button type="button" class="primary" id="apply" disabled=${!on || !unlive.length || !['', 'apply'].includes(busy)} aria-describedby="why-not-live" onClick=${apply}>Go live</button>
         <button type="button" disabled=${!undoSteps || mode === null || busy !== ''} aria-describedby="undone" onClick=${undo}>${on || !undoSteps ? 'Undo live change' : 'Begin function check and undo'}</button>
-        <button type="button" disabled=${!unlive.length} onClick=${() => setSettings(inForce)}>Take all back</button>
+        <button type="button" disabled=${!unlive.length} onClick=${() => set({ settings: inForce })}>Take all back</button>
         ${testSets.running && html`<span class="small" role="status">${`Scoring: ${testSets.scores[testSets.running]?.view.done ?? 0} of ${testSets.scores[testSets.running]?.view.total ?? 0} pictures`}</span>
           <button type="button" onClick=${() => testSets.cancel()}>Cancel scoring</button>`}
         <span class="gap"></span>
@@ -393,10 +369,10 @@ function Page({ session, profile: first, taken: kept, renew }) {
       <p class="small" id="why-not-live">
         ${!on && unlive.length ? 'To go live, begin a function check. ' : ''}${file.unsaved.length ? `${text('In force but not in the file: {0}.', file.unsaved.join(', '))} ` : ''}${file.why_not && !plan ? html`<span>${text('Saving: {0}.', file.why_not)} </span>` : ''}
         <span id="undone">${undoSteps ? `${text('Undo live change brings back: {0}.', Object.entries(undone).map(([key, value]) => `${key} = ${value}`).join(', ') || t('the same settings'))} ` : ''}</span>
-        <span role="status" class=${said.bad ? 'said warning' : ''}>${said.bad ? html`<span aria-hidden="true">▲ </span>` : ''}${said.text}</span>
+        <span role="status" class=${state.said.bad ? 'said warning' : ''}>${state.said.bad ? html`<span aria-hidden="true">▲ </span>` : ''}${state.said.text}</span>
       </p>
     </footer>
-    ${plan && html`<${SaveDialog} plan=${plan} live=${!unlive.length} save=${save} close=${() => setPlan(null)} />`}
+    ${plan && html`<${SaveDialog} plan=${plan} live=${!unlive.length} save=${save} close=${() => set({ plan: null })} />`}
     ${question && html`<${WarningDialog} ...${question} />`}`;
 }
 
@@ -405,14 +381,6 @@ const sameSource = (a, b) => a.kind === b.kind && a.name === b.name && a.frame =
 /** Is the chosen source the very frame that is on the page, frozen? */
 const frozenFrom = (shown, source, taken) =>
   source.kind === 'snapshot' && taken.find((one) => one.name === source.name)?.frame_ids[0] === shown.frame_id;
-
-/** A look without times keeps the times that were measured for these very settings; and the exposure, of another frame. */
-function carried(was, next, request) {
-  const alike = was && was.request.settings === request.settings && was.request.inForce === request.inForce && was.request.source.kind === request.source.kind;
-  if (!alike || request.timed || !was.timed) return { ...next, judged_id: next.frame_id };
-  const times = (side, old) => ({ ...side, total_ms: old.total_ms, stages: old.stages });
-  return { ...next, timed: true, time_ratio: was.time_ratio, exposure: was.exposure, judged_id: was.judged_id, tried: times(next.tried, was.tried), in_force: times(next.in_force, was.in_force) };
-}
 
 function App() {
   const [loaded, setLoaded] = useState(null);
