@@ -39,6 +39,7 @@ from gateway.web.calibration.models import (
     ViewRow,
 )
 from gateway.web.calibration.sessions import MAX_VIEWS, Calibrations, CalibrationSession, KeptView
+from gateway.web.server.models import view_of
 from gateway.web.server.services import Bay, RequestCaller, WebServices
 
 Number = Annotated[int, whole_number(0, 1 << 53)]
@@ -102,18 +103,16 @@ async def _end(calibrations: All, bay: Bay) -> CalibrationView:
 async def _look(calibrations: All, session: Mine, body: LookBody) -> LookView:
     look = await calibrations.look(session, body.after, body.width_px, take=body.take)
     found = look.examined
-    return LookView(
-        number=look.number,
+    return view_of(
+        LookView,
+        look,
         verdict=found.verdict,
         points=[] if found.points is None else _pairs(found.points),
         held_s=round(found.held_s, 2),
         hold_s=HOLD_S,
         width_px=look.size_px[0],
         height_px=look.size_px[1],
-        frame_id=look.frame_id,
-        age_ms=look.age_ms,
         work_ms=round(look.work_ms, 1),
-        view=look.view,
         other_board=None if look.other is None else list(look.other),
         revision=session.revision,
     )
@@ -246,8 +245,9 @@ def _result_view(session: CalibrationSession, found: Calibration, marker_radius_
     values = (lens.fx, lens.fy, lens.cx, lens.cy, *lens.distortion)
     text = report.toml(session.board, found, marker_radius_mm)
     used = [
-        FittedView(
-            name=view.name,
+        view_of(
+            FittedView,
+            view,
             rms_px=round(view.rms_px, 4),
             largest_px=round(view.largest_px, 3),
             tilt_deg=round(view.tilt_deg, 1),

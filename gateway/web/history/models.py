@@ -2,17 +2,15 @@
 
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from gateway.sinks.mqtt.visit_payload import Count, VisitPayload
+from gateway.web.server.models import View
 
-FROZEN = ConfigDict(frozen=True, from_attributes=True)
 
-
-class RecordsView(BaseModel):
+class RecordsView(View):
     """What there is of one bay."""
 
-    model_config = FROZEN
     bay: str
     recorded: bool = Field(description="is anything recorded by the configuration?")
     why: str = Field(description="why nothing can be shown; empty: it can")
@@ -21,10 +19,9 @@ class RecordsView(BaseModel):
     pictures: Literal["shown", "not_kept", "not_for_you"] = Field(description="kept pictures, for this caller")
 
 
-class KeptPictureView(BaseModel):
+class KeptPictureView(View):
     """One kept picture: `/api/bays/{bay}/kept-pictures/{file}/{place}.jpg`, or `.png`."""
 
-    model_config = FROZEN
     file: Count = Field(description="number of its file")
     place: Count = Field(description="its place in that file, from 0")
     t_ms: Count = Field(description="when it was taken")
@@ -33,10 +30,9 @@ class KeptPictureView(BaseModel):
     changed: str = Field(description="empty: as it came from the camera; blurred: outside records.picture_region_px")
 
 
-class KeptPicturesView(BaseModel):
+class KeptPicturesView(View):
     """The oldest first."""
 
-    model_config = FROZEN
     bay: str
     pictures: tuple[KeptPictureView, ...]
     more: bool = Field(description="there are older ones in that time")
@@ -51,19 +47,17 @@ class RecordedVisitView(VisitPayload):
     )
 
 
-class VisitsView(BaseModel):
+class VisitsView(View):
     """The newest first."""
 
-    model_config = FROZEN
     bay: str
     visits: tuple[RecordedVisitView, ...]
     more: bool = Field(description="there are older ones in that time")
 
 
-class BucketView(BaseModel):
+class BucketView(View):
     """A part of the trend. What is left of its length after `recorded_s` was not recorded."""
 
-    model_config = FROZEN
     t_ms: Count = Field(description="its begin")
     recorded_s: float
     may_move_s: float
@@ -79,19 +73,17 @@ class BucketView(BaseModel):
     z_max: float | None
 
 
-class TrendView(BaseModel):
+class TrendView(View):
     """The oldest first. A bucket of which nothing was recorded is left out: a gap."""
 
-    model_config = FROZEN
     bay: str
     bucket_ms: Count = Field(description="length of each")
     buckets: tuple[BucketView, ...]
 
 
-class MarkedEventView(BaseModel):
+class MarkedEventView(View):
     """An event as the index has it."""
 
-    model_config = FROZEN
     t_ms: Count
     kind: str
     sensor: str
@@ -99,10 +91,9 @@ class MarkedEventView(BaseModel):
     detail: str
 
 
-class MarkedEventsView(BaseModel):
+class MarkedEventsView(View):
     """The oldest first."""
 
-    model_config = FROZEN
     bay: str
     events: tuple[MarkedEventView, ...]
     more: bool = Field(description="there are older ones in that time")

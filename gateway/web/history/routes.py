@@ -32,6 +32,7 @@ from gateway.web.history.models import (
     TrendView,
     VisitsView,
 )
+from gateway.web.server.models import view_of
 from gateway.web.server.pictures import encoded
 from gateway.web.server.services import Bay, RequestCaller, Services, WebServices
 
@@ -233,12 +234,5 @@ async def _with_pictures(
 
 
 def _picture_view(picture: KeptPicture) -> KeptPictureView:
-    head = picture.head
-    return KeptPictureView(
-        file=picture.file,
-        place=picture.place,
-        t_ms=head.unix_ns // NS_PER_MS,
-        frame_id=head.frame_id,
-        why=head.why,
-        changed=head.changed,
-    )
+    t_ms = picture.head.unix_ns // NS_PER_MS
+    return view_of(KeptPictureView, picture.head, file=picture.file, place=picture.place, t_ms=t_ms)

@@ -4,11 +4,12 @@ offset from UTC, ISO 8601."""
 from datetime import date
 from typing import Annotated
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BeforeValidator, Field
 
 from gateway.records.alarm_rates import SOURCE, AlarmRateVerdict
 from gateway.records.statistics import CauseKind
 from gateway.sinks.mqtt.messages import Count
+from gateway.web.server.models import View
 
 
 def _seconds(value: float) -> float:
@@ -23,11 +24,7 @@ Seconds = Annotated[float, BeforeValidator(_seconds)]
 Share = Annotated[float | None, BeforeValidator(_share)]
 
 
-class StatisticsPart(BaseModel):
-    model_config = ConfigDict(frozen=True, from_attributes=True)
-
-
-class CauseView(StatisticsPart):
+class CauseView(View):
     """A reason of `stop`."""
 
     reason: str = Field(description="by name, as in the state")
@@ -37,7 +34,7 @@ class CauseView(StatisticsPart):
     times: Count = Field(description="how often it became the reason of stop; on for longer than the days: 0")
 
 
-class TimesView(StatisticsPart):
+class TimesView(View):
     """What the outputs were, how long. `stop`, `may_move` and `neither_s` together are `recorded_s`."""
 
     passed_s: Seconds = Field(description="of these days, until now")
@@ -54,7 +51,7 @@ class TimesView(StatisticsPart):
     causes: tuple[CauseView, ...] = Field(description="reasons of stop, the longest first")
 
 
-class DistributionView(StatisticsPart):
+class DistributionView(View):
     """Of measured values, in the unit of the field that holds it."""
 
     count: Count
@@ -67,7 +64,7 @@ class DistributionView(StatisticsPart):
     deviation: float = Field(description="standard deviation")
 
 
-class PositionsView(StatisticsPart):
+class PositionsView(View):
     """Of the trucks that arrived then and whose visit is over. Measured values are those when each was last in
     place."""
 
@@ -88,7 +85,7 @@ class PositionsView(StatisticsPart):
     overrun_mm: DistributionView | None
 
 
-class DayView(StatisticsPart):
+class DayView(View):
     """A local day, from midnight to midnight."""
 
     date: date
@@ -99,7 +96,7 @@ class DayView(StatisticsPart):
     alarms: Count = Field(description="announced on that day")
 
 
-class BenchmarkView(StatisticsPart):
+class BenchmarkView(View):
     """A figure beside that of the standard, which is for one operator position."""
 
     figure: str
@@ -111,14 +108,14 @@ class BenchmarkView(StatisticsPart):
     verdict: AlarmRateVerdict | None = Field(description="null: less than an hour is recorded")
 
 
-class FrequentView(StatisticsPart):
+class FrequentView(View):
     id: str
     title: str
     times: Count
     share: float = Field(description="of all announcements")
 
 
-class StandingView(StatisticsPart):
+class StandingView(View):
     id: str
     title: str
     since: str
@@ -126,7 +123,7 @@ class StandingView(StatisticsPart):
     over: bool = Field(description="false: active as far as is recorded")
 
 
-class AlarmsOfDaysView(StatisticsPart):
+class AlarmsOfDaysView(View):
     """Alarms of the bay and of the gateway itself, announced in these days."""
 
     source: str = SOURCE
@@ -143,7 +140,7 @@ class AlarmsOfDaysView(StatisticsPart):
     standing: tuple[StandingView, ...] = Field(description="active at the end")
 
 
-class StatisticsView(StatisticsPart):
+class StatisticsView(View):
     """What a bay did on some days of the plant's calendar."""
 
     site: str

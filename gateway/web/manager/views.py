@@ -8,7 +8,7 @@ from typing import Any
 from gateway.alarms.table import ALARM_DEFINITIONS
 from gateway.config import BayConfig, GatewayConfig
 from gateway.core.state import REASON_MEANING, Reason
-from gateway.records.alarm_rates import BENCHMARKS, HOUR_S, AlarmFigures, Standing
+from gateway.records.alarm_rates import BENCHMARKS, HOUR_S, SOURCE, AlarmFigures, Standing
 from gateway.records.days import LocalDay, machine_zone_name, shown
 from gateway.records.statistics import CauseKind, Distribution, Positions, StopCause, Times
 from gateway.web.manager.collected import DayFigures, Figures
@@ -23,6 +23,7 @@ from gateway.web.manager.models import (
     StatisticsView,
     TimesView,
 )
+from gateway.web.server.models import view_of
 
 _TEXTS = {reason.name.lower(): text for reason, text in REASON_MEANING.items()}
 _REASONS = tuple(reason.name.lower() for reason in Reason if reason is not Reason.NONE)
@@ -71,52 +72,33 @@ def statistics_view(config: GatewayConfig, bay: BayConfig, found: Figures, now_m
 
 
 def _times_view(times: Times) -> TimesView:
-    names = (*_SECONDS, "availability", "recorded_share", "sensor_faults")
-    return TimesView(
-        **{name: getattr(times, name) for name in names},
-        stop_s={kind: times.of_kind_s(kind) for kind in CauseKind},
-        causes=tuple(_cause_view(cause) for cause in times.causes),
-    )
+    stop_s = {kind: times.of_kind_s(kind) for kind in CauseKind}
+    return view_of(TimesView, times, stop_s=stop_s, causes=tuple(map(_cause_view, times.causes)))
 
 
 def _cause_view(cause: StopCause) -> CauseView:
-    text = _TEXTS.get(cause.reason, "a reason of a later version")
-    return CauseView(reason=cause.reason, text=text, kind=cause.kind, seconds=cause.seconds, times=cause.times)
+    return view_of(CauseView, cause, text=_TEXTS.get(cause.reason, "a reason of a later version"))
 
 
 def _alarms_view(figures: AlarmFigures) -> AlarmsOfDaysView:
-    return AlarmsOfDaysView(
-        announced=figures.announced,
+    return view_of(
+        AlarmsOfDaysView,
+        figures,
+        source=SOURCE,
         recorded_s=figures.recorded_h * HOUR_S,
-        by_priority=figures.by_priority,
-        benchmarks=tuple(
-            BenchmarkView(
-                figure=one.figure,
-                title=one.title,
-                value=one.value(figures),
-                acceptable=one.acceptable,
-                most=one.most,
-                below=one.below,
-                verdict=one.verdict(figures),
-            )
-            for one in BENCHMARKS
-        ),
+        benchmarks=[
+            view_of(BenchmarkView, one, value=one.value(figures), verdict=one.verdict(figures)) for one in BENCHMARKS
+        ],
         peak=None if figures.peak_ms is None else shown(figures.peak_ms),
-        floods=figures.floods,
-        frequent=tuple(
-            FrequentView(id=one.id, title=_title(one.kind), times=one.times, share=one.share)
-            for one in figures.frequent
-        ),
-        frequent_share=figures.frequent_share,
-        chattering=figures.chattering,
-        stale=tuple(map(_standing_view, figures.stale)),
-        standing=tuple(map(_standing_view, figures.standing)),
+        frequent=[view_of(FrequentView, one, title=_title(one.kind)) for one in figures.frequent],
+        stale=list(map(_standing_view, figures.stale)),
+        standing=list(map(_standing_view, figures.standing)),
     )
 
 
 def _standing_view(one: Standing) -> StandingView:
     title = _title(one.id.rpartition(".")[2])
-    return StandingView(id=one.id, title=title, since=shown(one.since_ms), until=shown(one.until_ms), over=one.over)
+    return view_of(StandingView, one, title=title, since=shown(one.since_ms), until=shown(one.until_ms))
 
 
 def _title(kind: str) -> str:

@@ -35,6 +35,7 @@ from gateway.web.server.models import (
     SinkView,
     SparkplugView,
     TaskView,
+    view_of,
 )
 
 HIDDEN = frozenset({AlarmState.NORMAL, AlarmState.SHELVED, AlarmState.SUPPRESSED, AlarmState.OUT_OF_SERVICE})
@@ -162,16 +163,12 @@ def _register_view(register: Register, value: float | None, image: Sequence[int]
         BitView(bit=bit, name=name, on=value is not None and bool(int(value) >> bit & 1))
         for bit, (name, _) in (register.bits or {}).items()
     )
-    return RegisterView(
-        address=register.address,
+    return view_of(
+        RegisterView,
+        register,
         words=tuple(image[register.address : register.address + register.words]),
-        name=register.name,
         type=register.kind.name,
-        unit=register.unit,
-        scale=register.scale,
         value=value,
         text=None if named is None else named[0],
         bits=tuple(bits),
-        meaning=register.meaning,
-        writable=register.writable,
     )

@@ -6,7 +6,7 @@ in the names; null: not known now. Ages are those at sending: a display adds the
 
 from collections.abc import Iterable
 from enum import Enum
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 from typing_extensions import TypeAliasType
@@ -38,6 +38,14 @@ class View(BaseModel):
     another one."""
 
     model_config = ConfigDict(frozen=True, from_attributes=True, populate_by_name=True)
+
+
+Shown = TypeVar("Shown", bound=BaseModel)
+
+
+def view_of(kind: type[Shown], record: object, /, **more: Any) -> Shown:
+    """With the record's fields of the same names, but for those in `more`."""
+    return kind.model_validate({name: getattr(record, name) for name in kind.model_fields if name not in more} | more)
 
 
 class ThresholdsView(View):

@@ -19,6 +19,7 @@ from gateway.web.server.models import (
     FrameView,
     LiveView,
     ThresholdsView,
+    view_of,
 )
 
 STALE_AFTER_MS = 500
@@ -47,14 +48,7 @@ def bay_view(client: GatewayClient, config: BayConfig) -> BayView:
             report.now.state, gateway_of(client), report.wall_ns - report.now_ns, stale_after_ms=STALE_AFTER_MS
         ),
         age_ms=client.age_ms(None if report is None else report.now.state.t_ns),
-        thresholds=ThresholdsView(
-            radius_threshold_px=fusion.radius_threshold_px,
-            distance_threshold_mm=fusion.distance_threshold_mm,
-            radius_hysteresis_px=fusion.radius_hysteresis_px,
-            distance_hysteresis_mm=fusion.distance_hysteresis_mm,
-            recipe=number,
-            recipe_name=names.get(number),
-        ),
+        thresholds=view_of(ThresholdsView, fusion, recipe=number, recipe_name=names.get(number)),
         aim=AimView.model_validate(guidance),
         deadlines=DeadlinesView(
             vision_ms=1000 * fusion.vision_deadline_s,

@@ -1,7 +1,5 @@
 """The doctor's examination for the pages and for programs. `security` has checked who calls."""
 
-from dataclasses import asdict
-
 from gateway.web.auth.access import Level
 from gateway.web.auth.addresses import ApiAddresses
 from gateway.web.server.services import WebServices
@@ -19,4 +17,4 @@ ADDRESSES = ApiAddresses("/api/doctor", least=Level.TECHNICIAN)
 async def _doctor(services: WebServices) -> DoctorView:
     """Takes up to a minute where a broker does not answer. The same for ten seconds."""
     lines, complete = await services.devices.examined()
-    return DoctorView(findings=[FindingView(**asdict(line)) for line in lines], complete=complete)
+    return DoctorView(findings=[FindingView.model_validate(line) for line in lines], complete=complete)

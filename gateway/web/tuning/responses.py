@@ -1,23 +1,19 @@
 """The answers to the tuning page and to programs, made from what was measured. Pure."""
 
-from dataclasses import asdict
 from urllib.parse import quote
 
 from gateway.core.detection import Detection
 from gateway.vision.offline.tuning import exposure
 from gateway.web.profile import parameter_schema
+from gateway.web.server.models import view_of
 from gateway.web.tuning.eyedropper import ColourPick
 from gateway.web.tuning.response_models import (
     CaptureView,
     ColourPickView,
     DetectionView,
-    DeviationView,
     ExposureView,
-    JitterView,
     LightView,
     PanelView,
-    PatchView,
-    RemarkView,
     SideView,
     SizeView,
     StageView,
@@ -30,8 +26,9 @@ from gateway.web.tuning.trial import SideResult
 
 def described(capture: Capture) -> CaptureView:
     height, width = capture.frames[0].image.shape[:2]
-    return CaptureView(
-        name=capture.name,
+    return view_of(
+        CaptureView,
+        capture,
         kind="recording" if capture.recorded else "snapshot",
         frames=len(capture.frames),
         frame_ids=[frame.seq for frame in capture.frames],
@@ -39,39 +36,28 @@ def described(capture: Capture) -> CaptureView:
         width_px=width,
         height_px=height,
         taken_ms=capture.wall_ns // 1_000_000,
-        full=capture.full,
-        title=capture.title,
     )
 
 
 def tried(bay: str, one: CompletedTrial) -> TrialView:
     result = one.result
-    deviations = (
-        None if found is None else DeviationView.model_validate(found)
-        for found in (result.from_in_force, result.from_reference)
-    )
-    from_in_force, from_reference = deviations
-    return TrialView(
+    return view_of(
+        TrialView,
+        result,
         number=one.number,
-        frames=result.frames,
         shown=one.shown,
         frame_id=one.frame_id,
-        timed=result.timed,
-        cut_short=result.cut_short,
         settings_in_force=parameter_schema.values(one.in_force),
         picture=SizeView(width_px=one.width_px, height_px=one.height_px),
         tried=_side(result.tried),
         in_force=_side(result.in_force),
         reference=[_detection(found) for found in result.reference],
-        from_in_force=from_in_force,
-        from_reference=from_reference,
         time_ratio=round(result.time_ratio, 3),
-        remarks=[RemarkView.model_validate(remark) for remark in one.remarks],
+        remarks=one.remarks,
         panels=[
-            PanelView(
-                name=panel.name,
-                title=panel.title,
-                detail=panel.detail,
+            view_of(
+                PanelView,
+                panel,
                 url=f"/api/bays/{quote(bay)}/trial/{one.number}/{panel.name}",
                 width_px=panel.image.shape[1],
                 height_px=panel.image.shape[0],
@@ -89,9 +75,9 @@ def tried(bay: str, one: CompletedTrial) -> TrialView:
 
 
 def _side(one: SideResult) -> SideView:
-    return SideView(
-        found_share=one.found_share,
-        jitter=None if one.jitter is None else JitterView.model_validate(one.jitter),
+    return view_of(
+        SideView,
+        one,
         total_ms=round(one.times.total_ms, 3),
         stages=[StageView(name=name, ms=round(ms, 3)) for name, ms in one.times.stages],
         frames=[_detection(found) for found in one.found],
@@ -111,11 +97,4 @@ def _detection(found: Detection) -> DetectionView:
 
 
 def picked(one: ColourPick) -> ColourPickView:
-    return ColourPickView(
-        patch=PatchView(**asdict(one.patch), hue=one.patch.hue),
-        keys=one.keys,
-        admitted_px=one.admitted_px,
-        admitted_share=one.admitted_px / one.picture_px,
-        hanging_px=one.hanging_px,
-        warnings=list(one.warnings),
-    )
+    return view_of(ColourPickView, one, admitted_share=one.admitted_px / one.picture_px)

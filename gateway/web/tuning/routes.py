@@ -31,6 +31,7 @@ from gateway.web.ipc.messages import (
 )
 from gateway.web.profile import parameter_schema, profile
 from gateway.web.server.gateway_client import Question, Result
+from gateway.web.server.models import view_of
 from gateway.web.server.services import Bay, RequestCaller, WebServices
 from gateway.web.tuning import responses, warning_gate
 from gateway.web.tuning.request_models import (
@@ -338,13 +339,7 @@ async def _import(request: Tuning, body: ImportBody) -> ImportedView:
 async def _diff(request: Tuning, body: SettingsBody) -> ProfileDiffView:
     settings = await request.settings(body.vision)
     planned = await request.ask(PreviewFile(request.bay, settings), FilePreview)
-    return ProfileDiffView(
-        path=request.service.file,
-        diff=planned.diff,
-        changes=list(planned.changes),
-        digest=planned.digest,
-        why_not=planned.why_not,
-    )
+    return view_of(ProfileDiffView, planned, path=request.service.file)
 
 
 @ADDRESSES.post(
@@ -384,4 +379,4 @@ async def _save(request: Tuning, body: SaveBody) -> ProfileSavedView:
     settings = await request.settings(body.vision)
     await request.gate(settings, body.accepted, "are saved")
     saved = await request.ask(SaveFile(request.bay, settings, body.digest), FileSaved)
-    return ProfileSavedView(path=request.service.file, changes=list(saved.changes), previous=saved.previous)
+    return view_of(ProfileSavedView, saved, path=request.service.file)

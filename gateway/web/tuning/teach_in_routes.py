@@ -9,6 +9,7 @@ from gateway.core.teach_in import Suggestion, spreads_of, toml_lines
 from gateway.durations import NS_PER_S
 from gateway.web.auth.access import Level
 from gateway.web.auth.addresses import ApiAddresses
+from gateway.web.server.models import view_of
 from gateway.web.server.services import Bay, RequestCaller, WebServices
 from gateway.web.setup.models import SettingChangeBody
 from gateway.web.tuning.request_models import Body
@@ -65,12 +66,10 @@ def _view(teach_ins: TeachInSessions, bay: str) -> TeachInView:
         return TeachInView(phase="none")
     last_ns = session.samples[-1].t_ns if session.samples else session.began_ns
     spreads = session.suggestion.spreads if session.suggestion is not None else spreads_of(session.samples)
-    return TeachInView(
-        phase=session.phase.value,
-        who=session.who,
-        seconds=session.seconds,
+    return view_of(
+        TeachInView,
+        session,
         elapsed_s=round(min(session.seconds, (last_ns - session.began_ns) / NS_PER_S), 1),
-        why=session.why,
         spreads=SpreadsView.model_validate(_rounded(asdict(spreads))),
         points=_points(session),
         result=None if session.suggestion is None else _result(session, session.suggestion),
@@ -95,15 +94,12 @@ def _points(session: TeachInSession) -> PointsView:
 
 def _result(session: TeachInSession, suggestion: Suggestion) -> TeachInResultView:
     table = ["recipes", str(session.recipe)] if session.recipe else ["bays", session.bay.name]
-    return TeachInResultView(
+    return view_of(
+        TeachInResultView,
+        suggestion,
         recipe=session.recipe,
-        refusals=list(suggestion.refusals),
-        notes=list(suggestion.notes),
         before_mm=_rounded(suggestion.before_mm),
-        values=[
-            TaughtValueView(key=".".join(one.path), value=one.value, old=one.old, why=one.why)
-            for one in suggestion.values
-        ],
+        values=[view_of(TaughtValueView, one, key=".".join(one.path)) for one in suggestion.values],
         changes=[
             SettingChangeBody(path=[*table, *one.path], value=one.value)
             for one in suggestion.values
