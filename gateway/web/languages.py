@@ -64,30 +64,21 @@ def usable(config: GatewayConfig) -> dict[str, str]:
     return own(config, lambda error: log.error("hmi.languages_folder: %s; the pages do without it", error))
 
 
-def own(config: GatewayConfig, report: Callable[[ConfigError], None] | None = None) -> dict[str, str]:
-    """A plant's own files, for `languages`: their texts, by code. `report`: as `own_files`."""
-    folder = config.hmi.languages_folder
-    return own_files(None if folder is None else Path(folder), report)
-
-
-def own_files(folder: Path | None, report: Callable[[ConfigError], None] | None = None) -> dict[str, str]:
-    """`report` is told what is wrong with a file, which is then left out. Without it raises ConfigError that names file
-    and key.
+def own(config: GatewayConfig, report: Callable[[ConfigError], None]) -> dict[str, str]:
+    """A plant's own files, for `languages`: their texts, by code. `report` is told what is wrong with a file, which is
+    then left out.
     """
     found: dict[str, str] = {}
+    folder = config.hmi.languages_folder
     try:
-        paths = [] if folder is None else _files(folder)
+        paths = [] if folder is None else _files(Path(folder))
     except ConfigError as error:
-        if report is None:
-            raise
         report(error)
         return found
     for path in paths:
         try:
             found[path.stem] = _file(path, MAX_OWN - sum(map(len, found.values())))
         except ConfigError as error:
-            if report is None:
-                raise
             report(error)
     return found
 

@@ -52,9 +52,10 @@ class Planned:
     """The file with the changes made."""
 
     former: config_file.Loaded
+    before: GatewayConfig  # the settings of the former text; those in force where that has faults
     text: str
     faults: tuple[FileFault, ...]
-    settings: GatewayConfig | None  # None: there are faults
+    settings: GatewayConfig | None = None  # None: there are faults
 
 
 class SettingsFile:
@@ -181,14 +182,16 @@ class SettingsFile:
         former = config_file.load(self.path)
         if former.digest != wanted.digest:
             raise ChangedOnDiskError(f"{self.path}: was changed elsewhere since it was shown; nothing was written")
+        before = self._checked(former.text)[0] or self._running
         try:
             text = self._undone() if wanted.undo else self._edited(former.text, wanted.changes)
         except ChangeError as error:
-            return Planned(former, former.text, (FileFault(error.path, None, str(error)),), None)
+            return Planned(former, before, former.text, (FileFault(error.path, None, str(error)),))
         if sent := {} if wanted.undo else self._sent_elsewhere(former.text, text, wanted.changes):
-            return Planned(former, text, tuple(FileFault(path, None, why) for path, why in sent.items()), None)
+            faults = tuple(FileFault(path, None, why) for path, why in sent.items())
+            return Planned(former, before, text, faults)
         settings, faults = self._checked(text)
-        return Planned(former, text, faults, settings)
+        return Planned(former, before, text, faults, settings)
 
     def _sent_elsewhere(self, former: str, text: str, changes: Sequence[SettingChange]) -> dict[KeyPath, str]:
         """What the changes would have done with passwords that nobody has typed."""
@@ -239,8 +242,7 @@ class SettingsFile:
         """What the new text changes at once, and what at the next start."""
         if planned.settings is None:
             return (), ()
-        before, _ = self._checked(planned.former.text)
-        found = changes(before or self._running, planned.settings)
+        found = changes(planned.before, planned.settings)
         waits = {change.path for change in changes(self._running, planned.settings) if not change.live}
         if self._reload is None:
             return (), tuple(map(str, found))
@@ -251,8 +253,7 @@ class SettingsFile:
         """The settings of vision that the changes would give to running bays."""
         if planned.settings is None:
             return {}
-        former, _ = self._checked(planned.former.text)
-        before = {bay.name: bay.vision for bay in (former or self._running).bays}
+        before = {bay.name: bay.vision for bay in planned.before.bays}
         running = {bay.name for bay in self._running.bays}
         return {
             bay.name: bay.vision
