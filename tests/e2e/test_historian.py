@@ -403,30 +403,6 @@ def test_the_end_of_the_gateway_does_not_wait_for_a_hung_server(server: Postgres
     asyncio.run(scene())
 
 
-@pytest.mark.failure_mode("H1")
-def test_states_of_an_outage_are_skipped_and_counted_events_are_not(server: Postgres, schema: str) -> None:
-    async def scene() -> None:
-        plant = Plant(server.url, schema, state_period_s=0.1)
-        async with plant.running():
-            await plant.until(lambda: plant.sink.link.figures["states_written"] >= 2)
-            await asyncio.to_thread(server.kill)
-            await plant.until(lambda: not plant.sink.link.connected)
-            for _ in range(250):  # more than go into one statement
-                plant.happen(EventKind.STOP_RAISED)
-            skipped = plant.sink.link.figures["states_skipped"]
-            await plant.until(lambda: plant.sink.link.figures["states_skipped"] >= skipped + 5)
-            await asyncio.to_thread(server.start)
-            await plant.until(lambda: plant.written == 250)
-            written = plant.sink.link.figures["states_written"]
-            await plant.until(lambda: plant.sink.link.figures["states_written"] > written)
-            await plant.stop()
-        assert plant.sink.link.figures["events_dropped"] == 0
-        assert plant.sink.link.figures["connections"] == 2
-
-    asyncio.run(scene())
-    assert ids(server, schema) == numbered(250)
-
-
 @pytest.mark.failure_mode("H2")
 def test_nothing_is_lost_or_there_twice_whoever_is_killed(server: Postgres, schema: str, tmp_path: Path) -> None:
     report = historian_kills.run(

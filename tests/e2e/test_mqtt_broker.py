@@ -106,25 +106,6 @@ def test_a_late_subscriber_sees_the_retained_state_and_status(mosquitto: Mosquit
     asyncio.run(scenario())
 
 
-def test_events_arrive_in_order_and_at_once(mosquitto: Mosquitto) -> None:
-    async def scenario() -> None:
-        plant = Plant(mosquitto.url)
-        kinds = list(EventKind) * 5
-        with Subscriber(mosquitto, "loading/#") as subscriber:
-            async with plant.running():
-                await received(subscriber, status="online")
-                for kind in kinds:
-                    plant.happen(kind)
-                    await asyncio.sleep(0.005)
-                await asyncio.to_thread(subscriber.wait_until, lambda: len(subscriber.on("/event")) >= len(kinds))
-        events = [checked(message.topic, message.text) for message in subscriber.on("/event")]
-        assert [event["kind"] for event in events] == [kind.value for kind in kinds]
-        assert len({event["id"] for event in events}) == len(kinds)
-        assert all(message.qos == 1 and not message.retained for message in subscriber.on("/event"))
-
-    asyncio.run(scenario())
-
-
 def test_a_change_of_stop_is_on_the_wire_at_once(mosquitto: Mosquitto) -> None:
     async def scenario() -> None:
         plant = Plant(mosquitto.url, state_period_s=60)
@@ -178,27 +159,6 @@ def test_no_event_is_lost_when_the_broker_is_killed(mosquitto: Mosquitto) -> Non
         assert plant.publisher.stats.reconnects == 4
         assert plant.publisher.stats.dropped == 0
         assert plant.hardly_waited
-
-    asyncio.run(scenario())
-
-
-@pytest.mark.failure_mode("Q1")
-def test_without_a_broker_events_wait_and_the_control_path_does_not(mosquitto: Mosquitto) -> None:
-    mosquitto.kill()
-
-    async def scenario() -> None:
-        plant = Plant(mosquitto.url)
-        async with plant.running():
-            for _ in range(100):
-                plant.happen(EventKind.STOP_RAISED)
-                await asyncio.sleep(0.005)
-            assert plant.link_errors >= 2
-            assert plant.publisher.stats.queued == 100
-            assert plant.hardly_waited
-            await asyncio.to_thread(mosquitto.start)
-            with Subscriber(mosquitto, "loading/#") as subscriber:
-                await plant.until(lambda: plant.publisher.stats.queued == 0)
-                await received(subscriber, status="online")
 
     asyncio.run(scenario())
 

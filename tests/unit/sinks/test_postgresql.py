@@ -218,6 +218,7 @@ async def test_a_bay_that_is_not_computed_any_more_has_rows_without_values() -> 
         assert newest["bay1"]["reason"]["name"] != "GATEWAY_FAULT"
 
 
+@pytest.mark.failure_mode("H1")
 @in_virtual_time
 async def test_states_of_an_outage_are_skipped_and_counted_events_wait() -> None:
     plant = Plant("bay1", "bay2")
