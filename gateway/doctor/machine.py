@@ -32,7 +32,7 @@ WRITES_A_DAY_GB = 0.4  # of one bay's recording, at most (docs/records.md)
 
 
 def versions() -> Finding:
-    names = ("opencv-python-headless", "numpy", "pydantic", "paho-mqtt")
+    names = ("opencv-python-headless", "numpy", "pydantic", "aiomqtt")
     parts = [f"gateway {__version__}", f"Python {platform.python_version()}", *(f"{n} {version(n)}" for n in names)]
     system = f"{platform.system()} {platform.release()}, {platform.machine()}"
     return Finding("versions", "", Verdict.OK, "read them", ", ".join([*parts, system]))

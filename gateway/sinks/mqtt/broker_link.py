@@ -1,15 +1,16 @@
-"""One connection to the broker: the only module that imports the MQTT client library, paho. IO.
+"""One connection to the broker: the only module that imports the MQTT client library, aiomqtt. IO.
 
 A client object lives for one connection: a message that was not acknowledged stays queued inside it and would be sent
 again on a second one.
 
-paho would open its socket while everything waits. So it is handed a socket that is open already (`broker_socket`), and
-the event loop calls it when that socket is ready. How the connection ends is a promise: left normally, it sends
-DISCONNECT, and the broker discards the last will; left by an exception or a cancellation, the socket is closed, and the
-broker publishes the will.
+aiomqtt opens its socket in a thread that can't be stopped, leaves it open when the broker never answers, and sends
+DISCONNECT even when it is cancelled. So it is handed a socket that is open already (`broker_socket`). How the
+connection ends is a promise: left normally, it sends DISCONNECT, and the broker discards the last will; left by an
+exception or a cancellation, the socket is closed, and the broker publishes the will.
 
-That paho takes an open socket is a private part of it. It is pinned exactly, and tests/unit/sinks/test_broker_link.py
-watches that part (docs/decisions/0040-private-parts.md).
+paho's public callbacks and the socket serve for this wherever they can; four private parts of aiomqtt and of paho are
+used for the rest. Both are pinned exactly, and tests/unit/sinks/test_broker_link.py watches each of these parts
+(docs/decisions/0040-private-parts.md).
 """
 
 import asyncio
@@ -18,13 +19,13 @@ import logging
 import math
 import socket
 import ssl
-from collections import deque
 from collections.abc import AsyncIterator, Sequence
-from typing import Any, TypeVar
+from functools import partial
+from typing import Any
 
-from paho.mqtt import client as paho
+import aiomqtt
+from aiomqtt.exceptions import MqttCodeError, MqttConnectError
 from paho.mqtt.client import MQTT_ERR_SUCCESS
-from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode, MQTTProtocolVersion
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
@@ -37,8 +38,6 @@ from gateway.sinks.mqtt.takeovers import End
 from gateway.sinks.mqtt.topics import MqttMessage
 from gateway.sinks.mqtt.web_socket import WebSocket
 
-T = TypeVar("T")
-
 CONNECT_S = 5.0  # for the socket, and again for the CONNACK
 MAX_INCOMING = 100  # messages received and not fetched yet
 MAX_PACKET_BYTES = 65_536  # one of more ends the connection: MQTT allows 256 MB, which would be memory
@@ -50,7 +49,7 @@ CERTIFICATE_HINT = (
     "; a broker that requires a client certificate, or refuses ours, does so: mqtt.tls.cert_file and mqtt.tls.key_file"
 )
 REFUSED_SUBSCRIPTION = 128  # SUBACK codes from here on are failures
-UNSUPPORTED_PROTOCOL_VERSION = 0x84  # CONNACK; paho has MQTT 5's code for that of 3.1.1, too
+UNSUPPORTED_PROTOCOL_VERSION = (1, 132)  # CONNACK of MQTT 3.1.1 and of MQTT 5
 
 SESSION_TAKEN_OVER = 0x8E
 KEEP_ALIVE_TIMEOUT = 0x8D
@@ -58,7 +57,10 @@ KEEP_ALIVE_TIMEOUT = 0x8D
 _log = logging.getLogger("mqtt")
 _log.addFilter(lambda record: "on socket" not in str(record.msg))  # with each attempt; `End.text` has the reason
 
-_VERSIONS: dict[Version, MQTTProtocolVersion] = {"5": MQTTProtocolVersion.MQTTv5, "3.1.1": MQTTProtocolVersion.MQTTv311}
+_VERSIONS: dict[Version, aiomqtt.ProtocolVersion] = {
+    "5": aiomqtt.ProtocolVersion.V5,
+    "3.1.1": aiomqtt.ProtocolVersion.V311,
+}
 
 
 class NotAcceptedError(LinkError):
@@ -87,39 +89,24 @@ class BrokerLink:
     """A live connection. Real seconds, not the gateway's clock: the broker has no simulated time.
 
     `in_flight`: messages that may be without acknowledgement at once. `unanswered`: the topics of those that are.
-    `newest_refusal`: topic, reason and time of the event loop. `end`: how the other side has ended it. The last three
-    are right after the connection has ended, too.
+    `newest_refusal`: topic, reason and time of the event loop. All three are right after the connection has ended, too.
     """
 
-    end: End | None = None
+    end: End | None = None  # how the other side has ended it
 
-    def __init__(self, client: paho.Client, sock: "_BoundedSocket", endpoint: Endpoint, version: Version) -> None:
+    def __init__(self, client: "_Client", endpoint: Endpoint, acknowledge_s: float, version: Version) -> None:
         self.version = version
-        self.in_flight = MAX_IN_FLIGHT if version == "5" else MAX_IN_FLIGHT_311
-        self.unanswered: list[str] = []
-        self.newest_refusal: tuple[str, str, float] | None = None
+        self.in_flight = min(MAX_IN_FLIGHT if version == "5" else MAX_IN_FLIGHT_311, client.receive_maximum)
+        self.unanswered = client.unanswered
+        self._client = client
         self._broker = endpoint
-        self._sock = sock
-        self._acknowledge_s = CONNECT_S
-        self._max_packet_bytes: float = math.inf
-        self._loop = asyncio.get_running_loop()
-        self._opened: asyncio.Future[ReasonCode] = self._loop.create_future()
-        self._answers: dict[int, tuple[str, asyncio.Future[ReasonCode]]] = {}  # topic, answer; by packet identifier
-        self._granted: dict[int, asyncio.Future[Sequence[ReasonCode]]] = {}
-        self._received: deque[MqttMessage] = deque()
-        self._news = asyncio.Event()  # something was received, or the connection has ended
-        self._over = False
+        self._acknowledge_s = acknowledge_s
         self._limit = self.in_flight  # now
         self._turns = asyncio.Semaphore(self._limit)
-        self._kept_alive: asyncio.Task[None] | None = None
-        self._client = client
-        client.on_connect, client.on_disconnect = self._on_connect, self._on_disconnect
-        client.on_publish, client.on_subscribe = self._on_publish, self._on_subscribe
-        client.on_message = self._on_message
-        client.on_socket_open, client.on_socket_close = self._on_socket_open, self._on_socket_close
-        client.on_socket_register_write = self._on_to_be_written
-        client.on_socket_unregister_write = self._on_written
-        client._create_socket_connection = lambda: sock  # type: ignore[assignment, method-assign, return-value]  # it would open its own
+
+    @property
+    def newest_refusal(self) -> tuple[str, str, float] | None:
+        return self._client.newest_refusal
 
     def narrow(self) -> None:
         """One message at a time, until `widen`. Before anything is published."""
@@ -134,27 +121,23 @@ class BrokerLink:
         """Returns when the broker has acknowledged it (QoS 1), or when it is sent (QoS 0). False: nobody subscribes to
         its topic, which only an MQTT 5 broker reports, and not each.
 
-        Raises PublishRefusedError: the broker did not take it; LinkError: the link is of no more use.
+        Raises RefusedError: the broker did not take it; LinkError: the link is of no more use.
         """
         properties = None if self.version == "3.1.1" else _properties(message)
-        size, accepted = _packet_bytes(message, properties), self._max_packet_bytes
+        size, accepted = _packet_bytes(message, properties), self._client.maximum_packet_bytes
         if size > accepted:
             fault = f"{size} bytes; the broker accepts {accepted} (0x{PACKET_TOO_LARGE:02x})"
             raise PublishRefusedError(self._broker, message.topic, fault)
-        await self._turns.acquire()
-        sent = self._client.publish(message.topic, message.payload, message.qos, message.retain, properties)
-        if sent.rc != MQTT_ERR_SUCCESS:
-            raise LinkError(f"{self._broker}: cannot publish: {self._why(sent.rc)}")
-        if sent.is_published():  # QoS 0
-            self._turns.release()
-            return True
-        answer: asyncio.Future[ReasonCode] = self._loop.create_future()
-        self._answers[sent.mid] = message.topic, answer
-        self.unanswered.append(message.topic)
-        reason = await self._answer(answer, "acknowledgement")
-        if reason.is_failure:
+        try:
+            async with self._turns, asyncio.timeout(self._acknowledge_s):
+                reason = await self._client.send(message, properties)
+        except TimeoutError:
+            raise UnansweredError(f"{self._broker}: no acknowledgement within {self._acknowledge_s:g} s") from None
+        except aiomqtt.MqttError as error:
+            raise LinkError(f"{self._broker}: cannot publish: {self._why(error)}") from error
+        if reason is not None and reason.is_failure:
             raise PublishRefusedError(self._broker, message.topic, _named(reason))
-        return bool(reason.value != NO_SUBSCRIBERS)
+        return reason is None or reason.value != NO_SUBSCRIBERS
 
     async def quiet(self) -> None:
         """Returns when no message waits for its acknowledgement; from then on none is sent."""
@@ -163,148 +146,32 @@ class BrokerLink:
 
     async def subscribe(self, topics: Sequence[tuple[str, int]]) -> None:
         """Topics with their QoS; returns when the broker has granted them all. Raises LinkError."""
-        result, mid = self._client.subscribe([*topics])
-        if result != MQTT_ERR_SUCCESS or mid is None:
-            raise LinkError(f"{self._broker}: cannot subscribe: {self._why(result)}")
-        self._granted[mid] = self._loop.create_future()
-        granted = await self._answer(self._granted[mid], "answer to a subscription")
-        if any(code.value >= REFUSED_SUBSCRIPTION for code in granted):
+        try:
+            async with asyncio.timeout(self._acknowledge_s):
+                granted = await self._client.subscribe([(topic, qos) for topic, qos in topics])
+        except TimeoutError:
+            raise LinkError(f"{self._broker}: no answer to a subscription within {self._acknowledge_s:g} s") from None
+        except aiomqtt.MqttError as error:
+            raise LinkError(f"{self._broker}: cannot subscribe: {self._why(error)}") from error
+        if any(int(code if isinstance(code, int) else code.value) >= REFUSED_SUBSCRIPTION for code in granted):
             raise LinkError(f"{self._broker}: refuses a subscription to {', '.join(topic for topic, _ in topics)}")
 
     async def incoming(self) -> AsyncIterator[MqttMessage]:
         """Messages received, until the connection is lost: then LinkError. What is not fetched in time is dropped."""
-        while True:
-            while self._received:
-                yield self._received.popleft()
-            if self._over:
-                raise LinkError(f"{self._broker}: connection lost{'' if self.end is None else f': {self.end.text}'}")
-            self._news.clear()
-            await self._news.wait()
-
-    async def open(self, keepalive_s: int, acknowledge_s: float, hint: str) -> None:
-        """Returns when the broker has accepted the connection. `hint`: where it ends it without a word. Raises
-        NotAcceptedError."""
-        self._acknowledge_s = acknowledge_s
-        # Nothing in it blocks on an open socket; it only queues the CONNECT.
-        broker = self._broker.broker
-        self._client.connect(
-            broker.host, broker.port, keepalive_s, properties=_packet_limit() if self.version == "5" else None
-        )
         try:
-            async with asyncio.timeout(CONNECT_S):
-                reason = await self._opened
-        except TimeoutError:
-            fault = f"connected, but no CONNACK within {CONNECT_S:g} s"
-            raise NotAcceptedError(f"{self._broker}: {fault}", certain=False) from None
-        except LinkError as error:
-            bare = hint if self.end is not None and self.end.bare else ""
-            raise NotAcceptedError(f"{self._broker}: {error}{bare}", certain=False) from error
-        if reason.is_failure:
-            fault, certain = f"[code:{reason.value}] {reason}", reason.value == UNSUPPORTED_PROTOCOL_VERSION
-            raise NotAcceptedError(f"{self._broker}: {fault}", certain=certain)
+            async for message in self._client.messages:
+                payload = message.payload if isinstance(message.payload, bytes) else str(message.payload).encode()
+                yield MqttMessage(str(message.topic), payload)
+        except aiomqtt.MqttError as error:
+            raise LinkError(f"{self._broker}: connection lost: {self._why(error)}") from error
+        raise LinkError(f"{self._broker}: connection lost")
 
-    async def disconnect(self, *, publish_will: bool) -> None:
-        """The broker discards the last will, or publishes it all the same (MQTT 5)."""
-        reason = ReasonCode(PacketTypes.DISCONNECT, "Disconnect with will message") if publish_will else None
-        if not self._over and self._client.disconnect(reason) == MQTT_ERR_SUCCESS:
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(CONNECT_S):
-                    while not self._over:
-                        self._news.clear()
-                        await self._news.wait()
+    def _why(self, error: aiomqtt.MqttError) -> object:
+        return error.__cause__ or error if self.end is None else self.end.text
 
-    def close(self) -> None:
-        """Watch the socket no longer; it is closed by who opened it, without DISCONNECT where none was sent."""
-        if (sock := self._client.socket()) is not None:
-            self._on_written(self._client, None, sock)
-            self._on_socket_close(self._client, None, sock)
-        self._client.on_socket_close = self._client.on_socket_unregister_write = None
 
-    async def _answer(self, answer: "asyncio.Future[T]", what: str) -> T:
-        """Raises UnansweredError."""
-        try:
-            async with asyncio.timeout(self._acknowledge_s):
-                return await answer
-        except TimeoutError:
-            raise UnansweredError(f"{self._broker}: no {what} within {self._acknowledge_s:g} s") from None
-
-    def _why(self, code: int) -> str:
-        return paho.error_string(MQTTErrorCode(code)) if self.end is None else self.end.text
-
-    async def _keep_alive(self) -> None:
-        while True:
-            if self._client.loop_misc() != MQTT_ERR_SUCCESS:
-                return
-            await asyncio.sleep(1)
-
-    # paho's callbacks, called on the event loop.
-
-    def _on_socket_open(self, client: paho.Client, _: object, sock: Any) -> None:
-        self._loop.add_reader(sock.fileno(), self._read)
-        self._kept_alive = self._loop.create_task(self._keep_alive())
-
-    def _on_socket_close(self, client: paho.Client, _: object, sock: Any) -> None:
-        self._loop.remove_reader(sock.fileno())
-        if self._kept_alive is not None:
-            self._kept_alive.cancel()
-
-    def _on_to_be_written(self, client: paho.Client, _: object, sock: Any) -> None:
-        self._loop.add_writer(sock.fileno(), client.loop_write)
-
-    def _on_written(self, client: paho.Client, _: object, sock: Any) -> None:
-        self._loop.remove_writer(sock.fileno())
-
-    def _read(self) -> None:
-        """All that has arrived: of TLS and of WebSockets, some may be in memory and make no socket readable."""
-        while self._client.loop_read() == MQTT_ERR_SUCCESS:
-            pending = getattr(self._client.socket(), "pending", None)
-            if pending is None or pending() == 0:
-                break
-
-    def _on_connect(self, client: object, _: object, flags: object, reason: ReasonCode, properties: Any) -> None:
-        """MQTT 5 states how many messages the broker takes at once, and how large; it may close the connection on more
-        (3.3.4) and on larger ones (3.2.2.3.6)."""
-        if self._opened.done():
-            return
-        self.in_flight = min(self.in_flight, getattr(properties, "ReceiveMaximum", MAX_IN_FLIGHT))
-        self._limit, self._turns = self.in_flight, asyncio.Semaphore(self.in_flight)
-        self._max_packet_bytes = getattr(properties, "MaximumPacketSize", math.inf)
-        self._opened.set_result(reason)
-
-    def _on_disconnect(self, client: object, _: object, flags: Any, reason: ReasonCode, properties: object) -> None:
-        """Also before the CONNACK."""
-        if reason.is_failure and self.end is None:
-            self.end = _end(reason, self._sock.fault, by_packet=flags.is_disconnect_packet_from_server)
-        if not self._opened.done():
-            why = "closed" if self.end is None else self.end.text
-            self._opened.set_exception(LinkError(f"{why}, before a CONNACK arrived"))
-        self._over = True
-        self._news.set()
-
-    def _on_publish(self, client: object, _: object, mid: int, reason: ReasonCode, properties: object) -> None:
-        """MQTT 5 reports whether the broker has taken a message, and whether anybody subscribes. Until then it counts
-        as one in flight, whether or not somebody still waits for it."""
-        if mid not in self._answers:
-            return
-        topic, answer = self._answers.pop(mid)
-        self.unanswered.remove(topic)
-        self._turns.release()
-        if reason.is_failure:
-            self.newest_refusal = topic, _named(reason), self._loop.time()
-        if not answer.done():
-            answer.set_result(reason)
-
-    def _on_subscribe(
-        self, client: object, _: object, mid: int, granted: Sequence[ReasonCode], properties: object
-    ) -> None:
-        answer = self._granted.pop(mid, None)
-        if answer is not None and not answer.done():
-            answer.set_result(granted)
-
-    def _on_message(self, client: object, _: object, message: paho.MQTTMessage) -> None:
-        if len(self._received) < MAX_INCOMING:
-            self._received.append(MqttMessage(message.topic, bytes(message.payload)))
-        self._news.set()
+def _code(error: MqttConnectError) -> int | None:
+    return error.rc.value if isinstance(error.rc, ReasonCode) else error.rc
 
 
 def _properties(message: MqttMessage) -> Properties:
@@ -392,23 +259,166 @@ async def connect(
     except LinkError as error:
         raise LinkError(f"{endpoint}: {error}") from error
     with contextlib.closing(sock):
-        link = BrokerLink(_client(endpoint.broker, client_id, will, version), _BoundedSocket(sock), endpoint, version)
+        broker = endpoint.broker
+        client = _Client(sock, broker, client_id=client_id, will=will, keepalive_s=keepalive_s, version=version)
         try:
-            await link.open(keepalive_s, acknowledge_s, "" if tls is None else CERTIFICATE_HINT)
-            yield link
-            await link.disconnect(publish_will=will_at_disconnect and version == "5")
+            try:
+                await client.open()
+            except MqttConnectError as error:
+                if _code(error) not in UNSUPPORTED_PROTOCOL_VERSION:
+                    raise
+                raise NotAcceptedError(f"{endpoint}: {error}", certain=True) from error
+            except aiomqtt.MqttError as error:
+                hint = CERTIFICATE_HINT if tls is not None and client.end is not None and client.end.bare else ""
+                raise NotAcceptedError(f"{endpoint}: {error}{hint}", certain=False) from error
+            yield client.link(endpoint, acknowledge_s, version)
+            if will_at_disconnect and version == "5":
+                client.keep_will()
+            await client.send_disconnect()  # skipped when the body raises: then the broker must publish the will
+        except aiomqtt.MqttError as error:
+            raise LinkError(f"{endpoint}: {error}") from error
         finally:
-            link.close()
+            await client.close()
 
 
-def _client(broker: Broker, client_id: str, will: MqttMessage | None, version: Version) -> paho.Client:
-    client = paho.Client(
-        CallbackAPIVersion.VERSION2, client_id, protocol=_VERSIONS[version], reconnect_on_failure=False
-    )
-    client.enable_logger(_log)
-    client.max_inflight_messages_set(MAX_IN_FLIGHT)
-    if broker.username is not None:
-        client.username_pw_set(broker.username, broker.password)
-    if will is not None:
-        client.will_set(will.topic, will.payload, will.qos, will.retain)
-    return client
+class _Client(aiomqtt.Client):
+    """aiomqtt on a socket that is open already."""
+
+    def __init__(
+        self,
+        sock: socket.socket | WebSocket,
+        broker: Broker,
+        *,
+        client_id: str,
+        will: MqttMessage | None,
+        keepalive_s: int,
+        version: Version,
+    ) -> None:
+        self.end: End | None = None  # how the other side has ended the connection
+        self._link: BrokerLink | None = None
+        super().__init__(
+            broker.host,
+            broker.port,
+            username=broker.username,
+            password=broker.password,
+            identifier=client_id,
+            protocol=_VERSIONS[version],
+            will=None if will is None else aiomqtt.Will(will.topic, will.payload, qos=will.qos, retain=will.retain),
+            # Its own time limits lose a cancellation that arrives together with a reply (Python 3.11's wait_for).
+            timeout=math.inf,
+            keepalive=keepalive_s,
+            max_queued_incoming_messages=MAX_INCOMING,
+            max_inflight_messages=MAX_IN_FLIGHT,
+            properties=_packet_limit() if version == "5" else None,
+            logger=_log,
+        )
+        self.receive_maximum = MAX_IN_FLIGHT
+        self.maximum_packet_bytes: float = math.inf
+        self.unanswered: list[str] = []
+        self.newest_refusal: tuple[str, str, float] | None = None
+        self._answers: dict[int, tuple[str, asyncio.Future[ReasonCode]]] = {}  # topic, answer; by packet identifier
+        self._client.on_publish = self.acknowledged
+        self._client.on_socket_open = self.opened
+        self._client.on_socket_register_write = self.to_be_written
+        self._told: tuple[Any, Any] = self._client.on_connect, self._client.on_disconnect  # aiomqtt's own
+        self._client.on_connect, self._client.on_disconnect = self.accepted, self.ended
+        for future in (self._connected, self._disconnected):  # its result may not be needed any more
+            future.add_done_callback(lambda ended: ended.cancelled() or ended.exception())
+        given = _BoundedSocket(sock)
+        self._given = given
+        self._client._create_socket_connection = lambda: given  # type: ignore[assignment, method-assign, return-value]  # it would open its own
+        # Nothing in it blocks on an open socket, so it needs no thread; it only queues the CONNECT.
+        super()._client_connect()
+
+    def _client_connect(self) -> None:
+        """Called by aiomqtt in a thread; done already."""
+
+    def opened(self, client: Any, userdata: Any, sock: Any) -> None:
+        """At once, as below: a socket whose first write fails is closed before a moment later."""
+        self._loop.add_reader(sock.fileno(), self.read)
+        self._misc_task = self._loop.create_task(self._misc_loop())
+
+    def to_be_written(self, client: Any, userdata: Any, sock: Any) -> None:
+        """At once. aiomqtt's own does it a moment later, when the socket may be closed and its number another's."""
+        self._loop.add_writer(sock.fileno(), client.loop_write)
+
+    def accepted(self, client: Any, userdata: Any, flags: Any, reason_code: Any, properties: Any = None) -> None:
+        """MQTT 5 states how many messages the broker takes at once, and how large; it may close the connection on more
+        (3.3.4) and on larger ones (3.2.2.3.6)."""
+        self.receive_maximum = min(MAX_IN_FLIGHT, getattr(properties, "ReceiveMaximum", MAX_IN_FLIGHT))
+        self.maximum_packet_bytes = getattr(properties, "MaximumPacketSize", math.inf)
+        # paho's setter refuses on an open connection; nothing is in flight yet
+        self._client._max_inflight_messages = self.receive_maximum
+        self._told[0](client, userdata, flags, reason_code, properties)
+
+    def acknowledged(self, client: Any, userdata: Any, mid: int, reason_code: Any, properties: Any) -> None:
+        """MQTT 5 reports whether the broker has taken a message, and whether anybody subscribes; aiomqtt ignores it."""
+        if mid in self._answers:
+            topic, answer = self._answers.pop(mid)
+            self.unanswered.remove(topic)
+            if reason_code.is_failure:
+                self.newest_refusal = topic, _named(reason_code), self._loop.time()
+            if not answer.done():
+                answer.set_result(reason_code)
+
+    def ended(self, client: Any, userdata: Any, flags: Any, reason_code: Any, properties: Any = None) -> None:
+        """Also before the CONNACK, which aiomqtt would wait for all the same."""
+        if reason_code.is_failure and self.end is None:
+            self.end = _end(reason_code, self._given.fault, by_packet=flags.is_disconnect_packet_from_server)
+            if self._link is not None:
+                self._link.end = self.end
+        if not self._connected.done():
+            why = "closed" if self.end is None else self.end.text
+            self._connected.set_exception(aiomqtt.MqttError(f"{why}, before a CONNACK arrived"))
+        self._told[1](client, userdata, flags, reason_code, properties)
+
+    def link(self, endpoint: Endpoint, acknowledge_s: float, version: Version) -> BrokerLink:
+        self._link = BrokerLink(self, endpoint, acknowledge_s, version)
+        return self._link
+
+    def read(self) -> None:
+        """All that has arrived: of TLS and of WebSockets, some may be in memory and make no socket readable."""
+        while self._client.loop_read() == MQTT_ERR_SUCCESS:
+            pending = getattr(self._client.socket(), "pending", None)
+            if pending is None or pending() == 0:
+                break
+
+    async def send(self, message: MqttMessage, properties: Properties | None) -> ReasonCode | None:
+        """Returns the broker's answer; None at QoS 0. Raises MqttError."""
+        sent = self._client.publish(message.topic, message.payload, message.qos, message.retain, properties)
+        if sent.rc != MQTT_ERR_SUCCESS:
+            raise MqttCodeError(sent.rc, "Could not publish message")
+        if sent.is_published():  # QoS 0
+            return None
+        answer: asyncio.Future[ReasonCode] = self._loop.create_future()
+        self._answers[sent.mid] = message.topic, answer
+        self.unanswered.append(message.topic)
+        return await answer
+
+    async def open(self) -> None:
+        """Returns when the broker has accepted the connection. Raises MqttError."""
+        try:
+            async with asyncio.timeout(CONNECT_S):
+                await self.__aenter__()
+        except TimeoutError:
+            raise aiomqtt.MqttError(f"connected, but no CONNACK within {CONNECT_S:g} s") from None
+
+    def keep_will(self) -> None:
+        """The DISCONNECT will have the reason `Disconnect with will message`; aiomqtt gives none."""
+        reason = ReasonCode(PacketTypes.DISCONNECT, "Disconnect with will message")
+        self._client.disconnect = partial(self._client.disconnect, reason)  # type: ignore[method-assign]
+
+    async def send_disconnect(self) -> None:
+        """The broker discards the last will."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(CONNECT_S):
+                await self.__aexit__(None, None, None)
+
+    async def close(self) -> None:
+        """Close the socket without DISCONNECT; nothing is left to do after a proper end."""
+        if self._connected.cancelled():  # aiomqtt's callbacks fail on it
+            self._connected = self._loop.create_future()
+        try:
+            await asyncio.sleep(0)  # the loop has begun to watch aiomqtt's socket by now
+        finally:
+            self._client._sock_close()

@@ -82,8 +82,12 @@ class Link(BrokerLink):
         self._memory = broker
         self.in_flight = broker.in_flight
         self.unanswered = []
-        self.newest_refusal = None
+        self._refusal: tuple[str, str, float] | None = None
         self._turns = asyncio.Semaphore(self.in_flight)
+
+    @property
+    def newest_refusal(self) -> tuple[str, str, float] | None:
+        return self._refusal
 
     async def publish(self, message: MqttMessage) -> bool:
         async with self._turns:
@@ -112,7 +116,7 @@ class Link(BrokerLink):
         if broker.lost.is_set():
             raise LinkError("connection lost")
         if message.topic in broker.faults:
-            self.newest_refusal = message.topic, broker.faults[message.topic], now_s()
+            self._refusal = message.topic, broker.faults[message.topic], now_s()
             if broker.ends_after_refusal:
                 self.unanswered.remove(message.topic)
                 raise LinkError("connection lost")

@@ -1,4 +1,4 @@
-"""What is used of the MQTT client library beyond its public interface: an upgrade fails here, not in a plant."""
+"""What is used of the MQTT client libraries beyond their public interface: an upgrade fails here, not in a plant."""
 
 import asyncio
 import inspect
@@ -8,47 +8,72 @@ import tomllib
 from importlib.metadata import version
 from pathlib import Path
 
+import aiomqtt
 import paho.mqtt.client as paho
 import pytest
 
 from gateway.errors import LinkError
 from gateway.sinks.mqtt import broker_link
 from gateway.sinks.mqtt.broker import parse
-from gateway.sinks.mqtt.endpoints import Endpoint, Version
+from gateway.sinks.mqtt.endpoints import Version
 from gateway.sinks.mqtt.topics import MqttMessage
 from tests.mqtt_endpoints import at
 
 ROOT = Path(__file__).parents[3]
 SOURCE = Path(inspect.getfile(broker_link)).read_text()
+OVERRIDDEN = {"_client_connect": ["self"]}  # of aiomqtt.Client, with their parameters
+USED_OF_AIOMQTT = ["_client", "_connected", "_disconnected", "_loop", "_misc_loop", "_misc_task"]
+USED_OF_PAHO = ["_create_socket_connection", "_max_inflight_messages", "_sock_close"]
 
 
-def test_the_library_is_pinned() -> None:
+@pytest.mark.parametrize("package", ["aiomqtt", "paho-mqtt"])
+def test_the_libraries_are_pinned(package: str) -> None:
     pins = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dependencies"]
-    assert f"paho-mqtt=={version('paho-mqtt')}" in pins
+    assert f"{package}=={version(package)}" in pins
+
+
+def test_what_is_overridden_of_aiomqtt_exists_with_the_same_parameters() -> None:
+    private = [name for name in vars(broker_link._Client) if name.startswith("_") and not name.startswith("__")]
+    assert sorted(private) == sorted(OVERRIDDEN)
+    for name, parameters in OVERRIDDEN.items():
+        assert list(inspect.signature(getattr(aiomqtt.Client, name)).parameters) == parameters
+
+
+def test_what_is_used_of_aiomqtts_attributes_is_there() -> None:
+    ours = {"_answers", "_given", "_told", "_link"}
+    of_client = SOURCE[SOURCE.index("class _Client") :]
+    assert sorted(set(re.findall(r"self\.(_[a-z]\w*)", of_client)) - ours) == USED_OF_AIOMQTT
+    text = inspect.getsource(aiomqtt.Client)
+    assert [name for name in USED_OF_AIOMQTT if f"self.{name}" not in text] == []
 
 
 def test_what_is_used_of_paho_is_there() -> None:
-    assert set(re.findall(r"client\.(_\w+)", SOURCE)) == {"_create_socket_connection"}
+    assert sorted(set(re.findall(r"self\._client\.(_\w+)", SOURCE))) == USED_OF_PAHO
     assert list(inspect.signature(paho.Client._create_socket_connection).parameters) == ["self"]
+    assert list(inspect.signature(paho.Client._sock_close).parameters) == ["self"]
 
 
 def test_the_client_uses_the_socket_it_is_given() -> None:
-    """Else it would look the name up. A connection that ends before a CONNACK is not accepted."""
+    """Without the override it would look the name up."""
 
     async def scenario() -> None:
         ours, peer = socket.socketpair()
         ours.setblocking(False)
         with ours, peer:
-            endpoint = Endpoint(parse("mqtt://never.looked.up.invalid"), (0, 0, 0, "", ("192.0.2.1", 1883)))
-            client = broker_link._client(endpoint.broker, "c", MqttMessage("w", b""), "5")
-            link = broker_link.BrokerLink(client, broker_link._BoundedSocket(ours), endpoint, "5")
-            opening = asyncio.ensure_future(link.open(5, 5, "; a hint"))
+            client = broker_link._Client(
+                ours,
+                parse("mqtt://never.looked.up.invalid"),
+                client_id="c",
+                will=MqttMessage("w", b""),
+                keepalive_s=5,
+                version="5",
+            )
+            assert client._client.socket().fileno() == ours.fileno()  # type: ignore[union-attr]
+            assert client._client._max_inflight_messages == broker_link.MAX_IN_FLIGHT  # until a broker states fewer
+            assert not client._connected.done()
+            assert not client._disconnected.done()
             assert await asyncio.to_thread(peer.recv, 1) == b"\x10"  # CONNECT
-            assert client.socket().fileno() == ours.fileno()  # type: ignore[union-attr]
-            peer.close()
-            with pytest.raises(broker_link.NotAcceptedError, match="before a CONNACK arrived; a hint"):
-                await opening
-            link.close()
+            await client.close()
 
     asyncio.run(scenario())
 
