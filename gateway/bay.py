@@ -7,7 +7,7 @@ from dataclasses import replace
 from gateway.clock import Clock
 from gateway.config import BayConfig, GatewayConfig
 from gateway.core import events, fusion, interlock, visit_progress
-from gateway.core.events import Event, EventKind
+from gateway.core.events import MAX_DETAIL_CHARS, Event, EventKind
 from gateway.core.plc import PlcConnection, PlcWrite, Writer, WriteVerdict
 from gateway.core.readings import RangeReading, VisionReading
 from gateway.core.retained import RetainedState
@@ -25,7 +25,6 @@ log = logging.getLogger(__name__)
 WRITE_EVENTS = frozenset(
     {EventKind.PLC_WRITE, EventKind.WRITE_REFUSED, EventKind.OWNER_CHANGED, EventKind.RECIPE_CHANGED}
 )
-MAX_DETAIL = 1000
 CHECK_EVENTS = frozenset({EventKind.FUNCTION_CHECK_BEGUN, EventKind.FUNCTION_CHECK_ENDED})
 
 
@@ -237,7 +236,7 @@ def _fields(event: Event, state: StateVector) -> dict[str, str | float | None]:
 
 
 def _untried(keys: Sequence[str]) -> str:
-    return f"not as last tried: {', '.join(keys)}"[:MAX_DETAIL]
+    return f"not as last tried: {', '.join(keys)}"[:MAX_DETAIL_CHARS]
 
 
 def _of_visit(state: StateVector, ended: VisitSummary | None) -> list[Event]:

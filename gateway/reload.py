@@ -14,6 +14,7 @@ from gateway.bay import BayControl
 from gateway.bay_file import BayFiles
 from gateway.config import GatewayConfig, decision, live
 from gateway.config.live import Change
+from gateway.core.events import MAX_DETAIL_CHARS
 from gateway.core.plc import Writer
 from gateway.errors import ConfigError
 from gateway.records.service import RecorderService
@@ -25,7 +26,6 @@ from gateway.web.host.status import StatusCollector
 log = logging.getLogger(__name__)
 
 FILE = Writer("configuration file")
-MAX_REPORTED = 1000  # of an event
 
 
 @dataclass(slots=True)
@@ -115,4 +115,4 @@ class Reloader:
                 if self.files is not None:
                     control.check_untried(self.files.untried(bay.name), FILE)
             if own:
-                control.settings_changed("; ".join(map(str, own))[:MAX_REPORTED], FILE)
+                control.settings_changed("; ".join(map(str, own))[:MAX_DETAIL_CHARS], FILE)

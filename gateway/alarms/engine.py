@@ -30,7 +30,7 @@ from gateway.core.state import StateVector
 from gateway.durations import NS_PER_S
 
 HISTORY = 1000  # changes kept, of all alarms
-MAX_DETAIL = 120
+MAX_ALARM_DETAIL_CHARS = 120
 # What an operator must see first. Of those that wait for somebody, priority decides, not whether the cause is active.
 _ORDER = {
     AlarmState.UNACKNOWLEDGED: 0,
@@ -165,7 +165,7 @@ class _AlarmInstance(Generic[Inputs]):
         if now_ns - self._pending_ns < (kind.on_delay_s if holds else kind.off_delay_s) * NS_PER_S:
             return []
         self._pending_ns = None
-        detail = kind.detail(inputs)[:MAX_DETAIL] if holds else self.alarm.detail
+        detail = kind.detail(inputs)[:MAX_ALARM_DETAIL_CHARS] if holds else self.alarm.detail
         self.alarm = replace(self.alarm, active=holds, detail=detail)
         return self.transition(AlarmEvent.OCCURS if holds else AlarmEvent.RETURNS, now_ns)
 

@@ -20,6 +20,8 @@ from gateway.core.state import MOVED_MEANING, Moved, StateVector
 from gateway.core.visit_summary import VisitSummary
 from gateway.durations import NS_PER_S
 
+MAX_DETAIL_CHARS = 1000  # of an event that people have caused
+
 
 class EventKind(StrEnum):
     """What happened. The names are on the wire."""

@@ -32,7 +32,7 @@ from gateway.sinks.mqtt.visit_payload import visit_payload
 from gateway.values.bay_values import BAY_VALUES
 from gateway.values.models import Filler
 
-MAX_DETAIL = 500
+MAX_TEXT_CHARS = 500
 # A change of stop is what the plant's records are kept for: dropped last.
 DROPPED_LAST = frozenset({EventKind.STOP_RAISED, EventKind.STOP_CLEARED})
 
@@ -158,8 +158,8 @@ def _write(event: Event) -> WritePayload | None:
 
 
 def text(text: str) -> str:
-    """At most MAX_DETAIL characters, all of which UTF-8 can carry (a file name from the system may hold others)."""
-    return text[:MAX_DETAIL].encode("utf-8", "replace").decode()
+    """At most MAX_TEXT_CHARS characters, all of which UTF-8 can carry (a file name from the system may hold others)."""
+    return text[:MAX_TEXT_CHARS].encode("utf-8", "replace").decode()
 
 
 def unix_ms(unix_ns: int) -> int:

@@ -19,7 +19,7 @@ from gateway.alarms.records import OperatorAction
 from gateway.bay import BayControl
 from gateway.clock import Clock
 from gateway.config import ControlsConfig, VisionConfig
-from gateway.core.events import Event
+from gateway.core.events import MAX_DETAIL_CHARS, Event
 from gateway.core.plc import Writer
 from gateway.core.state import VISIT_PHASE_MEANING, FunctionCheck, VisitPhase
 from gateway.durations import NS_PER_S
@@ -60,7 +60,6 @@ log = logging.getLogger(__name__)
 KEPT_EVENTS = 1000
 KEPT_FORMER = 20  # settings of a bay that can be gone back to
 MAX_NAME = 120  # of a user, or of a requested object
-MAX_REPORTED = 1000  # of what has changed
 MAY_BE_THERE = "a truck was in place, and is not known to have left"
 RESTART_AFTER_S = 10.0  # after a start: nobody needs more, and a web process in strange hands gets no more
 
@@ -161,7 +160,7 @@ class PagesRequestHandler:
         if unreported is None:  # each is reported as an event, and may restart processes
             why = "too many commands in a short time: wait a moment"
         elif waiting and ends_function_check(command):
-            why = f"not while keys of this bay's decision wait for a restart: {', '.join(waiting)}"[:MAX_REPORTED]
+            why = f"not while keys of this bay's decision wait for a restart: {', '.join(waiting)}"[:MAX_DETAIL_CHARS]
         else:
             why = _perform(command.action, bay, _clipped(command.who))
         return CommandReply(command.number, why)
@@ -188,7 +187,7 @@ class PagesRequestHandler:
         }
         if trucks and not wanted.despite_trucks:
             where = "; ".join(f"bay {name}: {phase}" for name, phase in trucks.items())
-            return f"{TRUCK_AT_BAY} ({where})"[:MAX_REPORTED]
+            return f"{TRUCK_AT_BAY} ({where})"[:MAX_DETAIL_CHARS]
         return ""
 
 
@@ -247,12 +246,12 @@ def _apply(vision: VisionConfig, over: VisionConfig | None, bay: BayParts, who: 
         return "begin a function check first: settings never change in a bay at work"
     try:
         if over is not None and (others := _changed(over, bay.vision.settings)):
-            return f"other settings have been applied meanwhile: {others}"[:MAX_REPORTED]
+            return f"other settings have been applied meanwhile: {others}"[:MAX_DETAIL_CHARS]
         changes = _changed(bay.vision.settings, vision)
         bay.vision.apply(vision)
     except (GatewayError, ValueError) as error:
-        return str(error)[:MAX_REPORTED]
-    bay.control.settings_changed(changes[:MAX_REPORTED] or "the same settings", who)
+        return str(error)[:MAX_DETAIL_CHARS]
+    bay.control.settings_changed(changes[:MAX_DETAIL_CHARS] or "the same settings", who)
     return ""
 
 

@@ -350,7 +350,7 @@ def test_the_final_state_is_stop_without_values() -> None:
 def test_text_for_people_is_bounded_and_always_utf_8() -> None:
     ugly = replace(GOOD, vision=replace(GOOD.vision, detail="\udcff€\0\n" + "x" * 1000))
     detail = sent(state_payload(ugly, GATEWAY, 0, 1))["vision"]["detail"]
-    assert detail == "?€\0\n" + "x" * (payloads.MAX_DETAIL - 4)
+    assert detail == "?€\0\n" + "x" * (payloads.MAX_TEXT_CHARS - 4)
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), float("-inf")])

@@ -16,7 +16,7 @@ import pytest
 from msgspec import structs
 
 from gateway.alarms.bay_alarms import BAY_ALARMS
-from gateway.alarms.engine import MAX_DETAIL
+from gateway.alarms.engine import MAX_ALARM_DETAIL_CHARS
 from gateway.alarms.gateway_alarms import GATEWAY_ALARMS
 from gateway.alarms.monitor import REPORTED_CHANGES
 from gateway.alarms.records import MAX_NOTE, AlarmChange, AlarmSummary
@@ -149,7 +149,8 @@ async def test_with_everything_broken_at_once_it_still_fits_into_one_message() -
         alarms = made.monitor.summary(MAX_ALARMS)
         assert len(alarms.alarms) == 100
         alarms = replace(
-            alarms, alarms=tuple(replace(a, detail=words(MAX_DETAIL), note=words(MAX_NOTE)) for a in alarms.alarms)
+            alarms,
+            alarms=tuple(replace(a, detail=words(MAX_ALARM_DETAIL_CHARS), note=words(MAX_NOTE)) for a in alarms.alarms),
         )
         change = AlarmChange(
             1,
@@ -163,7 +164,9 @@ async def test_with_everything_broken_at_once_it_still_fits_into_one_message() -
         )
         links = full(
             alarms=alarms,
-            changes=tuple(replace(change, number=n, detail=words(MAX_DETAIL)) for n in range(REPORTED_CHANGES)),
+            changes=tuple(
+                replace(change, number=n, detail=words(MAX_ALARM_DETAIL_CHARS)) for n in range(REPORTED_CHANGES)
+            ),
             tasks=tuple(
                 TaskStatus(
                     f"bay{n}.{part}",

@@ -10,14 +10,14 @@ from gateway.alarms.states import AlarmEvent
 from gateway.clock import SystemClock
 from gateway.config import GatewayConfig, Intrinsics, VisionConfig
 from gateway.config.sections.hmi import HmiConfig
-from gateway.core.events import EventKind
+from gateway.core.events import MAX_DETAIL_CHARS, EventKind
 from gateway.core.plc import Writer
 from gateway.core.state import FunctionCheck
 from gateway.errors import LinkError, ProtocolError
 from gateway.net.rate_limit import BURST
 from gateway.processes.channel import Failed
 from gateway.processes.codec import Codec
-from gateway.web.host.request_handler import MAX_NAME, MAX_REPORTED
+from gateway.web.host.request_handler import MAX_NAME
 from gateway.web.host.service import WebProcessService
 from gateway.web.ipc.messages import (
     FROM_WEB,
@@ -88,7 +88,7 @@ async def test_long_names_are_clipped_where_they_are_kept() -> None:
         kinds = (EventKind.FUNCTION_CHECK_BEGUN, EventKind.SETTINGS_CHANGED, EventKind.OPERATOR_MARK)
         details = [detail for kind in kinds for detail in event_details(made, kind)]
         assert len(details) == 3
-        assert max(map(len, details)) < 4 * MAX_NAME + MAX_REPORTED
+        assert max(map(len, details)) < 4 * MAX_NAME + MAX_DETAIL_CHARS
         assert all(len(alarm.who) <= MAX_NOTE for alarm in made.monitor.summary(100).alarms)
 
 
