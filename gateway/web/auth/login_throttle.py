@@ -22,16 +22,11 @@ IN_ALL = Rate(60, NS_PER_S)
 class LoginThrottle:
     """`attempt` before a password is checked, `succeeded` after it was the right one."""
 
-    def __init__(
-        self, by_address: Rate = BY_ADDRESS, by_name: Rate = BY_NAME, in_all: Rate = IN_ALL, most: int = MAX_KEYS
-    ) -> None:
-        self._addresses = KeyedBuckets(by_address, most)
-        self._names = KeyedBuckets(by_name, most)
-        self._all = KeyedBuckets(in_all, 1)
+    def __init__(self) -> None:
+        self._addresses = KeyedBuckets(BY_ADDRESS, MAX_KEYS)
+        self._names = KeyedBuckets(BY_NAME, MAX_KEYS)
+        self._all = KeyedBuckets(IN_ALL, 1)
         self._known: dict[str, list[str]] = {}  # addresses by name; names are of users, so there are few
-
-    def __len__(self) -> int:
-        return len(self._addresses) + len(self._names) + len(self._all)
 
     def attempt(self, address: str, name: str, now_ns: int) -> int:
         """0: go on, and the tokens are taken. Else the seconds to wait, and nothing is taken."""

@@ -4,7 +4,7 @@ import base64
 import binascii
 import hmac
 import secrets
-from collections import Counter, OrderedDict
+from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -34,7 +34,6 @@ class Logins:
 
     def __init__(self, config: HmiConfig, clock: Clock, audit: AuditSink, *, instance: str = "gateway") -> None:
         self.config = config
-        self.counts: Counter[str] = Counter()  # by AuditKind, those only counted included
         self.cookie = f"__Host-{instance}-session" if config.tls else f"{instance}-session"  # ports share cookies
         self.sessions = Sessions(
             lifetime_ns=round(config.session_hours * 3600 * NS_PER_S),
@@ -88,8 +87,7 @@ class Logins:
         self.sessions.keep_alive(session.key, self._clock.now_ns())
 
     def record(self, record: AuditRecord) -> None:
-        """Counts it, and writes it to the audit log unless that is full of its kind already."""
-        self.counts[record.kind.value] += 1
+        """Writes it to the audit log; only counts it where that is full of its kind already."""
         bucket, unreported = rate_limit.take(self._buckets.get(record.kind, rate_limit.Bucket()), self._clock.now_ns())
         self._buckets[record.kind] = bucket
         if unreported is not None:

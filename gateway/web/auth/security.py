@@ -22,7 +22,7 @@ from gateway.web.auth.access import Level, Rule, find
 from gateway.web.auth.audit_log import AuditKind, AuditRecord, printable
 from gateway.web.auth.bodies import complete_body
 from gateway.web.auth.headers import cache_control, header, host_allowed, same_origin, security_headers
-from gateway.web.auth.logins import Logins
+from gateway.web.auth.logins import CHALLENGE, Logins
 from gateway.web.auth.refusals import RefusalError, answer_to, is_missing_page, missing_page, to_login
 from gateway.web.auth.sessions import Caller, with_caller
 
@@ -242,4 +242,4 @@ class _Outgoing:
 
 def _challenge(rule: Rule) -> dict[str, str]:
     """Programs get the challenge; a page's script must not make the browser open its own password dialog."""
-    return {"WWW-Authenticate": 'Basic realm="gateway", charset="UTF-8"'} if rule.path == "/metrics" else {}
+    return CHALLENGE if rule.path == "/metrics" else {}

@@ -5,6 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.net.rate_limit import Rate
+from gateway.web.auth import login_throttle
 from gateway.web.auth.login_throttle import BY_ADDRESS, LoginThrottle, spelled
 
 S = 1_000_000_000
@@ -73,11 +74,13 @@ def test_a_name_is_known_at_its_last_four_places() -> None:
     assert waits == [60, 0, 0, 0, 0]
 
 
-def test_memory_is_bounded_and_a_flood_does_not_reset_the_limit() -> None:
-    throttle = LoginThrottle(in_all=Rate(1_000_000, 1_000_000), most=100)
+def test_memory_is_bounded_and_a_flood_does_not_reset_the_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(login_throttle, "IN_ALL", Rate(1_000_000, 1_000_000))
+    monkeypatch.setattr(login_throttle, "MAX_KEYS", 100)
+    throttle = LoginThrottle()
     for n in range(5000):
         throttle.attempt(f"10.{n // 250}.{n % 250}.1", f"name {n}", n)
-    assert len(throttle) <= 201
+    assert len(throttle._addresses) + len(throttle._names) <= 200
     assert fails(throttle, "10.200.0.1", "anna", 11, 5000)[-1] > 0
 
 
