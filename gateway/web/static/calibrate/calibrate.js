@@ -4,7 +4,7 @@ import { html, useEffect, useRef, useState } from '../lib/page.js';
 import { get, post, toLogin } from '../lib/api.js';
 import { guarded, start } from '../lib/start.js';
 import { titled } from '../lib/title.js';
-import { Brand, Pages, SessionMenu } from '../lib/top.js';
+import { BayChoice, Top } from '../lib/top.js';
 import { BoardForm } from './board.js';
 import { Coverage, Missing } from './coverage.js';
 import { Live } from './live.js';
@@ -86,14 +86,9 @@ function App({ session }) {
     setTrouble(why);
   };
   return html`
-    <a class="skip" href="#main" onClick=${(event) => { event.preventDefault(); document.getElementById('main').focus(); }}>To the content</a>
-    <header class="top">
-      <${Brand} title="Calibration" />
-      <${Pages} session=${session} bay=${bay} current="Calibration" />
-      <label class="small">bay <select value=${bay} onChange=${(event) => location.assign(`/calibrate/${encodeURIComponent(event.target.value)}`)}>
-        ${session.bays.map((name) => html`<option translate="no" value=${name} selected=${name === bay}>${name}</option>`)}</select></label>
-      <div class="facts push"><${SessionMenu} session=${session} /></div>
-    </header>
+    <${Top} session=${session} title="Calibration" bay=${bay} current="Calibration">
+      <${BayChoice} bays=${session.bays} bay=${bay} choose=${(name) => location.assign(`/calibrate/${encodeURIComponent(name)}`)} />
+    <//>
     <main id="main" tabindex="-1" class="page calibration">
       <div class="whole head"><h1>Camera calibration: <span translate="no">${bay}</span></h1>
         ${trouble && html`<p class="notice bad" role="alert">${trouble}</p>`}</div>

@@ -1,14 +1,14 @@
 // The history of a bay: a timeline by hour, day or month, its events, its visits, one visit as a film, and why.
 // `/history#bay1/1795400040000/day` is a bay, a moment and a length.
 
-import { html, useEffect, useErrorBoundary, useRef, useState } from '../lib/page.js';
+import { html, useEffect, useErrorBoundary, useMemo, useRef, useState } from '../lib/page.js';
 import { words } from '../lib/format.js';
 import { MARKED, SCALES, abnormal, firstScale, hashOf, inputTime, placeOf, spanOf, stamp, windowAt, zone } from '../lib/history.js';
 import { listed, t, text } from '../lib/lang.js';
 import { titled } from '../lib/title.js';
 import { start } from '../lib/start.js';
-import { Brand, Pages, SessionMenu } from '../lib/top.js';
-import { useKept } from '../operator/hooks.js';
+import { BayChoice, Top } from '../lib/top.js';
+import { useHash, useKept } from '../operator/hooks.js';
 import { useAnswer } from './answers.js';
 import { Film } from './film.js';
 import { Timeline } from './timeline.js';
@@ -17,16 +17,6 @@ import { Why } from './why.js';
 
 const SCROLL_MS = 200; // before the server is asked, while somebody scrolls
 const POINTS = { quarter: 15, hour: 60, shift: 480, day: 480, month: 720 };
-
-function Top({ session, bay, setBay }) {
-  return html`<header class="top">
-    <${Brand} title="History" />
-    <${Pages} session=${session} bay=${bay} current="History" />
-    ${session.bays.length > 1 && html`<label class="small">bay <select aria-label="bay" value=${bay} onChange=${(event) => setBay(event.target.value)}>
-      ${session.bays.map((name) => html`<option translate="no" value=${name} selected=${name === bay}>${name}</option>`)}</select></label>`}
-    <div class="facts push"><${SessionMenu} session=${session} next=${location.pathname + location.search + location.hash} /></div>
-  </header>`;
-}
 
 function Empty({ records, bay }) {
   return html`<section class="panel" aria-labelledby="empty-title"><h1 id="empty-title">${text('History of {0}', bay)}</h1>
@@ -54,13 +44,8 @@ function Events({ view, wrong, pick }) {
 }
 
 function usePlace(bays) {
-  const [place, setPlace] = useState(() => placeOf(location.hash, bays));
-  useEffect(() => {
-    const changed = () => setPlace(placeOf(location.hash, bays));
-    addEventListener('hashchange', changed);
-    return () => removeEventListener('hashchange', changed);
-  }, []);
-  return place;
+  const hash = useHash();
+  return useMemo(() => placeOf(hash, bays), [hash]);
 }
 
 function Bay({ bay, place, records, scale, setScale }) {
@@ -146,8 +131,9 @@ function App({ session }) {
   const view = records.answer?.bay === bay ? records.answer : null;
   if (view && view.last_ms !== null && first.current.bay !== bay) first.current = { bay, scale: firstScale(view.last_ms - view.first_ms) }; // kept while the records grow
   return html`
-    <a class="skip" href="#main" onClick=${(event) => { event.preventDefault(); document.getElementById('main').focus(); }}>To the content</a>
-    <${Top} session=${session} bay=${bay} setBay=${setBay} />
+    <${Top} session=${session} title="History" bay=${bay} current="History" next=${location.pathname + location.search + location.hash}>
+      ${session.bays.length > 1 && html`<${BayChoice} bays=${session.bays} bay=${bay} choose=${setBay} />`}
+    <//>
     <main id="main" tabindex="-1" class="page history">
       ${records.wrong && html`<p class="notice bad" role="alert">${records.wrong}</p>`}
       ${view && (view.last_ms === null

@@ -32,6 +32,28 @@ export function Pages({ session, bay, current, alarms }) {
   </nav><${AlarmBar} session=${session} given=${alarms} />`;
 }
 
+/** Chooses a bay. @param {{bays: string[], bay: string|null, choose: (name: string) => void}} at */
+export const BayChoice = ({ bays, bay, choose }) => html`<label class="small">bay <select value=${bay} onChange=${(event) => choose(event.target.value)}>
+  ${bays.map((name) => html`<option translate="no" value=${name} selected=${name === bay}>${name}</option>`)}</select></label>`;
+
+/**
+ * The way past the bar, and the bar. `children`: after the pages; `facts`: before who is logged in; the rest as of `Brand`,
+ * `Pages` and `SessionMenu`. @param {any} at
+ */
+export function Top({ session, title, more = '', bay, current, alarms = undefined, next = undefined, facts = null, children = null }) {
+  const past = (event) => {
+    event.preventDefault();
+    document.getElementById('main').focus();
+  };
+  return html`<a class="skip" href="#main" onClick=${past}>To the content</a>
+    <header class="top">
+      <${Brand} title=${title} more=${more} />
+      <${Pages} session=${session} bay=${bay} current=${current} alarms=${alarms} />
+      ${children}
+      <div class="facts push">${facts}<${SessionMenu} session=${session} next=${next} /></div>
+    </header>`;
+}
+
 const THEMES = { auto: 'as the system', light: 'light', dark: 'dark' };
 const UNITS = { metric: 'metric (mm)', imperial: 'imperial (in)' };
 

@@ -6,7 +6,7 @@ import { between, isDay, moment, spans } from '../lib/days.js';
 import { text } from '../lib/lang.js';
 import { titled } from '../lib/title.js';
 import { guarded, start } from '../lib/start.js';
-import { Brand, Pages, SessionMenu } from '../lib/top.js';
+import { Top } from '../lib/top.js';
 import { Patterns } from './charts.js';
 import { Accuracy, AlarmDays, Alarms, Causes, DayTable, DayTimes, Distance, KeyFigures, ToPosition, Trucks } from './panels.js';
 
@@ -103,12 +103,7 @@ function App({ session }) {
   titled('{0}: what the bay did', wanted.bay);
   const tooMany = wanted.first && wanted.last && between(wanted.first, wanted.last) > MOST_DAYS;
   return html`
-    <a class="skip" href="#main" onClick=${(event) => { event.preventDefault(); document.getElementById('main').focus(); }}>To the content</a>
-    <header class="top">
-      <${Brand} title=${view?.site ?? 'Loading bays'} more=${view?.instance ?? ''} />
-      <${Pages} session=${session} bay=${wanted.bay} current="Manager" />
-      <div class="facts push"><${SessionMenu} session=${session} /></div>
-    </header>
+    <${Top} session=${session} title=${view?.site ?? 'Loading bays'} more=${view?.instance ?? ''} bay=${wanted.bay} current="Manager" />
     <${Patterns} />
     <main id="main" tabindex="-1" class="page manager" aria-busy=${String(waiting)}>
       <${Choice} session=${session} wanted=${wanted} view=${view} go=${go} />

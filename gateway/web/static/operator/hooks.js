@@ -60,6 +60,17 @@ export function useFresh(limitMs = LIMIT_MS, ages = (answer) => [answer.age_ms])
   return { last: kept.last, fresh, ageMs: (partMs) => freshness.ageMs(moment()) + (partMs ?? Infinity), take, forget };
 }
 
+/** What stands behind the address's #, as it changes. */
+export function useHash() {
+  const [hash, setHash] = useState(location.hash);
+  useEffect(() => {
+    const changed = () => setHash(location.hash);
+    addEventListener('hashchange', changed);
+    return () => removeEventListener('hashchange', changed);
+  }, []);
+  return hash;
+}
+
 /** How old that is which stands beside it. `of`: as from `useFresh`; `partMs`: of the part, when it was sent. */
 export function Age({ of, partMs }) {
   useNow(250);

@@ -8,31 +8,20 @@ import { beginKiosk, keepAwake, kiosk, watchIdle } from '../lib/kiosk.js';
 import { text } from '../lib/lang.js';
 import { titled } from '../lib/title.js';
 import { start } from '../lib/start.js';
-import { Brand, Pages, SessionMenu } from '../lib/top.js';
+import { Top } from '../lib/top.js';
 import { aimOf, cameraFault, limitsOf, standing } from '../lib/views.js';
 import { Alarms } from './alarms.js';
 import { Bars } from './bars.js';
 import { Decision } from './decision.js';
 import { Events } from './events.js';
 import { Health } from './health.js';
-import { Age, useAtMost, useFetched, useLive, useMedia } from './hooks.js';
+import { Age, useAtMost, useFetched, useHash, useLive, useMedia } from './hooks.js';
 import { Notice } from './notice.js';
 import { Overview } from './overview.js';
 import { LivePicture } from './picture.js';
 import { Registers } from './registers.js';
 import { Health as Sign } from './signs.js';
 import { Trend } from './trend.js';
-
-function useHash() {
-  const read = () => decoded(location.hash.slice(1));
-  const [hash, setHash] = useState(read());
-  useEffect(() => {
-    const changed = () => setHash(read());
-    addEventListener('hashchange', changed);
-    return () => removeEventListener('hashchange', changed);
-  }, []);
-  return hash;
-}
 
 /** `known`: what came last is still true. */
 function Link({ live, known, began }) {
@@ -42,7 +31,7 @@ function Link({ live, known, began }) {
   return html`<${Sign} state="bad" text=${live.connected ? (Number.isFinite(ageMs) ? text('no data for {0}', age(ageMs)) : 'no data') : 'NO CONNECTION'} />`;
 }
 
-function Top({ session, bay, live, known, alarms }) {
+function Bar({ session, bay, live, known, alarms }) {
   const began = useRef(performance.now());
   const view = live.last;
   const site = view?.bays.find((one) => one.state !== null)?.state ?? {};
@@ -52,15 +41,9 @@ function Top({ session, bay, live, known, alarms }) {
     return () => clearInterval(timer);
   }, []);
   const apart = known ? Math.abs(view.server_time_ms - wall) : 0;
-  return html`<header class="top">
-    <${Brand} title=${site.site ?? 'Loading bays'} more=${site.instance ?? ''} />
-    <${Pages} session=${session} bay=${bay} current="Operator" alarms=${alarms} />
-    <div class="facts push">
-      <${Link} live=${live} known=${known} began=${began.current} />
-      <span class="nowrap">${clock(wall)}${apart > 5000 ? html` <span class="tag warn" title="the gateway's clock and this computer's differ">${text('clocks {0} apart', age(apart))}</span>` : ''}</span>
-      <${SessionMenu} session=${session} next="/" />
-    </div>
-  </header>`;
+  const facts = html`<${Link} live=${live} known=${known} began=${began.current} />
+    <span class="nowrap">${clock(wall)}${apart > 5000 ? html` <span class="tag warn" title="the gateway's clock and this computer's differ">${text('clocks {0} apart', age(apart))}</span>` : ''}</span>`;
+  return html`<${Top} session=${session} title=${site.site ?? 'Loading bays'} more=${site.instance ?? ''} bay=${bay} current="Operator" alarms=${alarms} next="/" facts=${facts} />`;
 }
 
 function BayBar({ names, bay, alarmsOf }) {
@@ -82,7 +65,7 @@ function BayBar({ names, bay, alarmsOf }) {
 }
 
 function App({ session }) {
-  const hash = useHash();
+  const hash = decoded(useHash().slice(1));
   const names = session.bays;
   const single = names.length === 1;
   const bay = names.includes(hash) ? hash : single ? names[0] : null;
@@ -107,8 +90,7 @@ function App({ session }) {
   titled(bay === null ? 'Loading bays' : '{0}', bay ?? '');
 
   return html`
-    <a class="skip" href="#main" onClick=${(event) => { event.preventDefault(); document.getElementById('main').focus(); }}>To the content</a>
-    <${Top} session=${session} bay=${bay} live=${live} known=${known} alarms=${bay === null ? undefined : known ? view?.alarms ?? null : null} />
+    <${Bar} session=${session} bay=${bay} live=${live} known=${known} alarms=${bay === null ? undefined : known ? view?.alarms ?? null : null} />
     <main id="main" tabindex="-1" class=${`page ${bay === null ? 'all' : 'one'} ${wide ? 'wide-picture' : shape < 0.9 ? 'tall-picture' : ''} ${single ? '' : 'with-bays'} ${known ? '' : 'unknown'}`}>
       <${Notice} kind="bad" loud wide say=${!known && view !== null && html`<b>NO CONNECTION TO THE GATEWAY.</b> Nothing here is live; treat the bay as STOP. Trying again.`} />
       <${Notice} kind="bad" loud wide say=${live.refusal} />

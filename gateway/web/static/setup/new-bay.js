@@ -7,7 +7,7 @@ import { number } from '../lib/format.js';
 import { listed, t, text } from '../lib/lang.js';
 import { titled } from '../lib/title.js';
 import { guarded, start } from '../lib/start.js';
-import { Brand, Pages, SessionMenu } from '../lib/top.js';
+import { Top } from '../lib/top.js';
 import { BayCamera, BayRanger, CameraLook, Line, RangerLook, useDevices, usePreview } from './devices.js';
 import { KEPT, NOTHING_CHOSEN, brokerUrl, cameraIsRight, cameraKeys, changesOf, lastingName, nextName, nextUnit, portIsRight, sizesOf, unfinished, usualSize } from './draft.js';
 import { FileStep, Started, Waiting } from './finish.js';
@@ -281,12 +281,7 @@ function App({ session }) {
   const otherBays = settings?.command_line.some((path) => path.length === 1 && path[0] === 'bays');
   const why = otherBays ? "this gateway was started with other bays than the file's (--bays), and would not have the new one. Start it without that." : settings?.why_not || settings?.faults?.[0]?.message;
   return html`
-    <a class="skip" href="#main" onClick=${(event) => { event.preventDefault(); document.getElementById('main').focus(); }}>To the content</a>
-    <header class="top">
-      <${Brand} title="Set up a bay" />
-      <${Pages} session=${session} bay=${null} current="New bay" />
-      <div class="facts push"><${SessionMenu} session=${session} /></div>
-    </header>
+    <${Top} session=${session} title="Set up a bay" bay=${null} current="New bay" />
     <main id="main" tabindex="-1" class="page wizard">
       ${(wrong || !settings || why) && html`<h1 class="sr">Set up a bay</h1>`}
       ${started && session.bays.includes(started) ? html`<${Started} session=${session} bay=${started} />`

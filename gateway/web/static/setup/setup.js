@@ -6,7 +6,8 @@ import { get, post, toLogin } from '../lib/api.js';
 import { t, text } from '../lib/lang.js';
 import { titled } from '../lib/title.js';
 import { guarded, start } from '../lib/start.js';
-import { Brand, Pages, SessionMenu } from '../lib/top.js';
+import { Top } from '../lib/top.js';
+import { useHash } from '../operator/hooks.js';
 import { Doctor } from './doctor.js';
 import { Group, KeyRow, NewItem, isFixed } from './form.js';
 import { SHARED, allKeys, applied, at, bayNames, keysOf, matches, nodeAt, same, sections, withChange } from './keys.js';
@@ -22,13 +23,8 @@ const pathOf = (hash) => hash.replace(/^#/, '').split('/').filter(Boolean).map(d
 const hashOf = (path) => `#${path.map(encodeURIComponent).join('/')}`;
 
 function usePath() {
-  const [path, setPath] = useState(pathOf(location.hash));
-  useEffect(() => {
-    const changed = () => setPath(pathOf(location.hash));
-    addEventListener('hashchange', changed);
-    return () => removeEventListener('hashchange', changed);
-  }, []);
-  return path;
+  const hash = useHash();
+  return useMemo(() => pathOf(hash), [hash]);
 }
 
 /** `touched`: how many of its keys are changed, and whether one is wrong. */
@@ -194,12 +190,7 @@ function App({ session }) {
   useEffect(() => void load(), []);
   titled('Settings');
   return html`
-    <a class="skip" href="#main" onClick=${(event) => { event.preventDefault(); document.getElementById('main').focus(); }}>To the content</a>
-    <header class="top">
-      <${Brand} title="Settings" />
-      <${Pages} session=${session} bay=${session.bays[0] ?? null} current="Settings" />
-      <div class="facts push"><${SessionMenu} session=${session} /></div>
-    </header>
+    <${Top} session=${session} title="Settings" bay=${session.bays[0] ?? null} current="Settings" />
     <main id="main" tabindex="-1" class="page">
       <h1 class="sr">Settings</h1>
       ${wrong && html`<p class="notice bad" role="alert"><b>The settings can't be shown</b>: ${wrong}</p><${Doctor} />`}

@@ -5,7 +5,7 @@ import { get, post, toLogin } from '../lib/api.js';
 import { widthFor } from '../lib/pictures.js';
 import { t, text } from '../lib/lang.js';
 import { titled } from '../lib/title.js';
-import { Brand, Pages, SessionMenu } from '../lib/top.js';
+import { BayChoice, Brand, Pages, SessionMenu } from '../lib/top.js';
 import { Age, useLive } from '../operator/hooks.js';
 import { Health as Sign } from '../operator/signs.js';
 import { Camera } from './camera.js';
@@ -93,8 +93,7 @@ function Top({ session, connected, fresh }) {
   return html`<a class="skip" href="#settings">to the settings</a><header class="top">
     <${Brand} title="Tuning" />
     <${Pages} session=${session} bay=${bay} current="Technician" />
-    <label class="small">bay <select value=${bay} onChange=${(event) => location.assign(`/tune/${encodeURIComponent(event.target.value)}`)}>
-      ${session.bays.map((name) => html`<option translate="no" value=${name} selected=${name === bay}>${name}</option>`)}</select></label>
+    <${BayChoice} bays=${session.bays} bay=${bay} choose=${(name) => location.assign(`/tune/${encodeURIComponent(name)}`)} />
     <div class="facts push"><${Sign} state=${connected && fresh ? 'ok' : 'bad'} text=${connected ? (fresh ? 'connected' : 'no new data') : 'NO CONNECTION'} />
       <${SessionMenu} session=${session} /></div>
   </header>`;
