@@ -16,9 +16,8 @@ from gateway.vision.detect.robust.tuning_view import RAYS, edges
 from gateway.vision.pixels import Image
 from gateway.vision.transport.ring import Snapshot
 from gateway.web.tuning import eyedropper, stages
-from gateway.web.tuning.responses import described
 from gateway.web.tuning.snapshots import RECORDINGS, STILLS, CaptureStore, SnapshotRecorder
-from tests.unit.web.tuning import HEIGHT, MARKER, WIDTH, frame, picture
+from tests.unit.web.tuning import HEIGHT, MARKER, WIDTH, picture
 
 PAPER = VisionConfig(method="paper", tracking=False)
 ROBUST = VisionConfig(tracking=False)
@@ -275,29 +274,3 @@ def test_a_recording_ends_where_its_memory_ends() -> None:
 
     assert [recorder.offer(small(seq)) for seq in range(4)] == [True, True, False, False]
     assert recorder.full
-
-
-def test_the_list_describes_each_capture() -> None:
-    store = CaptureStore()
-    store.still("a", frame(3), 1_795_300_000_123_456_789)
-    store.recording("a", [frame(1), frame(2), frame(3)], 0, full=True)
-
-    still, recording = (described(capture).model_dump() for capture in store.of("a"))
-    assert still == {
-        "name": "s1",
-        "kind": "snapshot",
-        "frames": 1,
-        "frame_ids": [3],
-        "seconds": 0.0,
-        "width_px": WIDTH,
-        "height_px": HEIGHT,
-        "taken_ms": 1_795_300_000_123,
-        "full": False,
-        "title": "",
-    }
-    assert (recording["kind"], recording["frames"], recording["seconds"], recording["full"]) == (
-        "recording",
-        3,
-        0.2,
-        True,
-    )

@@ -33,7 +33,7 @@ function useSettings() {
 
 /** What is proposed: the bay that is still to be set up; without one, or where another bay is wanted, a new one. */
 function firstDraft(settings, bays) {
-  const known = Object.values(settings.values?.bays ?? {});
+  const known = knownBays(settings);
   const proposed = new URLSearchParams(location.search).has('new') ? '' : unfinished(bays);
   return {
     bay: known.some((bay) => bay.name === proposed) ? proposed : '',
@@ -47,12 +47,19 @@ function firstDraft(settings, bays) {
   };
 }
 
+const knownBays = (settings) => Object.values(settings.values?.bays ?? {});
+
+/** What is wrong with the name and the unit id of a new bay; empty: nothing. */
+function wrongOf(draft, known) {
+  const name = !/^[A-Za-z0-9_-]{1,64}$/.test(draft.name) ? 'letters, digits, _ and -, at most 64' : known.some((bay) => bay.name.toLowerCase() === draft.name.toLowerCase()) ? 'another bay has this name' : '';
+  const unit = !(draft.unit >= 1 && draft.unit <= 247) ? 'a whole number from 1 to 247' : known.some((bay) => bay.unit_id === draft.unit) ? 'another bay has this unit id' : '';
+  return [name, unit];
+}
+
 function BayStep({ draft, change, settings, bays }) {
-  const known = Object.values(settings.values?.bays ?? {});
+  const known = knownBays(settings);
   const checked = bays.filter((bay) => bay.function_check !== 'OFF').map((bay) => bay.bay);
-  const others = known.map((bay) => bay.name.toLowerCase());
-  const badName = !/^[A-Za-z0-9_-]{1,64}$/.test(draft.name) ? 'letters, digits, _ and -, at most 64' : others.includes(draft.name.toLowerCase()) ? 'another bay has this name' : '';
-  const badUnit = !(draft.unit >= 1 && draft.unit <= 247) ? 'a whole number from 1 to 247' : known.some((bay) => bay.unit_id === draft.unit) ? 'another bay has this unit id' : '';
+  const [badName, badUnit] = wrongOf(draft, known);
   return html`<fieldset class="step"><legend class="sr">Which bay</legend>
     <div class="choices">
       ${known.map((bay) => html`<label><input type="radio" name="bay" checked=${draft.bay === bay.name} onChange=${() => change({ bay: bay.name, ...NOTHING_CHOSEN })} /><span translate="no">${bay.name}</span>
@@ -68,11 +75,7 @@ function BayStep({ draft, change, settings, bays }) {
   </fieldset>`;
 }
 
-const bayIsRight = (draft, settings) => {
-  const known = Object.values(settings.values?.bays ?? {});
-  return draft.bay !== '' || (/^[A-Za-z0-9_-]{1,64}$/.test(draft.name) && draft.unit >= 1 && draft.unit <= 247
-    && !known.some((bay) => bay.name.toLowerCase() === draft.name.toLowerCase() || bay.unit_id === draft.unit));
-};
+const bayIsRight = (draft, settings) => draft.bay !== '' || !wrongOf(draft, knownBays(settings)).some(Boolean);
 
 /** A text that is typed and taken by Enter or a button. */
 function Typed({ id, label, note, take, name }) {
