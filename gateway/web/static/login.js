@@ -1,13 +1,13 @@
-// The login, in the viewer's language. Where one wanted to go is only ever a path of this server.
+// The login, in the viewer's language. Where it leads to is in the gateway's answer: a path of this server, whatever was asked for.
 
 import { html, render, useEffect, useRef, useState } from './lib/page.js';
-import { get, post, safePath } from './lib/api.js';
+import { get, post } from './lib/api.js';
 import { text } from './lib/lang.js';
 import { titled } from './lib/title.js';
 import { ViewMenu } from './lib/top.js';
 
 const asked = new URLSearchParams(location.search);
-const next = safePath(asked.get('next') ?? '/', location.origin);
+const next = asked.get('next');
 const lacking = asked.has('need'); // the role of the page that was asked for
 
 /** @param {any} error of a login */
@@ -46,7 +46,7 @@ function Login() {
     try {
       const { csrf } = await renewed();
       const answer = await post('/api/login', { name: name.current.value, password: password.current.value, next }, csrf);
-      location.replace(safePath(answer.next ?? next, location.origin));
+      location.replace(answer.next);
     } catch (error) {
       password.current.value = '';
       password.current.focus();

@@ -295,6 +295,15 @@ async def test_forged_requests(token: str) -> None:
 
 
 @in_virtual_time
+async def test_a_login_leads_to_a_page_of_this_server_alone() -> None:
+    browser = Browser(secured_app())
+    for wanted, leads in ((None, "/"), ("/tune/a?b=c#d", "/tune/a?b=c#d"), ("https://evil.example/", "/")):
+        browser.csrf = (await browser.get("/api/session")).json["csrf"]
+        answer = await browser.post("/api/login", {"name": "tom", "password": PASSWORD, "next": wanted})
+        assert (answer.status, answer.json["next"]) == (200, leads)
+
+
+@in_virtual_time
 async def test_a_login_is_not_forged_either() -> None:
     browser = Browser(secured_app())
     answer = await browser.post("/api/login", {"name": "tom", "password": PASSWORD}, {"x-csrf-token": "-"})

@@ -10,19 +10,6 @@ class Refused extends Error {
   }
 }
 
-/** Where to go after the login: a path of this very server, or the start page. Never another origin. */
-export function safePath(wanted, origin) {
-  // biome-ignore lint/suspicious/noControlCharactersInRegex: a browser leaves them out of an address
-  if (typeof wanted !== 'string' || !/^\/(?![/\\])/.test(wanted) || /[\u0000-\u001f\\]/.test(wanted)) return '/';
-  let url;
-  try {
-    url = new URL(wanted, origin);
-  } catch {
-    return '/';
-  }
-  return url.origin === origin ? url.pathname + url.search + url.hash : '/';
-}
-
 let ended = false;
 
 /** Ends the login, and leaves for the login page: nothing leads back to this one, whoever comes next. @param {string} csrf */
