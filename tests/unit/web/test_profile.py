@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.config import VisionConfig, parse
@@ -14,7 +14,6 @@ from gateway.errors import ConfigError
 from gateway.web.profile import parameter_schema, profile, settings_edit
 from gateway.web.profile.redact import redacted
 from gateway.web.profile.toml_edit import with_keys
-from tests.examples import examples
 
 SHARED = """\
 # One bay.
@@ -116,19 +115,6 @@ def test_only_the_lines_of_the_change_differ(text: str, bay: str, changes: dict[
         assert (found.text, found.diff) == (text, "")
 
 
-def test_a_new_key_goes_below_the_last_one_of_its_table_and_above_the_next_table_s_comment() -> None:
-    assert proposed(SHARED, min_confidence=0.625).text == SHARED.replace(
-        "  46,\n]\n", "  46,\n]\nmin_confidence = 0.625\n"
-    )
-    below = ALONE.replace("# both\n", "# both\nmin_fill = 0.5\n")
-    assert proposed(ALONE, min_fill=0.5).text == below
-
-
-def test_without_a_table_one_is_made_at_the_end() -> None:
-    assert proposed('site = "a"', method="paper").text == 'site = "a"\n\n[vision]\nmethod = "paper"\n'
-    assert proposed("", method="paper").text == '[vision]\nmethod = "paper"\n'
-
-
 def test_bays_in_one_line_are_changed_too() -> None:
     text = 'bays = [{name = "a"}, {name = "b", unit_id = 2, vision = {coast_s = 0.2}}]  # short\n'
 
@@ -137,15 +123,6 @@ def test_bays_in_one_line_are_changed_too() -> None:
         "coast_s": 0.2,
         "method": "paper",
     }
-
-
-@pytest.mark.parametrize("head", ["", "\ufeff"])
-def test_line_ends_and_byte_order_mark_are_kept(head: str) -> None:
-    text = head + SHARED.replace("\n", "\r\n")
-
-    found = proposed(text, min_confidence=0.625)
-
-    assert found.text == text.replace("  46,\r\n]\r\n", "  46,\r\n]\r\nmin_confidence = 0.625\r\n")
 
 
 def test_the_diff_is_what_a_person_reads_and_shows_no_password() -> None:
@@ -291,112 +268,6 @@ def test_a_partial_profile_leaves_the_other_keys() -> None:
 def test_a_bad_profile_is_refused_with_file_key_value_and_range(text: str, expected: str) -> None:
     with pytest.raises(ConfigError, match=expected):
         profile.imported(text, VisionConfig(), source="red.toml")
-
-
-# --- wild files
-
-NAMES = st.sampled_from(["robust", "paper"])
-CHANGES = st.fixed_dictionaries(
-    {},
-    optional={
-        "method": NAMES,
-        "tracking": st.booleans(),
-        "coast_s": st.sampled_from([0.0, 0.1, 0.25, 10.0]),
-        "gaussian_kernel_px": st.sampled_from([1, 3, 31]),
-        "red_low_1": st.tuples(st.integers(0, 10), st.integers(0, 255), st.integers(0, 255)),
-        "min_area_px2": st.sampled_from([0.0, 1e8, 123.456]),
-        "min_fill": st.floats(0, 1),
-    },
-)
-TRIVIA = st.sampled_from(["", "\n", "# vision.method = 'no'\n", "  # [vision]\n\n", "\t\n"])
-ENDS = st.sampled_from(["", '   # why: "it" = [works]', "\t#", " "])
-VALUES = {
-    "method": ["'paper'", '"robust"', '"""paper"""'],
-    "tracking": ["true", "false"],
-    "coast_s": ["1", "0.50", "1e0", "+2.0"],
-    "red_low_1": ["[0,43,46]", "[ 0x1, 4_3,\n 46, # v\n]"],
-    "min_fill": ["0.5", "0"],
-}
-
-
-@st.composite
-def lines_of(draw: st.DrawFn, prefix: str) -> str:
-    """Some keys of [vision], each with trivia about it."""
-    out = ""
-    for key in draw(st.lists(st.sampled_from(sorted(VALUES)), unique=True, max_size=4)):
-        indent = draw(st.sampled_from(["", "  ", "\t"]))
-        name = draw(st.sampled_from([key, f'"{key}"']))
-        equals = draw(st.sampled_from(["=", " = ", "   =\t"]))
-        out += f"{draw(TRIVIA)}{indent}{prefix}{name}{equals}{draw(st.sampled_from(VALUES[key]))}{draw(ENDS)}\n"
-    return out
-
-
-@st.composite
-def files(draw: st.DrawFn) -> str:
-    """A configuration with or without bays, each part in one of the ways TOML has for it."""
-    text = draw(TRIVIA) + "site = 'x'" + draw(ENDS) + "\n"
-    shared = draw(st.sampled_from(["none", "dotted", "table", "below"]))
-    if shared == "dotted":
-        text += draw(lines_of("vision . "))
-    parts = []
-    if shared == "table":
-        parts.append(f"{draw(TRIVIA)}[ vision ]{draw(ENDS)}\n{draw(lines_of(''))}")
-    if shared == "below":
-        parts.append("[vision.intrinsics]\nfx = 1.0\nfy = 1\ncx = 2\ncy = 3\n")
-    parts.append(f"{draw(TRIVIA)}[fusion]{draw(ENDS)}\nradius_threshold_px = 120.0{draw(ENDS)}\n")
-    bays = ""
-    for n in range(draw(st.integers(0, 3))):
-        own = draw(st.sampled_from(["none", "dotted", "table", "inline"]))
-        bays += (
-            f"{draw(TRIVIA)}[[bays]]{draw(ENDS)}\n{draw(TRIVIA)}name = 'bay{n + 1}'\nunit_id = {n + 1}{draw(ENDS)}\n"
-        )
-        bays += draw(lines_of("vision.")) if own == "dotted" else ""
-        bays += f"vision = {{min_fill=0.25 , 'coast_s' = 3}}{draw(ENDS)}\n" if own == "inline" else ""
-        bays += draw(st.sampled_from(["", "camera.url = '1'\n"]))
-        bays += f"{draw(TRIVIA)}[bays.vision]{draw(ENDS)}\n{draw(lines_of(''))}" if own == "table" else ""
-    parts.append(bays)
-    text += "".join(draw(st.permutations(parts)))
-    text = text.removesuffix("\n") if draw(st.booleans()) else text
-    return text.replace("\n", "\r\n") if draw(st.booleans()) else text
-
-
-def concerned(line: str, changed: set[str]) -> bool:
-    """Whether a line may differ: it holds one of the changed keys, goes on with its value, or begins its table."""
-    continued = line.strip().startswith(("46,", "]")) or not line.strip()
-    return continued or "[vision]" in line or "vision = {" in line or any(key in line for key in changed)
-
-
-@pytest.mark.long
-@pytest.mark.one_interpreter
-@settings(max_examples=examples(150), deadline=None)
-@given(text=files(), changes=CHANGES, pick=st.integers(0, 2))
-@example(text="[[bays]]\nname='bay1'\n[fusion]\nradius_threshold_px = 120.0", changes={"method": "paper"}, pick=0)
-def test_any_file_holds_the_requested_settings_after_a_save(text: str, changes: dict[str, Any], pick: int) -> None:
-    try:
-        before = parse(tomllib.loads(text))
-    except tomllib.TOMLDecodeError:
-        return  # [vision] after a dotted vision, for one
-    bay = before.bays[pick % len(before.bays)]
-    wanted = VisionConfig.model_validate({**bay.vision.model_dump(), **changes})
-
-    found = profile.propose(text, bay.name, wanted, source="wild.toml")
-
-    after = parse(tomllib.loads(found.text))
-    expected = {other.name: other.vision for other in before.bays} | {bay.name: wanted}
-    assert {other.name: other.vision for other in after.bays} == expected
-    assert after.model_copy(update={"bays": ()}) == before.model_copy(update={"bays": ()})
-    keys_changed = {key for key in parameter_schema.TUNED if getattr(bay.vision, key) != getattr(wanted, key)}
-    assert set(found.changes) == keys_changed
-    ended = "\r\n" if "\r\n" in text else "\n"
-    old, new = ((side.removesuffix(ended) + ended).split("\n") for side in (text, found.text))
-    matched = difflib.SequenceMatcher(None, old, new, autojunk=False).get_opcodes()
-    for what, a, b, c, d in matched:
-        if what != "equal":
-            assert all(concerned(line, keys_changed) for line in (*old[a:b], *new[c:d])), found.text
-    for comment in ("# why", "\t#", "# vision.method", "# [vision]"):
-        assert found.text.count(comment) == text.count(comment), found.text
-    if not keys_changed:
-        assert found.text == text
 
 
 @pytest.mark.parametrize("litter", ["tracking = true\n", "min_fill = 0.5\n", "[fusion]\nlatch_stop = true\n"])

@@ -163,6 +163,7 @@ def test_what_cannot_be_changed_is_refused_with_its_path(path: str, value: Any, 
     [
         ("[a.b]\n[c]\n[a.d]\n", "[a.b]\nx = 1\n[c]\n[a.d]\n"),
         ('  a.b.y = """\n\n# no comment"""\n\n# c\n[c]\n', None),
+        ("  a.b.y = 1 # y\n", "  a.b.y = 1 # y\n  a.b.x = 1\n"),
         ("[a]\n[a.b.c]\n", "[a]\nb.x = 1\n[a.b.c]\n"),
         ("[[a.b.c]]", "[[a.b.c]]\n\n[a.b]\nx = 1\n"),
     ],
@@ -208,8 +209,14 @@ CHANGE = st.one_of(
 )
 PIECES = (
     "[modbus]\n# ABOVE\nport = 1 # SIDE\n", "[modbus.tls]\nport = 2\n", "[mqtt]\nurl = 'x'\ntls.ca_file = 'y' # SIDE\n",
-    "[vision]  # SIDE\ncoast_s = 0.5\n", "[camera]\nreconnect = {min_s = 0.5}\n",
+    "[camera]\nreconnect = {min_s = 0.5}\n",
 )  # fmt: skip
+VISION = (
+    "[vision]  # SIDE\ncoast_s = 0.5\n", "[ vision ]\n\t'coast_s'=0.5 # SIDE\n  # ABOVE\n",
+    "[vision.intrinsics]\nfx = 1 # SIDE\n",
+    "[vision]\nred_low_1 = [ 0x1, 4_3,\n 46, # SIDE\n]\n# ABOVE [vision]\n",
+)  # fmt: skip
+DOTTED = 'vision . coast_s = 1e0 # SIDE\n"vision" . tracking=true\n'
 BAYS = (
     "# ABOVE\n[[bays]]\nname = 'a'\ncamera.url = '0' # SIDE\n\n# ABOVE\n[[bays]]\nname = 'b'\nunit_id = 2\n"
     "[bays.vision]\ncoast_s = 1.5\n",
@@ -220,11 +227,13 @@ BAYS = (
 
 @st.composite
 def files(draw: st.DrawFn) -> str:
+    vision = draw(st.sampled_from([*VISION, DOTTED, ""]))
     head = draw(st.sampled_from(["", "# ABOVE\n\n", "site = 'a' # SIDE\n", "# ABOVE\nsite = 'a'\n\n"]))
-    pieces = draw(st.lists(st.sampled_from(PIECES), unique=True))
+    pieces = [*draw(st.lists(st.sampled_from(PIECES), unique=True)), "" if vision == DOTTED else vision]
     bays = [draw(st.sampled_from(BAYS))]
     gap = draw(st.sampled_from(["", "\n", "\n\n"]))
-    text = head + gap.join(draw(st.permutations([*pieces, *bays])))
+    text = head + (vision if vision == DOTTED else "") + gap.join(draw(st.permutations([*pieces, *bays])))
+    text = text.removesuffix("\n") if draw(st.booleans()) else text
     return text.replace("\n", "\r\n") if draw(st.booleans()) else text
 
 
@@ -256,9 +265,9 @@ def test_an_edit_changes_its_key_and_nothing_else(text: str, change: tuple[str, 
         assert value.items() <= at(after, path).items()
     others = [key for key in KEYS if not key.startswith(path) and at(before, key) is not None]
     assert [at(after, key) for key in others] == [at(before, key) for key in others]
-    kept = [line for line in text.split("\n") if "#" in line]
+    kept = [line for line in text.splitlines() if "#" in line]
     concerned = path.split(".")[-1]
-    lost = [line for line in kept if line not in after_text.split("\n")]
+    lost = [line for line in kept if line not in after_text.splitlines()]
     if value is not None and not isinstance(value, dict):
         assert all(concerned in line for line in lost), after_text
         assert after_text.count("#") == text.count("#") + str(value).count("#") - str(at(before, path) or "").count("#")
