@@ -32,6 +32,7 @@ from gateway.hub import Hub
 from gateway.sinks.mqtt.publisher import MqttPublisher
 from gateway.supervisor import Supervisor, Task
 from tests.e2e.brokers import Mosquitto
+from tests.sink_context import sink_context
 
 
 class Listener:
@@ -87,7 +88,7 @@ class Bay:
             reconnect=Reconnect(min_s=args.min_s, max_s=args.max_s),
         )
         self.backoff = config.reconnect
-        self.publisher = MqttPublisher(config, "site1", self.name, self.hub, self.clock)
+        self.publisher = MqttPublisher(sink_context(config, self.hub, self.clock, site="site1", instance=self.name))
         self.hub.publish(fusion.initial(self.name, self.clock.now_ns()))
         self._flip_s = args.flip_s
         self._random = random.Random(number)

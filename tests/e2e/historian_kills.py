@@ -23,11 +23,11 @@ from gateway.config import Reconnect
 from gateway.errors import LinkError
 from gateway.hub import Hub
 from gateway.sinks.outbox.outbox import Outbox
-from gateway.sinks.postgresql.driver import connect
 from gateway.sinks.postgresql.settings import PostgresqlConfig
 from gateway.sinks.postgresql.sink import PostgresqlSink
 from tests.e2e.postgres import Postgres
 from tests.e2e.store_and_forward import NO_PROGRESS_S, ReportedEvents, SinkOf, child, start, wait
+from tests.sink_context import sink_context
 
 MODULE = "tests.e2e.historian_kills"
 
@@ -47,8 +47,7 @@ class Report:
 def to_database(url: str, schema: str) -> SinkOf:
     def deliver_of(hub: Hub, clock: SystemClock, outbox: Outbox, reconnect: Reconnect) -> Callable[[], Awaitable[None]]:
         config = PostgresqlConfig(url=url, schema_name=schema, reconnect=reconnect)
-        boot = uuid4().hex[:16]
-        sink = PostgresqlSink(config, "site1", "gw", hub, clock, boot, outbox=outbox, connect=connect)
+        sink = PostgresqlSink(sink_context(config, hub, clock, site="site1"), outbox=outbox)
 
         async def deliver() -> None:
             try:

@@ -18,6 +18,7 @@ from gateway.supervisor import Supervisor, Task
 from tests import fused
 from tests.e2e.supervised import Supervised
 from tests.permitted import FOREVER_NS
+from tests.sink_context import sink_context
 
 QUICK = Reconnect(min_s=0.05, max_s=0.2)
 
@@ -83,7 +84,8 @@ class Plant(ComputedBays):
     def __init__(self, url: str | None, *bays: str, instance: str = "gw", **settings: Any) -> None:
         super().__init__(*bays)
         config = MqttConfig(url=url, root="loading", **settings)
-        self.publisher = MqttPublisher(config, "site1", instance, self.hub, self.clock, "1.0")
+        context = sink_context(config, self.hub, self.clock, site="site1", instance=instance)
+        self.publisher = MqttPublisher(context)
         self.supervise(self.publisher.deliver)
 
 

@@ -25,6 +25,7 @@ from gateway.supervisor import Supervisor, Task
 from tests.e2e.mqtt_packets import Packet
 from tests.e2e.supervised import Supervised
 from tests.permitted import FOREVER_NS
+from tests.sink_context import sink_context
 
 PROTO = Path(__file__).parents[1] / "data" / "sparkplug_b.proto"
 
@@ -100,7 +101,9 @@ class SparkPlant(Supervised):
             keepalive_s=4,
             **settings,
         )
-        self.publisher = SparkplugPublisher(config, "site1", "gw", self.hub, self.clock, bd_seq=self._bd_seq)
+        self.publisher = SparkplugPublisher(
+            sink_context(config, self.hub, self.clock, site="site1"), bd_seq=self._bd_seq
+        )
         backoff = Reconnect(min_s=0.05, max_s=0.1)
         self.supervisor = Supervisor(
             [Task("alive", self._alive), Task("sparkplug", self.publisher.deliver, backoff)], self.clock

@@ -42,6 +42,7 @@ from gateway.supervisor import Supervisor, Task
 from tests.e2e.brokers import Mosquitto
 from tests.e2e.mqtt_packets import Stream
 from tests.e2e.tcp_proxy import NetworkConditions, Proxy
+from tests.sink_context import sink_context
 
 Gateway = tuple[subprocess.Popen[str], threading.Thread]  # and who reads what it tells
 
@@ -91,7 +92,7 @@ async def child(deliver_of: SinkOf, name: str, file: str, per_s: float) -> None:
 def to_brokers(*urls: str) -> SinkOf:
     def deliver_of(hub: Hub, clock: SystemClock, outbox: Outbox, reconnect: Reconnect) -> Callable[[], Awaitable[None]]:
         config = MqttConfig(urls=urls, keepalive_s=4, reconnect=reconnect)
-        return MqttPublisher(config, "site1", "gw", hub, clock, outbox=outbox).deliver
+        return MqttPublisher(sink_context(config, hub, clock, site="site1"), outbox=outbox).deliver
 
     return deliver_of
 

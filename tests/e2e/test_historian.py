@@ -21,7 +21,6 @@ from gateway.core.visit_summary import VisitEnd, VisitSummary
 from gateway.doctor.databases import databases
 from gateway.doctor.finding import Finding, Verdict
 from gateway.sinks.postgresql import tables
-from gateway.sinks.postgresql.driver import connect
 from gateway.sinks.postgresql.settings import PostgresqlConfig
 from gateway.sinks.postgresql.sink import PostgresqlSink
 from tests.e2e import historian_kills
@@ -30,6 +29,7 @@ from tests.e2e.mqtt_plant import ComputedBays
 from tests.e2e.postgres import PASSWORD, PASSWORD_IN_URL, Postgres
 from tests.e2e.processes import Gateway
 from tests.plant_certs import Plant as Certificates
+from tests.sink_context import sink_context
 from tools.historian import sql_file
 
 pytestmark = pytest.mark.xdist_group("postgresql")
@@ -77,7 +77,7 @@ class Plant(ComputedBays):
     def __init__(self, url: str, schema: str, *bays: str, boot: str = BOOT, **settings: Any) -> None:
         super().__init__(*bays)
         config = PostgresqlConfig(**({"url": url, "schema_name": schema, "timeout_s": 1.0} | settings))
-        self.sink = PostgresqlSink(config, "site1", "gw", self.hub, self.clock, boot, connect=connect)
+        self.sink = PostgresqlSink(sink_context(config, self.hub, self.clock, site="site1", boot=boot))
         self.supervise(self.sink.deliver)
 
     @property

@@ -19,7 +19,7 @@ from gateway import bay_file
 from gateway.bay import BayControl
 from gateway.bay_file import BayFiles, default_folder, path_of
 from gateway.bay_file_format import decoded, encoded
-from gateway.config import BayConfig, CameraConfig, CropConfig, GatewayConfig, MqttConfig
+from gateway.config import BayConfig, CameraConfig, CropConfig, GatewayConfig
 from gateway.core.detection import Circle
 from gateway.core.events import EventKind
 from gateway.core.plc import Writer
@@ -31,7 +31,7 @@ from gateway.files import write_file
 from gateway.hub import Hub
 from gateway.records.service import folder_of as recordings_of
 from gateway.sinks.outbox.durable import opened_outbox
-from gateway.sinks.outbox.outbox import OutboxEntry
+from gateway.sinks.outbox.outbox import OutboxEntry, OutboxLimits
 from gateway.supervisor import Supervisor, Task
 from tests.virtual_time import LoopClock, run
 
@@ -382,7 +382,7 @@ class TestFile:
     ) -> None:
         monkeypatch.setattr(Path, "home", lambda: Path("/nonexistent"))
         monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
-        with opened_outbox(MqttConfig(url="mqtt://x"), f"test-{os.getpid()}", "outbox.sqlite") as outbox:
+        with opened_outbox(OutboxLimits(9), "auto", f"test-{os.getpid()}", "outbox.sqlite") as outbox:
             outbox.put(OutboxEntry("1", "topic", b"payload", drop_last=False))
         assert (tmp_path / "outbox.sqlite").stat().st_size > 0
 

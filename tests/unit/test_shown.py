@@ -29,6 +29,7 @@ from gateway.sinks.sparkplug.publisher import SparkplugPublisher
 from gateway.web.ipc.messages import StateRequest
 from gateway.web.server import views
 from tests.examples import examples
+from tests.sink_context import sink_context
 from tests.unit.web.gateway_client import Plant, plant
 from tests.virtual_time import LoopClock, run
 
@@ -59,8 +60,8 @@ class Outputs:
         self._made = made
         self._reader = reader
         self._image = image_of(made.controls["bay1"].state, "big", clock)
-        self._mqtt = MqttPublisher(config, "site", "gw", made.hub, clock, "1.0")
-        self._sparkplug = SparkplugPublisher(config, "site", "gw", made.hub, clock)
+        self._mqtt = MqttPublisher(sink_context(config, made.hub, clock))
+        self._sparkplug = SparkplugPublisher(sink_context(config, made.hub, clock))
         self._asked = 0
 
     def now(self) -> dict[str, tuple[Any, ...]]:

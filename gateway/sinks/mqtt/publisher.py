@@ -9,21 +9,19 @@ import asyncio
 import contextlib
 import logging
 import math
-import secrets
 from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import NoReturn
 
 from gateway import __version__
-from gateway.clock import Clock
 from gateway.config import GatewayConfig, MqttConfig
 from gateway.core.events import Event
 from gateway.core.readings import Quality
 from gateway.core.state import Moved, Reason, StateVector
 from gateway.durations import NS_PER_S
 from gateway.errors import LinkError
-from gateway.sinks.contract import AlarmSource, BayAlarms, Bays, LinkStatus, SinkContext, SinkType, no_alarms
+from gateway.sinks.contract import BayAlarms, LinkStatus, SinkContext, SinkType
 from gateway.sinks.mqtt import home_assistant, messages, payloads
 from gateway.sinks.mqtt.alarm_topic import alarms_payload
 from gateway.sinks.mqtt.broker import brokers_of, certificates_of
@@ -31,11 +29,11 @@ from gateway.sinks.mqtt.broker_link import BrokerLink, PublishRefusedError, Unan
 from gateway.sinks.mqtt.event_delivery import EventDelivery
 from gateway.sinks.mqtt.session import ACKNOWLEDGE_SHARE, BrokerSession, Connect
 from gateway.sinks.mqtt.topic_answers import TopicAnswers
-from gateway.sinks.mqtt.topic_plan import ALARMS, PLAN, STATE, TopicKind
+from gateway.sinks.mqtt.topic_plan import ALARMS, PLAN, STATE
 from gateway.sinks.mqtt.topics import Gateway, MqttMessage, Topics
 from gateway.sinks.mqtt.value_topics import ValueTopics
 from gateway.sinks.outbox.durable import limits, opened_outbox
-from gateway.sinks.outbox.outbox import MemoryOutbox, Outbox, OutboxEntry
+from gateway.sinks.outbox.outbox import Outbox, OutboxEntry
 
 log = logging.getLogger(__name__)
 
@@ -60,33 +58,22 @@ class Published:
 
 
 class MqttPublisher:
-    """`boot`: a random number of this start. Raises SettingError for a URL or a topic root that could never work."""
+    """Raises SettingError for a URL or a topic root that could never work. `outbox`: instead of the configured one."""
 
     task = "mqtt.deliver"
 
-    def __init__(
-        self,
-        config: MqttConfig,
-        site: str,
-        instance: str,
-        hub: Bays,
-        clock: Clock,
-        version: str = __version__,
-        *,
-        outbox: Outbox | None = None,
-        connect: Connect | None = None,
-        boot: str | None = None,
-        plan: Sequence[TopicKind] = PLAN,
-        alarms: AlarmSource = no_alarms,
-    ) -> None:
+    def __init__(self, context: SinkContext, *, outbox: Outbox | None = None, connect: Connect | None = None) -> None:
+        config: MqttConfig = context.settings
+        site, instance = context.config.site, context.config.instance
+        hub, clock = context.bays, context.clock
         self.reconnect = config.reconnect
         self._config = config
         self._hub = hub
         self._clock = clock
         self._topics = Topics.of_config(config, site, instance)
-        self._gateway = Gateway(self._topics, hub.bays, version, boot or secrets.token_hex(8))
-        self._alarms = alarms
-        self._state_topics = [(kind, kind.build) for kind in plan if kind.build is not None]
+        self._gateway = Gateway(self._topics, hub.bays, __version__, context.boot)
+        self._alarms = context.alarms
+        self._state_topics = [(kind, kind.build) for kind in PLAN if kind.build is not None]
         self._values = {bay: ValueTopics(self._topics, bay, config.values_period_s) for bay in hub.bays}
         self._session = BrokerSession(
             config, config.client_id or f"gateway-{site}-{instance}", connect=connect, clock=clock
@@ -94,7 +81,13 @@ class MqttPublisher:
         will = payloads.status_payload(self._gateway, "connection lost")
         self._will = MqttMessage(self._topics.status, payloads.encode(will), retain=True)
         self._stale_after_ms = round(1000 * (3 * config.state_period_s + 1))
-        self._outbox = outbox if outbox is not None else MemoryOutbox(limits(config))
+        self._outbox = (
+            outbox
+            if outbox is not None
+            else context.resources.enter_context(
+                opened_outbox(limits(config), config.outbox_file, instance, f"outbox-{site}-{instance}.sqlite")
+            )
+        )
         self._numbered = 0
         self._answers = TopicAnswers()
         self._events = EventDelivery(
@@ -375,23 +368,6 @@ def _urgent(state: StateVector) -> Urgent:
     )
 
 
-def _open(context: SinkContext) -> MqttPublisher:
-    config, gateway = context.settings, context.config
-    outbox = context.resources.enter_context(
-        opened_outbox(config, gateway.instance, f"outbox-{gateway.site}-{gateway.instance}.sqlite")
-    )
-    return MqttPublisher(
-        config,
-        gateway.site,
-        gateway.instance,
-        context.bays,
-        context.clock,
-        outbox=outbox,
-        boot=context.boot,
-        alarms=context.alarms,
-    )
-
-
 def _checks(config: GatewayConfig) -> Sequence[Callable[[], object]]:
     mqtt = config.mqtt
     if mqtt is None:
@@ -404,7 +380,7 @@ def _checks(config: GatewayConfig) -> Sequence[Callable[[], object]]:
 
 MQTT = SinkType(
     "mqtt",
-    _open,
+    MqttPublisher,
     settings=lambda config: config.mqtt if config.mqtt is not None and config.mqtt.plain_topics else None,
     checks=_checks,
 )

@@ -51,9 +51,6 @@ class OutboxSettings(Protocol):
     @property
     def outbox_days(self) -> float: ...
 
-    @property
-    def outbox_file(self) -> str: ...
-
 
 def limits(settings: OutboxSettings) -> OutboxLimits:
     """What may wait in the outbox."""
@@ -63,14 +60,14 @@ def limits(settings: OutboxSettings) -> OutboxLimits:
 
 
 @contextlib.contextmanager
-def opened_outbox(settings: OutboxSettings, journal: str, file: str) -> Iterator[Outbox]:
-    """The outbox of one sink of one gateway. `journal`: its name on this machine; `file`: that of its file, where the
-    configuration names none. Raises ConfigError where another gateway of this name runs."""
-    if not settings.outbox_file:
-        yield MemoryOutbox(limits(settings))
+def opened_outbox(limits: OutboxLimits, file: str, journal: str, auto: str) -> Iterator[Outbox]:
+    """The outbox of one sink of one gateway. `file`: as `outbox_file` of the configuration has it; `auto`: its name,
+    where that is `auto`; `journal`: that of the journal on this machine. Raises ConfigError where another gateway of
+    this name runs."""
+    if not file:
+        yield MemoryOutbox(limits)
         return
-    path = default_folder() / file if settings.outbox_file == "auto" else Path(settings.outbox_file)
-    with DurableOutbox(journal, path, limits(settings)) as outbox:
+    with DurableOutbox(journal, default_folder() / auto if file == "auto" else Path(file), limits) as outbox:
         yield outbox
 
 
@@ -192,7 +189,7 @@ class DurableOutbox:
         self._recovered = len(journaled)
         self._added = {entry.id: (machine_ns(), entry) for entry in journaled}
         self._journaled = set(self._added)
-        self._forget(self._memory.prepend(journaled))
+        self._forget([lost for entry in journaled for lost in self._memory.put(entry)])
         try:
             self._open()
         except StoreError as error:
@@ -229,10 +226,6 @@ class DurableOutbox:
             self._to_write(entry)
             self._forget(self._memory.put(entry))
             self._changed.notify()
-
-    def oldest(self) -> OutboxEntry | None:
-        with self._changed:
-            return self._memory.oldest()
 
     def batch(self, limit: int, without: Collection[str] = ()) -> list[OutboxEntry]:
         with self._changed:

@@ -64,9 +64,6 @@ class Outbox(Protocol):
     def put(self, entry: OutboxEntry) -> object:
         """Take the newest entry; `unix_ms` of it is the time by which older ones age."""
 
-    def oldest(self) -> OutboxEntry | None:
-        """The entry to deliver next; it stays until it is acknowledged."""
-
     def batch(self, limit: int, without: Collection[str] = ()) -> list[OutboxEntry]:
         """The oldest entries, at most `limit`, none of the topics `without`; they stay until they are acknowledged."""
 
@@ -128,23 +125,12 @@ class MemoryOutbox:
             gone.append(self._drop(self._least_needed()))
         return gone
 
-    def prepend(self, entries: Iterable[OutboxEntry]) -> list[OutboxEntry]:
-        """Entries, oldest first, that are older than all in here. Returns those dropped."""
-        waiting = self.waiting()
-        self._kinds = (OrderedDict(), OrderedDict())
-        self._topics.clear()
-        self._bytes = 0
-        return [lost for entry in (*entries, *waiting) for lost in self.put(entry)]
-
     def append(self, other: "MemoryOutbox") -> list[OutboxEntry]:
         """Append what waits in `other`; its drops and unused topics count here, too. Returns what was dropped."""
         self._dropped += other._dropped
         self._unused_dropped += other._unused_dropped
         self._unused |= other._unused
         return [lost for entry in other.waiting() for lost in self.put(entry)]
-
-    def oldest(self) -> OutboxEntry | None:
-        return next(iter(self.batch(1)), None)
 
     def batch(self, limit: int, without: Collection[str] = ()) -> list[OutboxEntry]:
         queues = [queue for topic, queue in self._topics.items() if topic not in without] if without else self._kinds

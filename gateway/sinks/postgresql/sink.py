@@ -14,17 +14,16 @@ from dataclasses import dataclass
 from functools import partial
 
 from gateway import __version__
-from gateway.clock import Clock
 from gateway.config import GatewayConfig
 from gateway.core.events import Event
 from gateway.core.state import StateVector
 from gateway.durations import NS_PER_S
 from gateway.errors import LinkError
-from gateway.sinks.contract import Bays, LinkStatus, SettingError, SinkContext, SinkType
+from gateway.sinks.contract import LinkStatus, SettingError, SinkContext, SinkType
 from gateway.sinks.mqtt import payloads
 from gateway.sinks.mqtt.topics import Gateway, Topics
 from gateway.sinks.outbox.durable import limits, opened_outbox
-from gateway.sinks.outbox.outbox import MemoryOutbox, Outbox, OutboxEntry
+from gateway.sinks.outbox.outbox import Outbox, OutboxEntry
 from gateway.sinks.postgresql import tables
 from gateway.sinks.postgresql.database import Connect, Database, RowsRefusedError, prepare
 from gateway.sinks.postgresql.documents import array, storable
@@ -53,27 +52,30 @@ class PostgresqlSink:
 
     task = "postgresql"
 
-    def __init__(
-        self,
-        settings: PostgresqlConfig,
-        site: str,
-        instance: str,
-        bays: Bays,
-        clock: Clock,
-        boot: str,
-        *,
-        outbox: Outbox | None = None,
-        connect: Connect,
-    ) -> None:
+    def __init__(self, context: SinkContext, *, outbox: Outbox | None = None, connect: Connect | None = None) -> None:
+        settings: PostgresqlConfig = context.settings
+        site, instance = context.config.site, context.config.instance
+        bays = context.bays
         self.reconnect = settings.reconnect
         self._settings = settings
         self._server = server_of(settings)
         self._tls = tls_of(settings)
         self._bays = bays
-        self._clock = clock
-        self._gateway = Gateway(Topics("loading", site, instance), bays.bays, __version__, boot)
-        self._outbox = outbox if outbox is not None else MemoryOutbox(limits(settings))
-        self._connect = connect
+        self._clock = context.clock
+        self._connect = connect or driver()
+        self._gateway = Gateway(Topics("loading", site, instance), bays.bays, __version__, context.boot)
+        self._outbox = (
+            outbox
+            if outbox is not None
+            else context.resources.enter_context(
+                opened_outbox(
+                    limits(settings),
+                    settings.outbox_file,
+                    f"{instance}.postgresql",
+                    f"postgresql-{site}-{instance}.sqlite",
+                )
+            )
+        )
         self._write_events_sql = tables.write_events(settings.schema_name)
         self._write_states_sql = tables.write_states(settings.schema_name)
         self._numbered = 0
@@ -84,10 +86,7 @@ class PostgresqlSink:
         self._all_written = False  # the final rows, too
         self._period_ns = round(settings.state_period_s * NS_PER_S)
         self._states = {bay: NewestRow(None, self._period()) for bay in bays.bays}
-        self._figures = dict.fromkeys(
-            ("connections", "events_written", "events_repeated", "events_refused", "states_written", "states_refused"),
-            0,
-        )
+        self._figures = dict.fromkeys(FIGURES, 0)
         self._skipped = 0
         bays.listen(self._queue_event)
 
@@ -255,28 +254,9 @@ def driver() -> Connect:
     return connect
 
 
-def _open(context: SinkContext) -> PostgresqlSink:
-    settings, gateway, connect = context.settings, context.config, driver()
-    outbox = context.resources.enter_context(
-        opened_outbox(
-            settings, f"{gateway.instance}.postgresql", f"postgresql-{gateway.site}-{gateway.instance}.sqlite"
-        )
-    )
-    return PostgresqlSink(
-        settings,
-        gateway.site,
-        gateway.instance,
-        context.bays,
-        context.clock,
-        context.boot,
-        outbox=outbox,
-        connect=connect,
-    )
-
-
 def _checks(config: GatewayConfig) -> Sequence[Callable[[], object]]:
     settings = PostgresqlConfig.model_validate(config.sinks["postgresql"])
     return (driver, partial(server_of, settings), partial(tls_of, settings))
 
 
-POSTGRESQL = SinkType("postgresql", _open, PostgresqlConfig, checks=_checks)
+POSTGRESQL = SinkType("postgresql", PostgresqlSink, PostgresqlConfig, checks=_checks)

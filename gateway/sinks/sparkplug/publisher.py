@@ -7,26 +7,24 @@ NDEATH.
 import asyncio
 import contextlib
 import logging
-import secrets
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn
 
 from gateway import __version__
-from gateway.clock import Clock
 from gateway.config import MqttConfig
 from gateway.core.events import Event
 from gateway.core.state import Reason, StateVector
 from gateway.durations import NS_PER_MS, NS_PER_S
 from gateway.errors import LinkError
-from gateway.sinks.contract import AlarmSource, Bays, LinkStatus, SinkContext, SinkType, no_alarms
+from gateway.sinks.contract import LinkStatus, SinkContext, SinkType
 from gateway.sinks.mqtt import payloads
 from gateway.sinks.mqtt.broker_link import BrokerLink
 from gateway.sinks.mqtt.session import BrokerSession, Connect
 from gateway.sinks.mqtt.topics import MqttMessage
 from gateway.sinks.outbox.durable import limits, opened_outbox
-from gateway.sinks.outbox.outbox import MemoryOutbox, Outbox
+from gateway.sinks.outbox.outbox import Outbox
 from gateway.sinks.sparkplug.bd_seq import BdSeq
 from gateway.sinks.sparkplug.history import History
 from gateway.sinks.sparkplug.node import EdgeNode, Identity
@@ -43,18 +41,15 @@ class SparkplugPublisher:
 
     def __init__(
         self,
-        config: MqttConfig,
-        site: str,
-        instance: str,
-        hub: Bays,
-        clock: Clock,
+        context: SinkContext,
         *,
+        outbox: Outbox | None = None,
         connect: Connect | None = None,
         bd_seq: Callable[[], int] | None = None,
-        outbox: Outbox | None = None,
-        boot: str | None = None,
-        alarms: AlarmSource = no_alarms,
     ) -> None:
+        config: MqttConfig = context.settings
+        site, instance = context.config.site, context.config.instance
+        hub, clock = context.bays, context.clock
         if config.sparkplug is None:
             raise ValueError("no [mqtt.sparkplug] in the configuration")
         self.reconnect = config.reconnect
@@ -67,20 +62,26 @@ class SparkplugPublisher:
             self._settings.edge_node_id or instance,
             self._settings.primary_host_id or "",
         )
-        self._outbox = outbox if outbox is not None else MemoryOutbox(limits(HistorySettings.of(config)))
-        doubt_ms = 2000 * config.keepalive_s  # a dead connection is noticed within 1.5 keepalives
+        changes = self._settings.history
+        self._outbox = (
+            outbox
+            if outbox is not None
+            else context.resources.enter_context(
+                opened_outbox(
+                    replace(limits(config), events=max(1, changes)),
+                    _beside(config.outbox_file),
+                    f"{instance}.sparkplug",
+                    f"sparkplug-{site}-{instance}.sqlite",
+                )
+            )
+        )
         self.node = EdgeNode(
             identity,
             __version__,
-            History(
-                self._outbox,
-                self._settings.history,
-                boot or secrets.token_hex(8),
-                hub.bays,
-            ),
-            doubt_ms=doubt_ms,
+            History(self._outbox, changes, context.boot, hub.bays),
+            doubt_ms=2000 * config.keepalive_s,  # a dead connection is noticed within 1.5 keepalives
             typed_data=self._settings.datatypes_in_data,
-            alarms=lambda bay: alarms(bay, clock.now_ns()),
+            alarms=lambda bay: context.alarms(bay, clock.now_ns()),
         )
         client_id = f"{config.client_id or f'gateway-{site}-{instance}'}-sparkplug"
         # A proper end publishes the NDEATH, too: section 6.4.25.
@@ -207,49 +208,14 @@ class SparkplugPublisher:
         return max(0, t_ns + self._clock.wall_ns() - self._clock.now_ns()) // NS_PER_MS
 
 
-@dataclass(frozen=True, slots=True)
-class HistorySettings:
-    """Those of the outbox in which the history is kept; see OutboxSettings."""
-
-    outbox_events: int
-    outbox_mb: int
-    outbox_days: float
-    outbox_file: str
-
-    @staticmethod
-    def of(config: MqttConfig) -> "HistorySettings":
-        """As `[mqtt]` has them for events, in a file beside theirs."""
-        events = config.sparkplug.history if config.sparkplug is not None else 0
-        file = config.outbox_file
-        if file not in ("", "auto"):
-            path = Path(file)
-            file = str(path.with_name(f"{path.stem}-sparkplug{path.suffix}"))
-        return HistorySettings(max(1, events), config.outbox_mb, config.outbox_days, file)
-
-
-def _open(context: SinkContext) -> SparkplugPublisher:
-    config, settings = context.config, context.settings
-    outbox = context.resources.enter_context(
-        opened_outbox(
-            HistorySettings.of(settings),
-            f"{config.instance}.sparkplug",
-            f"sparkplug-{config.site}-{config.instance}.sqlite",
-        )
-    )
-    return SparkplugPublisher(
-        settings,
-        config.site,
-        config.instance,
-        context.bays,
-        context.clock,
-        outbox=outbox,
-        boot=context.boot,
-        alarms=context.alarms,
-    )
+def _beside(file: str) -> str:
+    """The history's file, beside that of the events."""
+    path = Path(file)
+    return file if file in ("", "auto") else str(path.with_name(f"{path.stem}-sparkplug{path.suffix}"))
 
 
 SPARKPLUG = SinkType(
     "sparkplug",
-    _open,
+    SparkplugPublisher,
     settings=lambda config: config.mqtt if config.mqtt is not None and config.mqtt.sparkplug is not None else None,
 )

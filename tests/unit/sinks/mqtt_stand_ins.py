@@ -14,10 +14,10 @@ from gateway.errors import LinkError
 from gateway.hub import Hub
 from gateway.sinks.mqtt.broker_link import BrokerLink, PublishRefusedError, UnansweredError
 from gateway.sinks.mqtt.publisher import MqttPublisher
-from gateway.sinks.mqtt.topic_plan import ALARMS, EVENT, STATE, STATUS, TopicKind
 from gateway.sinks.mqtt.topics import MqttMessage
 from tests import virtual_time
 from tests.mqtt_messages import checked
+from tests.sink_context import sink_context
 from tests.virtual_time import LoopClock
 
 
@@ -146,16 +146,14 @@ VALID_NS = 3_000_000_000  # after its last state a bay counts as dead
 class Plant:
     """A hub whose bays are computed every 20 ms, a publisher, and the supervisor's part in small."""
 
-    def __init__(self, *bays: str, plan: Sequence[TopicKind] = (STATUS, STATE, EVENT, ALARMS), **settings: Any) -> None:
+    def __init__(self, *bays: str, **settings: Any) -> None:
         self.clock = LoopClock()
         self.broker = Broker()
         self.hub = Hub(bays or ("bay1",))
         for bay in self.hub.bays:
             self.hub.publish(fusion.initial(bay, self.clock.now_ns()))
         config = MqttConfig(**({"url": "mqtt://192.0.2.1", "root": "r"} | settings))
-        self.publisher = MqttPublisher(
-            config, "site", "gw", self.hub, self.clock, "1.0", connect=self.broker.connect, plan=plan
-        )
+        self.publisher = MqttPublisher(sink_context(config, self.hub, self.clock), connect=self.broker.connect)
         self.link_errors: list[str] = []
         self.failed = asyncio.Event()
         self.computing = set(self.hub.bays)

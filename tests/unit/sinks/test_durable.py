@@ -45,7 +45,7 @@ def entry(number: int, *, drop_last: bool = False, unix_ms: int = 0, size: int =
 
 def drained(outbox: DurableOutbox) -> list[str]:
     found = []
-    while (oldest := outbox.oldest()) is not None:
+    while oldest := next(iter(outbox.batch(1)), None):
         found.append(oldest.id)
         outbox.acknowledge(oldest.id)
     return found
@@ -78,7 +78,7 @@ def test_what_was_not_acknowledged_is_there_at_the_next_start_in_order(name: str
         outbox.acknowledge("b-3")  # before the one that is older
         outbox.acknowledge("b-9")  # none of these
     with DurableOutbox(name, path, LIMITS) as outbox:
-        assert outbox.oldest() == entry(2, drop_last=True, unix_ms=2)
+        assert outbox.batch(1) == [entry(2, drop_last=True, unix_ms=2)]
         assert (len(outbox), outbox.store.recovered, outbox.dropped) == (5, 5, 0)
         outbox.put(entry(8))
         assert drained(outbox) == ["b-2", "b-4", "b-5", "b-6", "b-7", "b-8"]
@@ -208,7 +208,7 @@ def test_a_locked_file_is_reported_and_read_when_it_is_free(
         outbox = other.enter_context(DurableOutbox(name, path, LIMITS))
         assert "another gateway uses it" in outbox.store.fault
         outbox.put(entry(2))
-        assert outbox.oldest() == entry(2)
+        assert outbox.batch(1) == [entry(2)]
         file.close()
         until(lambda: written(outbox))
         assert drained(outbox) == ["b-1", "b-2"]
@@ -356,7 +356,7 @@ def test_killed_at_any_moment_nothing_that_happened_is_lost(name: str, tmp_path:
         "        outbox.put(OutboxEntry(f'b-{n}', 't', b'x' * 1500, True))\n"
         "        os.write(1, b'%d\\n' % n)\n"
         "        time.sleep(0.0005)\n"
-        "        if n % 3 == 0 and (old := outbox.oldest()):\n"
+        "        for old in outbox.batch(n % 3 == 0):\n"
         "            os.write(1, b'-%s\\n' % old.id.encode())\n"
         "            outbox.acknowledge(old.id)\n"
     )

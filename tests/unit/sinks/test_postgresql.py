@@ -32,6 +32,7 @@ from gateway.sinks.postgresql.documents import array, storable
 from gateway.sinks.postgresql.server import Server, server_of
 from gateway.sinks.postgresql.settings import PostgresqlConfig
 from gateway.sinks.postgresql.sink import EVENTS_AT_ONCE, PostgresqlSink
+from tests.sink_context import sink_context
 from tests.unit.sinks.mqtt_stand_ins import VALID_NS
 from tests.virtual_time import LoopClock, in_virtual_time, run
 from tools.historian import sql_file
@@ -101,16 +102,8 @@ class Plant:
             self.hub.publish(fusion.initial(bay, self.clock.now_ns()))
         self.computing = set(self.hub.bays)
         self.outbox = MemoryOutbox(OutboxLimits(settings.pop("outbox_events", 1000)))
-        self.sink = PostgresqlSink(
-            PostgresqlConfig(**({"url": URL} | settings)),
-            "site",
-            "gw",
-            self.hub,
-            self.clock,
-            BOOT,
-            outbox=self.outbox,
-            connect=self.memory.connect,
-        )
+        context = sink_context(PostgresqlConfig(**({"url": URL} | settings)), self.hub, self.clock, boot=BOOT)
+        self.sink = PostgresqlSink(context, outbox=self.outbox, connect=self.memory.connect)
         self.link_errors: list[str] = []
 
     @property

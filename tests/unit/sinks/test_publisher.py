@@ -18,6 +18,7 @@ from gateway.sinks.contract import BayAlarms, ShownAlarm
 from gateway.sinks.mqtt.publisher import MqttPublisher
 from tests import virtual_time
 from tests.mqtt_messages import checked
+from tests.sink_context import sink_context
 from tests.unit.sinks.mqtt_stand_ins import Plant, in_virtual_time, now_s
 from tests.virtual_time import LoopClock
 
@@ -460,7 +461,7 @@ async def test_a_cancelled_delivery_cuts_its_connection() -> None:
 def test_what_can_never_work_is_a_config_error_at_once(settings: dict[str, str]) -> None:
     config = MqttConfig(**({"url": "mqtt://broker"} | settings))
     with pytest.raises(ConfigError, match=r"^mqtt\."):
-        MqttPublisher(config, "site", "gw", Hub(["bay1"]), LoopClock())
+        MqttPublisher(sink_context(config, Hub(["bay1"]), LoopClock()))
 
 
 def test_two_starts_have_different_boot_numbers() -> None:

@@ -19,6 +19,7 @@ from gateway.core.state import Reason, StateVector
 from gateway.errors import ConfigError
 from gateway.hub import Hub
 from gateway.sinks import registry
+from gateway.sinks.mqtt import publisher
 from gateway.sinks.mqtt.topic_plan import PLAN, TopicKind
 from gateway.sinks.mqtt.topics import Gateway
 from gateway.supervisor import Task
@@ -116,9 +117,11 @@ def distance(state: StateVector, gateway: Gateway, offset_ns: int, stale_after_m
 DISTANCE = TopicKind("distance", True, True, DistancePayload, "the distance alone", distance)
 
 
-def test_a_topic_of_another_module_is_published_with_every_state() -> None:
+def test_a_topic_of_another_module_is_published_with_every_state(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(publisher, "PLAN", (*PLAN, DISTANCE))
+
     async def scene() -> None:
-        plant = Plant("bay1", "bay2", plan=(*PLAN, DISTANCE))
+        plant = Plant("bay1", "bay2")
         plant.broker.check = lambda topic, payload: json.loads(payload)
         async with plant.running():
             await asyncio.sleep(1.9)  # between two publications

@@ -14,6 +14,7 @@ from gateway.sinks.sparkplug.publisher import SparkplugPublisher
 from tests import virtual_time
 from tests.e2e.sparkplug_plant import decode, rebirth_request
 from tests.permitted import FOREVER_NS
+from tests.sink_context import sink_context
 from tests.unit.sinks.mqtt_stand_ins import Broker, Link, in_virtual_time
 from tests.virtual_time import LoopClock
 
@@ -21,9 +22,8 @@ from tests.virtual_time import LoopClock
 def connected_to(broker: Broker, hub: Hub | None = None, **settings: Any) -> SparkplugPublisher:
     broker.check = lambda topic, payload: {}
     config = MqttConfig(url="mqtt://192.0.2.1", sparkplug=SparkplugConfig(**settings))
-    return SparkplugPublisher(
-        config, "site", "gw", hub or Hub(["bay1"]), LoopClock(), connect=broker.connect, bd_seq=lambda: 0
-    )
+    context = sink_context(config, hub or Hub(["bay1"]), LoopClock())
+    return SparkplugPublisher(context, connect=broker.connect, bd_seq=lambda: 0)
 
 
 @in_virtual_time

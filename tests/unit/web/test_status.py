@@ -42,6 +42,7 @@ from gateway.web.ipc.messages import (
     WebSetup,
 )
 from gateway.web.server.process_usage import ProcessUsage, by_name, process_usage
+from tests.sink_context import sink_context
 from tests.unit.web.gateway_client import plant
 from tests.unit.web.links import full, mqtt, server, sparkplug
 from tests.virtual_time import in_virtual_time
@@ -90,7 +91,7 @@ class TestConditions:
 async def test_links_hold_what_the_parts_say_and_no_password() -> None:
     async with plant() as made:
         config = MqttConfig(url="mqtt://anna:secret@broker")
-        publisher = MqttPublisher(config, "site", "gw", made.hub, made.client.clock)
+        publisher = MqttPublisher(sink_context(config, made.hub, made.client.clock))
         tasks = {"bay1.control": TaskRecord(starts=1, running=True, last_error="x" * 900)}
         gathered = parts(sinks=[publisher], tasks=tasks, modbus=lambda: (server(),))
         links = gathered.system_status(made.monitor)
