@@ -9,7 +9,6 @@ import os
 import random
 import socket
 import threading
-import tty
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from typing import Any
 
@@ -21,7 +20,6 @@ from gateway.clock import Clock, SystemClock
 from gateway.config import RangerConfig, Reconnect
 from gateway.core.readings import Quality, RangeReading
 from gateway.errors import LinkError
-from gateway.ranger.hcsr04.arrival_times import Arrival
 from gateway.ranger.hcsr04.protocol import Hello, Measurement, encode_hello, encode_measurement
 from gateway.ranger.hcsr04.session import Hcsr04Session
 from gateway.ranger.service import RangerService
@@ -117,20 +115,6 @@ async def eventually(fact: Callable[[], bool], seconds: float = 30.0) -> None:
         await asyncio.sleep(0.01)
 
 
-@contextlib.contextmanager
-def bare_pty() -> Iterator[tuple[int, str]]:
-    """Master and the path of the other side."""
-    master, slave = os.openpty()
-    tty.setraw(slave)
-    path = os.ttyname(slave)
-    os.close(slave)
-    os.set_blocking(master, False)
-    try:
-        yield master, path
-    finally:
-        os.close(master)
-
-
 def line(seq: int, mm: float) -> bytes:
     return encode_measurement(Measurement(seq & 0xFFFF, round(mm * 4000 / 343.42)))
 
@@ -195,50 +179,6 @@ async def test_unplug_and_replug() -> None:
 
 
 @in_real_time
-async def test_opening_resets_the_board_and_its_boot_is_waited_for() -> None:
-    async with connected(boot_s=1.6, resets_on_open=True) as (_, host):
-        await host.until_good()
-    assert {r.quality for _, r in host.said} == {Quality.WAITING, Quality.GOOD}
-    assert host.session.hello == Hello("hcsr04-sim", 1, 60, 2)
-
-
-@in_real_time
-@pytest.mark.failure_mode("R7")
-async def test_noise_on_the_line_makes_no_distance_and_is_over_when_it_is_over() -> None:
-    async with connected(speed=5.0, seed=5) as (ranger, host):
-        await host.until_good()
-        ranger.forced[RangerFault.LINE_NOISE] = 0.05
-        await host.until(lambda r: r.stats.damaged > 100)
-        del ranger.forced[RangerFault.LINE_NOISE]
-        quiet_ns, lines = host.clock.now_ns(), host.session.stats.lines
-        first = await host.until(lambda r: r.quality is Quality.GOOD and r.t_ns > quiet_ns)
-        assert first.stats.lines - lines <= 7
-    distances = [r.distance_mm for _, r in host.said if r.distance_mm is not None]
-    assert all(abs(mm - 500.0) <= 12.1 for mm in distances)
-    assert not [r for _, r in host.said if r.quality is Quality.LINK_DOWN]
-
-
-@in_real_time
-async def test_silence_is_reported_and_the_ranger_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[bytes] = []
-    async with connected(speed=3.0) as (ranger, host):
-        await host.until_good()
-        request = host.session.request
-
-        def noted(now_ns: int) -> bytes:
-            asked.append(request(now_ns))
-            return asked[-1]
-
-        monkeypatch.setattr(host.session, "request", noted)
-        ranger.forced[RangerFault.SILENT] = 0.0
-        stale = await host.until(lambda r: r.quality is Quality.STALE)
-        assert stale.detail == "nothing received for 1 s"
-        await eventually(lambda: b"?" in asked)
-        del ranger.forced[RangerFault.SILENT]
-        await host.until_good()
-
-
-@in_real_time
 async def test_a_question_is_answered_over_the_port(monkeypatch: pytest.MonkeyPatch) -> None:
     """The hello at boot went unheard; without the question the next one would come after ten minutes."""
     monkeypatch.setattr(ranger_board, "HELLO_NS", 600_000_000_000)
@@ -248,61 +188,6 @@ async def test_a_question_is_answered_over_the_port(monkeypatch: pytest.MonkeyPa
         host = Host(ranger.port, clock)
         async with together(host.supervisor.run):
             await host.until_good()
-
-
-@pytest.mark.mostly_long
-@pytest.mark.parametrize("cut", ["bytes", "ragged", "lines", "pairs"])
-@in_real_time
-async def test_however_the_bytes_are_cut(cut: str) -> None:
-    chance = random.Random(1)
-    with bare_pty() as (master, path):
-        host = Host(path, SystemClock())
-
-        async def board() -> int:
-            """The number of lines it took: one begins, one is held back, a busy machine may be late."""
-            await host.until(lambda r: r.quality is Quality.WAITING)
-            os.write(master, HELLO)
-            for n in range(200):
-                rest = line(n, 500.0) if cut != "pairs" else line(2 * n, 500.0) + line(2 * n + 1, 500.0)
-                pause = asyncio.create_task(asyncio.sleep(0.06 if cut != "pairs" else 0.12))
-                while rest:
-                    size = {"bytes": 1, "ragged": chance.randrange(1, 12)}.get(cut, len(rest))
-                    os.write(master, rest[:size])
-                    rest = rest[size:]
-                    await asyncio.sleep(0.0005)
-                await pause
-                if n >= 11 and len(host.measured) >= 6:
-                    break
-            return (n + 1) * (2 if cut == "pairs" else 1)
-
-        async with together(host.supervisor.run):
-            lines = await board()
-            await eventually(lambda: host.session.stats.lines >= lines)
-        good = [r for _, r in host.said if r.quality is Quality.GOOD]
-        assert len(good) >= 6
-        assert host.session.stats.lines == lines
-        assert {round(r.distance_mm or 0) for r in good} == {500}
-        assert good[-1].stats.damaged == 0
-
-
-@in_real_time
-@pytest.mark.failure_mode("R14")
-async def test_garbage_for_ever_is_no_ranger() -> None:
-    chance = random.Random(2)
-    with bare_pty() as (master, path):
-        clock = SystemClock(speed=4.0)
-        host = Host(path, clock)
-
-        async def babble() -> None:
-            while True:
-                with contextlib.suppress(BlockingIOError):
-                    os.write(master, chance.randbytes(64))
-                await asyncio.sleep(0.01)
-
-        async with together(host.supervisor.run, babble):
-            stale = await host.until(lambda r: r.quality is Quality.STALE)
-            assert "wrong baud rate, or not a ranger" in stale.detail
-        assert {r.quality for _, r in host.said} == {Quality.WAITING, Quality.STALE}
 
 
 @in_real_time
@@ -358,12 +243,11 @@ async def test_a_terminal_program_sees_the_bytes_as_they_are_sent() -> None:
 
 
 class Server:
-    """A serial server on a free loopback port: stores what came before anybody listened, as ser2net may."""
+    """A serial server on a free loopback port."""
 
-    def __init__(self, stored: bytes = b"", flood: bool = False) -> None:
-        self._stored, self._flood = stored, flood
+    def __init__(self, flood: bool = False) -> None:
+        self._flood = flood
         self.connections = 0
-        self.asked = b""
 
     async def __aenter__(self) -> "Server":
         self._server = await asyncio.start_server(self._serve, "127.0.0.1", 0)
@@ -386,7 +270,6 @@ class Server:
         self.connections += 1
         self._writers.append(writer)
         try:
-            writer.write(self._stored)
             while self._flood:
                 writer.write(random.randbytes(65_536))
                 await writer.drain()
@@ -398,17 +281,6 @@ class Server:
                 await asyncio.sleep(0.06)
         except (OSError, asyncio.CancelledError):
             writer.close()
-
-
-@in_real_time
-async def test_a_stale_backlog_from_a_serial_server_is_not_taken_for_now() -> None:
-    stored = HELLO + b"".join(line(n, 200.0) for n in range(2000))  # two minutes ago the truck was near
-    async with Server(stored[11:]) as server:
-        host = Host(server.url, SystemClock())
-        async with together(host.supervisor.run):
-            await host.until_measured(7)
-        assert {round(r.distance_mm or 0) for _, r in host.measured} == {500}
-        assert host.session.unused[Arrival.DUPLICATE] == 0
 
 
 @in_real_time

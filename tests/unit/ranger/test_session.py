@@ -371,6 +371,7 @@ def test_an_uno_may_boot_for_two_seconds_after_opening() -> None:
     assert reading.quality is Quality.STALE
 
 
+@pytest.mark.failure_mode("R14")
 def test_bytes_without_lines_hint_at_the_baud_rate() -> None:
     bench = Bench()
     for _ in range(30):
