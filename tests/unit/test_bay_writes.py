@@ -7,10 +7,10 @@ import pytest
 from gateway.bay import BayControl
 from gateway.config import parse
 from gateway.core.detection import Circle
-from gateway.core.events import Event, EventKind
+from gateway.core.events import EventKind
 from gateway.core.plc import Control, PlcConnection, PlcLink, PlcWrite, RegisterChange, Writer, WriteVerdict
 from gateway.core.readings import Quality, RangeReading, VisionReading
-from gateway.core.state import FunctionCheck, Reason, StateVector, Tick
+from gateway.core.state import FunctionCheck, Reason, StateVector
 from gateway.hub import EventQueue, Hub
 from gateway.net.rate_limit import BURST
 from tests import virtual_time
@@ -80,20 +80,6 @@ def test_another_master_can_not_flood() -> None:
     assert bench.hub.state("bay1").plc.conflicts == 1000
 
 
-def test_a_new_owner_is_reported() -> None:
-    bench, other = Bench(), Writer("10.0.0.8")
-    bench.bay.on_write(PlcWrite(WHO, 1, 3))
-    bench.clock.t_ns += 1001 * MS
-    bench.bay._step(Tick())
-    bench.reported()
-    assert bench.bay.on_write(PlcWrite(other, 1)) is WriteVerdict.TAKEN
-    assert bench.reported() == [
-        (EventKind.PLC_WRITE, "10.0.0.8: plc_control 3 -> 0"),  # what the one before had set does not hold for it
-        (EventKind.OWNER_CHANGED, "10.0.0.9 (plc1, role operator) -> 10.0.0.8"),
-        (EventKind.PLC_RETURNED, "plc_heartbeat is 1"),
-    ]
-
-
 def test_only_the_owners_connection_means_anything() -> None:
     bench = Bench()
     bench.bay.on_write(PlcWrite(WHO, control=1))
@@ -104,27 +90,6 @@ def test_only_the_owners_connection_means_anything() -> None:
     assert bench.hub.state("bay1").plc.owner_gone
     bench.bay.on_connection(PlcConnection(WHO, open=True))
     assert not bench.hub.state("bay1").plc.owner_gone
-
-
-def test_heartbeats_are_counted_and_only_their_loss_and_return_are_reported() -> None:
-    bench = Bench()
-    for beat in range(500):
-        bench.clock.t_ns += 100 * MS
-        bench.bay._step(Tick())
-        bench.bay.on_write(PlcWrite(WHO, beat, 0, 0))
-    about_the_plc = [one for one in bench.reported() if one[0] is not EventKind.SENSOR_FAULT]
-    assert about_the_plc == [(EventKind.PLC_RETURNED, "plc_heartbeat is 0")]
-    assert bench.hub.state("bay1").plc.writes == 500
-    for _ in range(11):
-        bench.clock.t_ns += 100 * MS
-        bench.bay._step(Tick())
-    bench.see(900.0)
-    lost = bench.reported()
-    assert (EventKind.PLC_LOST, "plc_heartbeat stopped at 499") in lost
-    assert bench.hub.state("bay1").reason is Reason.PLC_LOST
-    bench.bay._step(Tick())
-    bench.bay.on_write(PlcWrite(WHO, 1))
-    assert (EventKind.PLC_RETURNED, "plc_heartbeat is 1") in bench.reported()
 
 
 def test_a_chattering_plc_can_not_flood() -> None:
@@ -171,19 +136,6 @@ def test_a_chattering_plc_does_not_hide_a_stop() -> None:
     assert EventKind.LATCH_RELEASED in kinds
 
 
-def test_what_became_of_the_plcs_wishes() -> None:
-    bench = Bench()
-    bench.see(900.0)
-    bench.bay.on_write(PlcWrite(WHO, 1, control=0, recipe=7))
-    assert (EventKind.WRITE_REFUSED, "recipe 7: stop_stands") in bench.reported()
-    bench.bay.on_write(PlcWrite(WHO, control=1 << Control.RESET))
-    assert (EventKind.LATCH_RELEASED, "reset by the PLC") in bench.reported()
-    bench.bay.on_write(PlcWrite(WHO, recipe=7))
-    assert bench.reported() == [(EventKind.RECIPE_CHANGED, "recipe 0 -> 7")]
-    bench.bay.on_write(PlcWrite(WHO, recipe=8))
-    assert (EventKind.WRITE_REFUSED, "recipe 8: unknown") in bench.reported()
-
-
 def test_a_technician_comes_and_goes() -> None:
     bench = Bench()
     bench.bay.check_function(FunctionCheck.MAY_MOVE_OFF)
@@ -226,7 +178,3 @@ def test_without_writes_nothing_changes(writes: bool) -> None:
     bay = BayControl(config.bays[0], hub := Hub(["bay1"]), HandClock(), (), config)
     bay.on_write(PlcWrite(WHO, 1, 2, 0))
     assert (hub.state("bay1").plc.writes, hub.state("bay1").plc.control) == ((1, 2) if writes else (0, 0))
-
-
-def test_events_carry_what_the_message_needs() -> None:
-    assert Event(EventKind.PLC_WRITE, "bay1", 0, Hub(["bay1"]).state("bay1"), writer=WHO).change is None

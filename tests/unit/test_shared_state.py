@@ -362,27 +362,6 @@ def test_one_bay_twice_in_one_process_is_refused() -> None:
         SharedStateWriter("line1", "bay1").__enter__()
 
 
-READERS = """
-print("ready", flush=True)
-while True:
-    attachable()
-    try:
-        with SharedStateReader("line1", "bay1") as reader:
-            reader.read()
-    except LinkError:
-        pass
-"""
-
-
-@pytest.mark.long
-@pytest.mark.one_interpreter
-def test_readers_never_keep_a_writer_out(own_folder: Path) -> None:
-    with other_process(own_folder, READERS), other_process(own_folder, READERS):
-        for _ in range(40):
-            with SharedStateWriter("line1", "bay1") as writer:
-                writer.write(numbered(1))
-
-
 @pytest.mark.parametrize("lock", [fcntl.LOCK_SH, fcntl.LOCK_EX])
 def test_a_moment_s_lock_of_another_does_not_keep_a_writer_out(lock: int) -> None:
     """A reader that checks (shared), or a starting gateway (exclusive), holds an abandoned file's lock briefly."""
