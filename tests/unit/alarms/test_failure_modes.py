@@ -152,14 +152,3 @@ def test_every_reason_for_a_stop_and_every_fault_of_the_simulator_is_in_a_row() 
     kinds = {one["kind"] for play in PLAYED.values() if not callable(play) for one in play}
     elsewhere = {"camera_stuck", "spout_down", "dust_cloud", "ranger_noise"}  # C3, M2, M1 and R7: by their own tests
     assert kinds | elsewhere == {kind.value for kind in FaultKind}
-
-
-def test_a_mark_is_found_in_modules_and_classes(tmp_path: Path) -> None:
-    (tmp_path / "test_x.py").write_text(
-        "@pytest.mark.failure_mode('A1', 'A2')\ndef test_a(): ...\n"
-        "class TestB:\n    @pytest.mark.failure_mode('A2')\n    async def test_b(self): ...\n"
-    )
-    assert marked_tests(tmp_path) == {
-        "A1": ["test_x.py::test_a"],
-        "A2": ["test_x.py::test_a", "test_x.py::TestB::test_b"],
-    }

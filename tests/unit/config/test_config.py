@@ -172,14 +172,6 @@ def _bays(section: str, count: int) -> str:
             "g.toml:2: fusion.period_s = nan: Input should be a finite number (allowed: >= 0.005, <= 1)",
         ),
         (
-            "[fusion]\nradius_threshold_px = inf",
-            "g.toml:2: fusion.radius_threshold_px = inf: Input should be a finite number (allowed: > 0, <= 20000)",
-        ),
-        (
-            "[fusion]\nradius_threshold_px = 0",
-            "g.toml:2: fusion.radius_threshold_px = 0: Input should be greater than 0 (allowed: > 0, <= 20000)",
-        ),
-        (
             "[fusion]\ncross_check = { focal_px = -1, marker_radius_mm = 90 }\n",
             "g.toml:2: fusion.cross_check.focal_px = -1: Input should be greater than 0 (allowed: > 0, <= 100000)",
         ),
@@ -208,10 +200,6 @@ def _bays(section: str, count: int) -> str:
         (
             '[modbus]\nport = "502"\n',
             'g.toml:2: modbus.port = "502": should be a number, without quotes (allowed: >= 0, <= 65535)',
-        ),
-        (
-            "[camera]\nfps = true\n",
-            "g.toml:2: camera.fps = true: should be a number, without quotes (allowed: >= 0.1, <= 1000)",
         ),
         ("[camera]\nurl = 0\n", "g.toml:2: camera.url = 0: Input should be a valid string"),
         (
@@ -280,11 +268,6 @@ def _bays(section: str, count: int) -> str:
             "[[bays]]\nname = 'a'\n\n[[bays]]\nname = 'b'\nunit_id = 2\nfan = 3\n",
             "g.toml:7: bays.1.fan = 3: unknown key (misspelt?); known here: " + ", ".join(BayConfig.model_fields),
         ),
-        (
-            "bays = [{ name = 'a' }, { name = 'b', unit_id = 2, fan = 3 }]\n",
-            "g.toml:1: bays.1.fan = 3: unknown key (misspelt?); known here: name, unit_id, camera,"
-            " vision, ranger, fusion, guidance, visit",
-        ),
         # Rules of our own, over one key and over several.
         (
             "[vision]\ngaussian_kernel_px = 4\n",
@@ -331,14 +314,6 @@ def _bays(section: str, count: int) -> str:
         (
             "[[bays]]\n[[bays]]\nname = 'b'\n",
             "g.toml:2: bays.1.unit_id: an earlier bay has the unit_id 1, too (allowed: >= 1, <= 247)",
-        ),
-        (
-            "[camera]\naffinity = []\n",
-            "g.toml:2: camera.affinity = []: Tuple should have at least 1 item after validation, not 0",
-        ),
-        (
-            "[vision]\naffinity = [0, -1]\n",
-            "g.toml:2: vision.affinity.1 = -1: Input should be greater than or equal to 0",
         ),
         # Where it was written: in a shared section (once for all bays), in a bay's own section, in an inline table.
         (

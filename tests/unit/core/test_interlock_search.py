@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from gateway.core.state import VisitPhase
-from tests.interlock_search import OUTPUTS_ONLY, TIMES, VALUES, complaints, key, root, search, spaces, taken, visits
+from tests.interlock_search import TIMES, complaints, root, search, spaces, taken, visits
 from tests.interlock_walks import ROUND, played, walk
 from tests.long import mostly_long
 from tests.planted_faults import PLANTED
@@ -137,12 +137,6 @@ def test_a_small_space_is_searched_to_its_end() -> None:
     assert found.left == 0
     assert found.faults == []
     assert not found.reached.keys() & {"may_move", "in_place", "held", "released", "moved"}
-
-
-def test_each_field_of_the_state_counts_or_is_listed_as_one_that_does_not() -> None:
-    assert not OUTPUTS_ONLY & {*VALUES, *TIMES}
-    node = root(SPACES["visit"])
-    assert key(SPACES["visit"], node) == key(SPACES["visit"], root(SPACES["visit"]))
 
 
 def test_each_time_of_the_state_has_the_age_beyond_which_nothing_distinguishes_it() -> None:
