@@ -1,24 +1,18 @@
 """The handshake as a PLC drives it over TLS: once with a real gateway and a broker, once with sensors in our hands."""
 
-import asyncio
 import os
-import struct
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from gateway.core.events import EventKind
-from gateway.core.plc import Control, RecipeVerdict, ResetVerdict, TriggerOutcome
-from gateway.core.state import GuidanceCode, Reason
+from gateway.core.plc import Control, ResetVerdict, TriggerOutcome
+from gateway.core.state import Reason
 from gateway.modbus.registers.handshake import HANDSHAKE_STATUS
 from tests.e2e.brokers import Mosquitto, Subscriber
 from tests.e2e.plc import Image, Plc
 from tests.e2e.processes import Gateway
-from tests.e2e.served_bay import ServedBay
 from tests.e2e.test_modbus_tls import context_of
-from tests.e2e.tls_plc import RefusedError, TlsPlc
+from tests.e2e.tls_plc import TlsPlc
 from tests.plant_certs import Plant
 
 STANDING = "seed = 7\nduration_s = 600\nstart = { distance_cm = 60 }\n"
@@ -109,86 +103,3 @@ def test_a_real_gateway(plant: Plant, tmp_path: Path) -> None:
         for kind in ("plc_returned", "latch_released", "plc_lost"):
             assert kind in kinds, kind
         assert len(kinds) < 40, "a heartbeat of 20 a second is no flood"
-
-
-def bay_of(plant: Plant) -> ServedBay:
-    return ServedBay(
-        {
-            "modbus": {
-                "writes": True,
-                "port": 0,
-                "tls": plant.config().model_dump(),
-                "handshake": {"heartbeat_deadline_s": 20.0, "trigger_timeout_s": 20.0},
-            },
-            "fusion": {
-                "decision": "plain",
-                "latch_stop": True,
-                "latch_leave_s": 0.0,
-                "vision_deadline_s": 5.0,
-                "range_deadline_s": 5.0,
-            },
-            "recipes": [{"id": 7, "name": "half way", "fusion": {"distance_threshold_mm": 150.0}}],
-        }
-    )
-
-
-def test_neither_reset_nor_recipe_ends_a_stop(plant: Plant) -> None:
-    bay = bay_of(plant)
-
-    def shift(port: int) -> None:
-        with TlsPlc(port, context_of(plant, "plc1")) as plc:
-
-            def pulse(which: Control, wanted: Callable[[Image], bool]) -> Image:
-                plc.control = 0
-                plc.wait_for(lambda image: image["plc_control"] == 0)
-                plc.control = 1 << which
-                return plc.wait_for(wanted)
-
-            pulse(Control.RESET, lambda image: image["may_move"] == 1)
-            assert plc.wait_for(lambda image: image["closing_speed"] == 0)["guidance"] == GuidanceCode.SLOW
-
-            bay.distance_mm = 250.0
-            plc.wait_for(lambda image: image["reason"] == Reason.TARGET_REACHED)
-            plc.recipe = 7
-            still = plc.wait_for(lambda image: image["recipe_verdict"] == RecipeVerdict.STOP_STANDS)
-            assert (still["stop"], still["recipe_active"]) == (1, 0)
-            still = pulse(Control.RESET, lambda image: image["reset_verdict"] == ResetVerdict.CAUSE_STANDS)
-            assert (still["stop"], still["may_move"]) == (1, 0)
-            plc.wait_for(lambda image: image["guidance"] == GuidanceCode.OK)
-
-            # One triggered measurement, acknowledged, and the next.
-            for number in (1, 2):
-                held = pulse(Control.TRIGGER, lambda image: bit(image, "results_valid"))
-                assert (held["acquisition_id"], held["result_id"]) == (number, number)
-                assert (held["result_outcome"], held["result_distance"]) == (TriggerOutcome.IN_PLACE, 250)
-                pulse(Control.RESULTS_ACK, lambda image: not bit(image, "results_valid"))
-            plc.control = 0
-            plc.wait_for(lambda image: bit(image, "trigger_ready"))
-
-            for pdu in (struct.pack(">BHH", 6, 4, 0), struct.pack(">BHHB2H", 16, 82, 2, 4, 0, 0)):
-                with pytest.raises(RefusedError) as refused:
-                    plc.ask(pdu)
-                assert refused.value.args == (2,)
-
-            bay.distance_mm = 900.0
-            plc.wait_for(lambda image: image["reason"] == Reason.STOP_LATCHED)
-            plc.wait_for(lambda image: image["d"] == 0)
-            pulse(Control.RESET, lambda image: image["may_move"] == 1)
-            plc.wait_for(lambda image: image["recipe_active"] == 7)
-            bay.distance_mm = 250.0
-            plc.wait_for(lambda image: image["distance"] == 250)
-            assert plc.wait_for(lambda image: image["d"] == 0)["stop"] == 0, "this recipe stops at 150 mm"
-            plc.control = 0
-
-    async def scene() -> None:
-        async with bay.open() as listening:
-            assert listening.tls is not None
-            await asyncio.get_running_loop().run_in_executor(None, shift, listening.tls)
-
-    asyncio.run(scene())
-    told: list[Any] = [(event.kind, event.detail) for event in bay.events.drain()]
-    who = "127.0.0.1 (plc1, role operator)"
-    assert (EventKind.WRITE_REFUSED, f"{who}: register 4 is read only") in told
-    assert (EventKind.WRITE_REFUSED, f"{who}: register 83 is read only") in told
-    assert (EventKind.PLC_WRITE, f"{who}: recipe_select 0 -> 7") in told
-    assert (EventKind.RECIPE_CHANGED, "recipe 0 -> 7") in told

@@ -1,14 +1,11 @@
 """SIGHUP: the configuration file of a gateway that runs is read again."""
 
-import http.client
-import json
 import signal
 import socket
 import threading
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
-from urllib.parse import urlsplit
 
 import pytest
 
@@ -16,7 +13,7 @@ from gateway.core.state import Reason
 from tests.e2e.plc import Plc
 from tests.e2e.processes import Gateway, command
 from tests.e2e.sim_ranger import Ranger
-from tests.e2e.test_run import config_file, port_of, ranger, started, video
+from tests.e2e.test_run import config_file, pages_of, port_of, ranger, video
 
 __all__ = ["ranger", "video"]  # fixtures
 
@@ -31,14 +28,9 @@ def until(fact: Callable[[], bool], seconds: float = 20.0) -> None:
 
 def alarms(gateway: Gateway) -> dict[str, str]:
     """Of the pages: kind and detail of those that are not normal, nor suppressed by a function check."""
-    host = urlsplit(started(gateway).split("pages on ")[1].split(",")[0]).netloc
-    connection = http.client.HTTPConnection(host, timeout=30)
-    try:
-        connection.request("GET", "/api/alarms")
-        rows = json.loads(connection.getresponse().read())["alarms"]
-        return {row["kind"]: row["detail"] for row in rows if row["state"] != "suppressed"}
-    finally:
-        connection.close()
+    with pages_of(gateway) as pages:
+        rows = pages.get("/api/alarms")["alarms"]
+    return {row["kind"]: row["detail"] for row in rows if row["state"] != "suppressed"}
 
 
 def recorder(gateway: Gateway) -> int:

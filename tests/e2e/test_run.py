@@ -1,12 +1,9 @@
 """`gateway run` on a configuration file: a video file for a camera, a pty with real bytes for a ranger."""
 
-import http.client
 import json
 import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
-from urllib.parse import urlsplit
 
 import cv2
 import pytest
@@ -19,6 +16,7 @@ from gateway.sim.ranger_board import RangerFault
 from gateway.sim.render import Painter
 from gateway.sim.world import World
 from tests.e2e.conftest import Cli
+from tests.e2e.page_client import PageClient
 from tests.e2e.plc import Plc
 from tests.e2e.processes import Gateway
 from tests.e2e.sim_ranger import Ranger
@@ -129,25 +127,14 @@ def port_of(gateway: Gateway) -> int:
     return int(started(gateway).split("127.0.0.1:")[1].split(",")[0])
 
 
-def check_function(gateway: Gateway, mode: str) -> dict[str, Any]:
+def pages_of(gateway: Gateway) -> PageClient:
+    return PageClient(started(gateway).split("pages on ")[1].split(",")[0])
+
+
+def check_function(gateway: Gateway, mode: str) -> None:
     """As the technician's page does it."""
-    host = urlsplit(started(gateway).split("pages on ")[1].split(",")[0]).netloc
-    connection = http.client.HTTPConnection(host, timeout=30)
-    try:
-        connection.request("GET", "/api/session")
-        session = json.loads(connection.getresponse().read())
-        headers = {
-            "Content-Type": "application/json",
-            "Origin": f"http://{host}",
-            "X-CSRF-Token": session["csrf"],
-        }
-        connection.request("POST", "/api/bays/bay1/function-check", json.dumps({"mode": mode}), headers)
-        response = connection.getresponse()
-        said: dict[str, Any] = json.loads(response.read())
-        assert response.status == 200, said
-        return said
-    finally:
-        connection.close()
+    with pages_of(gateway) as pages:
+        pages.post("/api/bays/bay1/function-check", {"mode": mode})
 
 
 def kept_in(path: Path) -> str:
@@ -183,29 +170,6 @@ def test_a_function_check_survives_a_gateway_that_is_killed(tmp_path: Path, vide
     assert kept_in(kept) == "OFF"
 
 
-@pytest.mark.failure_mode("G5")
-def test_a_damaged_bay_file_is_a_function_check(tmp_path: Path, video: Path, ranger: Ranger) -> None:
-    kept = tmp_path / "state" / f"bay.test.{tmp_path.name}.bay1.json"
-    kept.parent.mkdir()
-    kept.write_bytes(b"")  # what a power cut leaves of a file that was never synced
-    with Gateway("run", str(config_file(tmp_path, video, ranger.port))) as gateway, Plc(port_of(gateway)) as plc:
-        plc.wait_for(lambda image: image["stop"] == 0)
-        threading.Event().wait(0.5)
-        assert {(poll.image["may_move"], poll.image["ne107"]) for poll in plc.polls if poll.image["stop"] == 0} == {
-            (0, Ne107.FUNCTION_CHECK)
-        }
-        assert gateway.end() == 0
-    assert "the bay starts with a function check" in gateway.stderr
-    assert kept_in(kept) == "MAY_MOVE_OFF"
-
-
-@pytest.mark.parametrize("name", ["gateway.toml", "four-bays.toml", "simulate.toml"])
-def test_every_shipped_configuration_is_good(name: str, cli: Cli) -> None:
-    done = cli("check", str(Path(__file__).parents[2] / "config" / name))
-    assert (done.code, done.err) == (0, "")
-    assert "good" in done.out
-
-
 @pytest.mark.failure_mode("G9")
 def test_a_wrong_configuration_names_file_line_key_value_and_range(tmp_path: Path, cli: Cli) -> None:
     path = tmp_path / "bay.toml"
@@ -215,36 +179,6 @@ def test_a_wrong_configuration_names_file_line_key_value_and_range(tmp_path: Pat
     lines = done.err.splitlines()
     assert any(line.startswith(f"{path}:3: vision.min_circularity = 1.5: ") and "<= 1" in line for line in lines)
     assert any(line.startswith(f"{path}:4: vision.morf_kernel_px = 3: unknown key") for line in lines)
-
-
-def test_two_bays_on_one_sensor_and_two_servers_on_one_port_are_faults(tmp_path: Path, cli: Cli) -> None:
-    path = tmp_path / "bay.toml"
-    path.write_text("""[camera]
-url = "rtsp://camera/stream"
-[hmi]
-enabled = true
-port = 502
-[[bays]]
-name = "a"
-ranger.port = "/dev/ttyACM0"
-[[bays]]
-name = "b"
-unit_id = 2
-ranger.port = "/dev/ttyACM0"
-[[bays]]
-name = "c"
-unit_id = 3
-camera.url = "rtsp://camera/other"
-ranger.port = "/dev/ttyACM1"
-""")
-    done = cli("check", str(path))
-    assert done.code == 2
-    needs = "is that of bay 'a', too: each bay needs its own"
-    assert done.err.splitlines() == [
-        f"{path}:10: bays.1.name: its camera.url, rtsp://camera/stream, {needs}",
-        f"{path}:10: bays.1.name: its ranger.port, /dev/ttyACM0, {needs}",
-        f"{path}:5: hmi.port: the port of [modbus], too: the pages need their own",
-    ]
 
 
 def test_every_bad_address_is_told_with_its_line(tmp_path: Path, cli: Cli) -> None:

@@ -13,7 +13,7 @@ import pytest
 
 from gateway.core.readings import Quality
 from gateway.core.state import Reason
-from gateway.modbus.registers.register_map import BLOCK_WORDS, REGISTERS
+from gateway.modbus.registers.register_map import REGISTERS
 from gateway.shared_state import folder
 from tests.e2e.brokers import Mosquitto, Subscriber
 from tests.e2e.conftest import Cli
@@ -339,10 +339,6 @@ def test_trials_reproduce_table_ii(method: str) -> None:
         assert [trial["expected"] for trial in sorted(table["trials"], key=lambda trial: trial["actual_mm"])] == [
             True, False, False,
         ]  # fmt: skip
-
-
-def test_the_block_fits_one_request() -> None:
-    assert BLOCK_WORDS <= 125
 
 
 @pytest.mark.parametrize(

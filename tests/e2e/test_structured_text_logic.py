@@ -39,7 +39,7 @@ from tests.long import mostly_long
 from tests.node_function import run_function
 from tests.permitted import permitted, standing
 from tests.plc_images import ADDRESS, BAY, answered, block_of, doubtful, torn, words
-from tests.structured_text import Instance, Program, RefusedError, parse
+from tests.structured_text import Instance, Program, parse
 
 pytestmark = [pytest.mark.xdist_group("structured text"), pytest.mark.timeout(300)]  # the parser takes its time
 
@@ -779,20 +779,3 @@ def test_a_result_that_is_gone_is_not_ready(scan: Scan) -> None:
         plc.see(TriggerPhase.VALID, number=1)
     assert scan.block["ResultReady"]
     assert plc.see() == (0, False, False, True)
-
-
-@pytest.mark.parametrize(
-    "line",
-    ["Enable := 1;", "Reason := Words[0];", "Reason := 70000;", "Enable := Words[100] = 0;", "Enable := Nowhere;",
-     "Reason := WORD_TO_UINT(Words[0]) + LG_UDInt(High := Words[0], Low := Words[1]);", "Enable := Seen = Beating;"],
-)  # fmt: skip
-def test_the_runner_of_these_tests_refuses_what_the_standard_refuses(line: str) -> None:
-    source = f"""TYPE LG_Block : ARRAY [0..99] OF WORD; END_TYPE
-FUNCTION LG_UDInt : UDINT VAR_INPUT High : WORD; Low : WORD; END_VAR LG_UDInt := 0; END_FUNCTION
-FUNCTION_BLOCK F
-VAR_INPUT Words : LG_Block; END_VAR
-VAR Enable : BOOL; Reason : UINT; Seen : BOOL; Beating : BOOL; END_VAR
-{line}
-END_FUNCTION_BLOCK"""
-    with pytest.raises(RefusedError):
-        Program(source).instance("F").call(0)

@@ -69,34 +69,6 @@ async def test_whoever_is_none_of_plc_addresses_reads_and_does_not_write() -> No
 
 
 @on_gateway_loop
-@pytest.mark.failure_mode("P5")
-async def test_of_two_masters_the_second_is_refused_and_the_registers_say_so() -> None:
-    bay = bay_with(heartbeat_deadline_s=20.0, enable_required=True)
-
-    async with (
-        bay.open() as listening,
-        client(listening.first, PLC) as first,
-        client(listening.first, SECOND) as second,
-    ):
-        assert not (await first.write_registers(80, [1, 1, 0])).isError()
-        await until(lambda: _has(first, "may_move", 1))
-        flips = 0
-        for beat in range(40):
-            tries = [
-                await second.write_registers(80, [100 + beat, 0, 0]),
-                await second.write_coil(CONTROL + Control.ENABLE, False),
-                await second.mask_write_register(address=81, and_mask=0xFFFE, or_mask=0),
-            ]
-            assert [told.exception_code for told in tries] == [BUSY] * 3
-            flips += (await image(second))["may_move"] != 1
-            assert not (await first.write_registers(80, [2 + beat, 1])).isError()
-        assert flips == 0
-        seen = await image(second)
-        assert (seen["write_conflicts"], seen["plc_control"], seen["plc_heartbeat"]) == (120, 1, 41)
-    assert f"{SECOND}: {PLC} owns the handshake block until its heartbeat is lost" in bay.refused()
-
-
-@on_gateway_loop
 @pytest.mark.failure_mode("P13")
 async def test_of_two_programs_of_one_plc_the_second_is_refused_until_the_first_has_disconnected() -> None:
     bay = bay_with(heartbeat_deadline_s=20.0)
@@ -116,7 +88,3 @@ async def test_of_two_programs_of_one_plc_the_second_is_refused_until_the_first_
         assert (await image(first))["plc_heartbeat"] == 501
     why = "its heartbeat arrives on connection 2 already; two of its programs write to this bay"
     assert f"{PLC}, connection 1: {why}" in bay.refused()
-
-
-async def _has(asked: AsyncModbusTcpClient, register: str, value: float) -> bool:
-    return bool((await image(asked))[register] == value)
