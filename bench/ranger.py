@@ -1,4 +1,4 @@
-"""The figures of bench/reports/ranger.md: python -m tests.firmware.measure
+"""The figures of bench/reports/ranger.md: python -m bench.ranger
 
 Error against the truth in virtual time, damage over ten thousand lines in the bench's own wire, and the latency from
 trigger to register of a real `gateway simulate --ranger firmware` polled over Modbus. Takes three minutes, best on an
