@@ -29,6 +29,7 @@ from gateway.sinks.mqtt.messages import (
 from gateway.sinks.mqtt.topics import Gateway
 from gateway.sinks.mqtt.values import LAST_MS, iso
 from gateway.sinks.mqtt.visit_payload import visit_payload
+from gateway.sinks.outbox.outbox import OutboxEntry
 from gateway.values.bay_values import BAY_VALUES
 from gateway.values.models import Filler
 
@@ -70,6 +71,13 @@ def event_payload(event: Event, number: int, gateway: Gateway, offset_ns: int) -
         visit=None if event.summary is None else visit_payload(event.summary),
         detail=text(event.detail),
     )
+
+
+def outbox_entry(event: Event, number: int, gateway: Gateway, offset_ns: int) -> OutboxEntry:
+    """The event as it waits for its acknowledgement; see `event_payload`."""
+    payload = event_payload(event, number, gateway, offset_ns)
+    drop_last = event.kind in DROPPED_LAST
+    return OutboxEntry(payload.id, gateway.topics.event(event.bay), encode(payload), drop_last, payload.timestamp_ms)
 
 
 def status_payload(

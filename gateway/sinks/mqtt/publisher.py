@@ -33,7 +33,7 @@ from gateway.sinks.mqtt.topic_plan import ALARMS, PLAN, STATE
 from gateway.sinks.mqtt.topics import Gateway, MqttMessage, Topics
 from gateway.sinks.mqtt.value_topics import ValueTopics
 from gateway.sinks.outbox.durable import limits, opened_outbox
-from gateway.sinks.outbox.outbox import Outbox, OutboxEntry
+from gateway.sinks.outbox.outbox import Outbox
 
 log = logging.getLogger(__name__)
 
@@ -335,10 +335,7 @@ class MqttPublisher:
 
     def _queue_event(self, event: Event) -> None:
         self._numbered += 1
-        payload = payloads.event_payload(event, self._numbered, self._gateway, self._offset_ns())
-        topic = self._topics.event(event.bay)
-        drop_last = event.kind in payloads.DROPPED_LAST
-        self._events.put(OutboxEntry(payload.id, topic, payloads.encode(payload), drop_last, payload.timestamp_ms))
+        self._events.put(payloads.outbox_entry(event, self._numbered, self._gateway, self._offset_ns()))
 
     def _shown(self, bay: str) -> StateVector:
         return self._hub.shown(bay, self._clock.now_ns())

@@ -10,7 +10,7 @@ import asyncio
 import contextlib
 import logging
 from collections.abc import AsyncIterator, Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 from gateway import __version__
@@ -160,11 +160,8 @@ class PostgresqlSink:
 
     def _queue_event(self, event: Event) -> None:
         self._numbered += 1
-        payload = payloads.event_payload(event, self._numbered, self._gateway, self._offset_ns())
-        drop_last = event.kind in payloads.DROPPED_LAST
-        topic = self._gateway.topics.event(event.bay)
-        document = storable(payloads.encode(payload))
-        self._outbox.put(OutboxEntry(payload.id, topic, document, drop_last, payload.timestamp_ms))
+        entry = payloads.outbox_entry(event, self._numbered, self._gateway, self._offset_ns())
+        self._outbox.put(replace(entry, payload=storable(entry.payload)))
         self._event_queued.set()
 
     async def _write_events(self, database: Database) -> bool:
