@@ -2,10 +2,11 @@
 
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from gateway.vision.offline.calibration.boards import LEAST_MM, LEAST_POINTS, MOST_MM, MOST_POINTS, CalibrationBoardKind
 from gateway.vision.offline.calibration.selection import Missing, ViewVerdict
+from gateway.web.tuning.request_models import Body
 
 BoardKind = Literal["checkerboard", "circles", "asymmetric-circles"]
 assert set(CalibrationBoardKind) == set(BoardKind.__args__)  # type: ignore[attr-defined]
@@ -35,11 +36,7 @@ def _meanings(texts: dict[Any, str]) -> str:
     return "; ".join(f"`{code}`: {text}" for code, text in texts.items())
 
 
-class Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
-
-
-class BeginBody(Model):
+class BeginBody(Body):
     """Begin to calibrate a bay's camera with this board; its former views are lost."""
 
     kind: BoardKind = "checkerboard"
@@ -51,7 +48,7 @@ class BeginBody(Model):
     distortion: Literal["auto", "0", "4", "5", "8"] = Field("auto", description="coefficients")
 
 
-class LookBody(Model):
+class LookBody(Body):
     """Look at the live picture once."""
 
     after: int = Field(0, ge=0, description="number of the newest look that is known")
@@ -59,7 +56,7 @@ class LookBody(Model):
     take: bool = Field(False, description="take this view even if the board is not still, or it is like another one")
 
 
-class LookView(Model):
+class LookView(Body):
     """What was seen in one frame, and whether a view of it was taken."""
 
     number: int = Field(description="its picture is at look/{number}/picture for a moment")
@@ -77,7 +74,7 @@ class LookView(Model):
     revision: int = Field(description="of the session's views")
 
 
-class ViewRow(Model):
+class ViewRow(Body):
     """A view that was taken."""
 
     number: int
@@ -89,7 +86,7 @@ class ViewRow(Model):
     bottom_deg: float = Field(description="positive: the lower edge is farther away")
 
 
-class CalibrationView(Model):
+class CalibrationView(Body):
     """The calibration that is under way for a bay."""
 
     phase: Literal["none", "running"]
@@ -99,7 +96,7 @@ class CalibrationView(Model):
     width_px: int = 0
     height_px: int = 0
     revision: int = 0
-    views: list[ViewRow] = []
+    views: list[ViewRow] = Field([])
     coverage: list[list[int]] = Field([], description="rows of cells of the picture: points seen in each")
     covered: float = Field(0.0, description="share of the cells in which a point was seen")
     distances: float = Field(1.0, description="ratio of the largest to the smallest board in the picture")
@@ -108,7 +105,7 @@ class CalibrationView(Model):
     most: int = Field(0, description="so many views are kept")
 
 
-class Parameter(Model):
+class Parameter(Body):
     """One number of the lens."""
 
     name: str = Field(description="fx, fy, cx, cy, k1, ...")
@@ -116,7 +113,7 @@ class Parameter(Model):
     sigma: float = Field(description="one standard deviation")
 
 
-class FittedView(Model):
+class FittedView(Body):
     """What the result makes of a view."""
 
     name: str
@@ -127,16 +124,16 @@ class FittedView(Model):
     used: bool = Field(description="false: left out, it fits far worse than the others")
 
 
-class ResultView(Model):
+class ResultView(Body):
     """What follows from the views: as `gateway calibrate` has it."""
 
     why: str = Field(description="why there is no result yet; empty: there is one")
     revision: int = Field(description="of the session's views")
-    parameters: list[Parameter] = []
+    parameters: list[Parameter] = Field([])
     rms_px: float | None = None
     views: list[FittedView] = Field([], description="in the order in which they were taken, those left out last")
     worst: str | None = Field(None, description="name of the view that fits worst of those used")
-    warnings: list[str] = []
+    warnings: list[str] = Field([])
     toml: str = ""
     command: str = Field("", description="that gives the same from the pictures of views.zip")
     changes: list[dict[str, Any]] = Field([], description="as /api/setup/preview takes them")

@@ -3,10 +3,10 @@
 import json
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BeforeValidator, ConfigDict, Field
 
 from gateway.web.profile.settings_edit import MAX_CHANGES, MAX_DEPTH
-from gateway.web.tuning.request_models import Accepted
+from gateway.web.tuning.request_models import Accepted, Body
 
 KeyPath = Annotated[
     list[Annotated[str, Field(min_length=1, max_length=200)]], Field(min_length=1, max_length=MAX_DEPTH)
@@ -16,17 +16,13 @@ KeyPath = Annotated[
 Parsed = BeforeValidator(json.loads)
 
 
-class Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
-
-
-class AnswerModel(Model):
+class AnswerModel(Body):
     """Its fields are read from the record that it shows."""
 
     model_config = ConfigDict(strict=False, from_attributes=True)
 
 
-class SettingChangeBody(Model):
+class SettingChangeBody(Body):
     """One change of the file."""
 
     path: KeyPath = Field(
@@ -36,7 +32,7 @@ class SettingChangeBody(Model):
     value: Any = Field(None, description="null: removed, so that the default holds, or what is set for every bay")
 
 
-class ChangesBody(Model):
+class ChangesBody(Body):
     """Changes of the file of this digest."""
 
     digest: str = Field(pattern=r"^[0-9a-f]{64}$", description="of the file as it was read")
@@ -47,10 +43,10 @@ class ChangesBody(Model):
 class SaveChangesBody(ChangesBody):
     """The changes go into the file."""
 
-    accepted: Accepted = []
+    accepted: Accepted = Field([])
 
 
-class RestartBody(Model):
+class RestartBody(Body):
     """Ends the gateway and starts it again."""
 
     confirmed: bool = Field(False, description="stop is shown on all bays until it has started again")

@@ -20,6 +20,8 @@ Vision = Annotated[dict[str, Any], Field(max_length=64)]
 
 
 class Body(BaseModel):
+    """Of a technician's request: nothing more than is described, and of no other type."""
+
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 

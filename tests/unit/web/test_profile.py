@@ -6,8 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from gateway.config import VisionConfig, parse
 from gateway.errors import ConfigError
@@ -197,20 +195,6 @@ def test_a_line_that_holds_the_change_and_a_password_shows_the_change() -> None:
     assert "coast_s = 0.125" in new
     assert "rtsp://***@cam" in new
     assert "s3cr" not in new
-
-
-@given(st.sampled_from(["users", "hmi", "file"]), st.sampled_from(["'", '"', '"""', "'''"]), st.booleans())
-def test_no_way_of_quoting_shows_a_hash(where: str, quote: str, spaced: bool) -> None:
-    gap = " " if spaced else ""
-    user = f"{{{gap}'name'{gap}={gap}{quote}anna{quote},{gap}'password_hash'{gap}={gap}{quote}{HASH}{quote}{gap}}}"
-    text = {
-        "users": f"[hmi]\nusers{gap}={gap}[{user}]\n",
-        "hmi": f"hmi={{users=[{user}]}}\n",
-        "file": f"'hmi'.'users'={gap}[{gap}{user}{gap}]\n",
-    }[where]
-    shown = redacted(text, source="p")
-    assert [secret for secret in SECRETS if secret in shown] == []
-    assert "anna" in shown
 
 
 def test_what_the_schema_does_not_know_is_not_shown() -> None:
