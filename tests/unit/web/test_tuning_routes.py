@@ -320,19 +320,6 @@ async def test_undos_that_overlap_each_go_one_step_back() -> None:
 
 
 @in_virtual_time
-async def test_changes_that_overlap_can_each_be_gone_back_from() -> None:
-    async with bay() as page:
-        await page.post("function-check", mode="may_move_off")
-        async with TaskGroup() as group:
-            for coast_s in (0.5, 0.75):
-                group.create_task(page.post("profile/apply", vision={"coast_s": coast_s}))
-        first, second = (0.5, 0.75) if page.made.vision["bay1"].settings.coast_s == 0.75 else (0.75, 0.5)
-        assert page.made.vision["bay1"].settings.coast_s == second
-        steps = [(await page.post("profile/undo")).json["vision"]["coast_s"] for _ in range(2)]
-        assert steps == [first, 0.3]
-
-
-@in_virtual_time
 async def test_of_two_technicians_the_second_does_not_overwrite_what_the_first_applied() -> None:
     async with bay() as page:
         await page.post("function-check", mode="may_move_off")
