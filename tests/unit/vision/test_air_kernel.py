@@ -76,11 +76,3 @@ def test_levels_are_the_same_with_and_without_the_kernel(kernel: AirKernel, monk
             results.append(less_veil(levels)[0])
         assert (results[0] is levels[0]) == (results[1] is levels[0])
         assert np.array_equal(results[0].bgr, results[1].bgr)
-
-
-def test_a_kernel_that_always_sees_clear_air_is_not_used(
-    library: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    monkeypatch.setattr(AirKernel, "is_clear", lambda self, picture, every=1: True)
-    assert load(library) is None
-    assert "AirKernel does not agree" in caplog.text

@@ -1,21 +1,16 @@
 """The compiled loops over pixels, edges and cells give what the Python beside them gives."""
 
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
-from gateway.vision.compiled import build
 from gateway.vision.detect.robust import candidates
 from gateway.vision.detect.robust.candidates import (
     RADII,
     SHARES,
-    Blob,
     Peak,
-    agrees,
     blur_weights,
     gradients,
     load,
@@ -24,7 +19,7 @@ from gateway.vision.detect.robust.candidates import (
 from gateway.vision.detect.robust.kernel.candidate_kernel import CandidateKernel
 from gateway.vision.detect.robust.redness import Plane, PyramidLevel, redness
 from tests.examples import examples
-from tests.unit.vision.test_rim_kernel import Chance, shot
+from tests.unit.vision.kernel_examples import plane
 
 Planes = tuple[Plane, Plane, Plane, Plane]
 
@@ -38,18 +33,6 @@ def kernel(library: Path) -> CandidateKernel:
 
 def peaks(kernel: CandidateKernel, planes: Planes) -> list[Peak]:
     return kernel.votes(planes, RADII, blur_weights())
-
-
-def plane(chance: Chance) -> Plane:
-    """The redness of a disc in a picture; a few kinds of noise; few different values, so that many are equal."""
-    kind = chance.integers(0, 4)
-    if kind == 0:
-        return redness(shot(chance)[0])
-    shape = tuple(int(n) for n in chance.integers(1, 90, 2))
-    if kind == 1:
-        return chance.normal(0, 1, shape).astype(np.float32)
-    steps = chance.integers(0, 4, shape).astype(np.float32)
-    return steps if kind == 2 else np.asarray(cv2.blur(steps, (3, 3)), np.float32)
 
 
 @pytest.mark.long
@@ -124,61 +107,3 @@ def test_redness_of_windows_and_of_pictures_upside_down(
     apart = np.repeat(picture, 2, axis=1)[:, ::2]
     for other in (apart, picture.astype(np.float32)):
         assert np.array_equal(red_plane(PyramidLevel(other, 1)), redness(other))
-
-
-@pytest.mark.one_interpreter
-@pytest.mark.long
-def test_without_wide_registers_not_a_bit_differs(
-    kernel: CandidateKernel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("CC", "cc -DGATEWAY_NARROW")
-    assert build.build(tmp_path / "narrow.so") == ""
-    narrow = load(tmp_path / "narrow.so")
-    assert narrow is not None
-    chance = np.random.default_rng(3)
-    for _ in range(examples(60)):
-        red = plane(chance)
-        assert kernel.blobs(red, SHARES, 2, (0.0, 99.0)) == narrow.blobs(red, SHARES, 2, (0.0, 99.0))
-        if min(red.shape) >= 8:
-            assert peaks(kernel, gradients(red)) == peaks(narrow, gradients(red))
-
-
-def test_many_threads_do_not_disturb_each_other(kernel: CandidateKernel) -> None:
-    chance = np.random.default_rng(7)
-    planes = [gradients(np.asarray(cv2.GaussianBlur(redness(shot(chance)[0]), (5, 5), 1.0))) for _ in range(8)]
-    large = [some for some in planes if min(some[0].shape) >= 8] * 6
-    alone = [peaks(kernel, some) for some in large]
-    with ThreadPoolExecutor(4) as pool:
-        assert list(pool.map(lambda some: peaks(kernel, some), large)) == alone
-
-
-def test_seeds_without_a_library(tmp_path: Path, kernel: CandidateKernel, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert load(tmp_path / "none.so") is None
-    picture = np.full((48, 80, 3), (120, 125, 122), np.uint8)
-    cv2.circle(picture, (39, 23), 9, (40, 45, 190), -1)
-    level = PyramidLevel(picture, 2)
-    seeds = {}
-    for used in (kernel, None):
-        monkeypatch.setattr(candidates, "_kernel", lambda used=used: used)
-        seeds[used] = candidates.votes(level), candidates.blobs(level, (4.0, 200.0))
-    assert seeds[kernel] == seeds[None]
-    assert all(seeds[None])
-
-
-@pytest.mark.parametrize("wrong", ["redness", "votes", "blobs"])
-def test_a_kernel_that_is_wrong_is_not_used(
-    wrong: str, library: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    unchanged = getattr(CandidateKernel, wrong)
-
-    def less(self: CandidateKernel, *arguments: Any) -> Plane | list[Peak] | list[Blob]:
-        found: Plane | list[Peak] | list[Blob] = unchanged(self, *arguments)[:-1]
-        return found
-
-    monkeypatch.setattr(CandidateKernel, wrong, less)
-    assert load(library) is None
-    assert "CandidateKernel does not agree" in caplog.text
-
-
-def test_the_example_has_all_kinds_of_candidate(kernel: CandidateKernel) -> None:
-    assert agrees(kernel)

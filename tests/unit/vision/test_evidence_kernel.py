@@ -1,18 +1,13 @@
 """The compiled evidence gives what the Python beside it gives."""
 
-import ctypes
-import importlib
 import math
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from gateway.core.detection import Ellipse
-from gateway.vision.compiled import build
 from gateway.vision.detect.robust import measurement
 from gateway.vision.detect.robust.candidates import Seed
 from gateway.vision.detect.robust.evidence import Evidence, gather_plain, of_ellipses_plain
@@ -21,7 +16,7 @@ from gateway.vision.detect.robust.measurement import load, numbers
 from gateway.vision.detect.robust.redness import PyramidLevel, pyramid
 from gateway.vision.detect.robust.veil import Veil, unveiled
 from tests.examples import examples
-from tests.unit.vision.test_rim_kernel import Chance, seed_near, shot
+from tests.unit.vision.kernel_examples import Chance, seed_near, shot
 
 Found = list[Evidence | None]
 
@@ -129,62 +124,3 @@ def test_less_a_veil_and_other_kinds_of_picture_are_left_to_numpy(
         assert not possible([level, other])
         assert measurement.gather([other], seeds) == gather_plain([other], seeds)
         assert measurement.of_ellipses([other], rims) == of_ellipses_plain([other], rims)
-
-
-@pytest.mark.one_interpreter
-@pytest.mark.long
-def test_without_wide_registers_not_a_bit_differs(
-    kernel: EvidenceKernel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("CC", "cc -DGATEWAY_NARROW")
-    assert build.build(tmp_path / "narrow.so") == ""
-    narrow = load(tmp_path / "narrow.so")
-    assert narrow is not None
-    for levels, seeds, _ in cases(examples(100)):
-        assert kernel.gather(levels, seeds) == narrow.gather(levels, seeds)
-
-
-def test_many_threads_do_not_disturb_each_other(kernel: EvidenceKernel) -> None:
-    jobs = [(levels, seeds) for levels, seeds, _ in cases(12)] * 4
-    alone = [kernel.gather(*job) for job in jobs]
-    with ThreadPoolExecutor(4) as pool:
-        assert list(pool.map(lambda job: kernel.gather(*job), jobs)) == alone
-
-
-# -- a library that must not be used ----------------------------------------------------------------------------------
-
-
-def test_without_a_library_all_works(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert load(tmp_path / "none.so") is None
-    monkeypatch.setattr(measurement, "_kernel", lambda: None)
-    levels, seeds, rims = cases(1)[0]
-    assert measurement.gather(levels, seeds) == gather_plain(levels, seeds)
-    assert measurement.of_ellipses(levels, rims) == of_ellipses_plain(levels, rims)
-
-
-def test_a_kernel_that_is_wrong_in_one_share_is_not_used(
-    library: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    unchanged = EvidenceKernel.of_ellipses
-
-    def wrong(self: EvidenceKernel, *arguments: Any) -> Found:
-        found = unchanged(self, *arguments)
-        return [one and replace(one, leak=one.leak + 0.001) for one in found]
-
-    monkeypatch.setattr(EvidenceKernel, "of_ellipses", wrong)
-    assert load(library) is None
-    assert "EvidenceKernel does not agree" in caplog.text
-
-
-@pytest.mark.parametrize(
-    "table",
-    ["radial_sampling.COS", "radial_sampling.SIN", "redness.LOG", "evidence.WIDE", "evidence.CLOSE", "evidence.RINGS"],
-)
-def test_a_kernel_with_a_wrong_table_is_not_used(table: str, library: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    name = f"gateway.vision.detect.robust.{table}"
-    module, _, attribute = name.rpartition(".")
-    right = getattr(importlib.import_module(module), attribute)
-    with monkeypatch.context() as patch:
-        patch.setattr(name, right * np.float32(1.01))
-        kernel = EvidenceKernel(ctypes.CDLL(str(library)))
-    assert not measurement.agrees(kernel)

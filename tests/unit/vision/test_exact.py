@@ -10,7 +10,6 @@ import pytest
 
 from gateway.config import VisionConfig
 from gateway.core.detection import Detection
-from gateway.vision.compiled import build
 from gateway.vision.detect.paper import pipeline, stages
 from gateway.vision.detect.paper.exact import red
 from gateway.vision.detect.paper.exact.geometry import Box, Opening
@@ -213,29 +212,6 @@ def test_bounds_are_used_where_they_hold_for_every_colour(
         assert np.array_equal(sharp.mask(image, Box(0, 0, 256, 256)), plain), r
 
 
-@pytest.mark.long
-def test_without_wide_registers_all_is_the_same(
-    kernel: Kernel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("CC", "cc -DGATEWAY_NARROW")
-    assert build.build(tmp_path / "narrow.so") == ""
-    narrow = load(PAPER, tmp_path / "narrow.so")
-    assert narrow is not None
-    chance = np.random.default_rng(11)
-    reds = 0
-    for _ in range(60):
-        width, height = (int(n) for n in chance.integers(1, 300, 2))
-        noise = chance.integers(0, 256, (height, width, 3), np.uint8)
-        image = scene(chance, noise) if min(width, height) > 40 and chance.random() < 0.7 else noise
-        x0, y0 = int(chance.integers(0, width)), int(chance.integers(0, height))
-        window = Box(x0, y0, int(chance.integers(x0, width)) + 1, int(chance.integers(y0, height)) + 1)
-        cleaned = kernel.cleaned(image, window, 5)
-        assert np.array_equal(cleaned, narrow.cleaned(image, window, 5))
-        assert np.array_equal(kernel.mask(image, window), narrow.mask(image, window))
-        reds += int(np.count_nonzero(cleaned))
-    assert reds > 1000
-
-
 @pytest.mark.parametrize(
     ("change", "most"),
     [
@@ -299,40 +275,3 @@ def test_what_the_kernel_does_not_know_is_left_to_the_plain_pipeline(change: dic
     params = PAPER.model_copy(update=change)
     assert load(params, library) is None
     assert next(name for name, _ in detector(params, lambda: 0)(np.zeros((9, 9, 3), np.uint8)).stage_ns) == "gaussian"
-
-
-def test_no_library_a_stale_one_and_a_broken_one_are_not_used(
-    library: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    assert load(PAPER, tmp_path / "none.so") is None
-    assert not caplog.records
-    (tmp_path / "broken.so").write_bytes(b"\x7fELF but not much more")
-    assert load(PAPER, tmp_path / "broken.so") is None
-    assert "cannot be loaded" in caplog.text
-    monkeypatch.setattr("gateway.vision.compiled.library.source_sum", lambda: build.source_sum() ^ 1)
-    assert load(PAPER, library) is None
-    assert "another source" in caplog.text
-
-
-def test_a_library_that_is_wrong_in_one_bit_is_not_used(
-    library: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    unchanged = Kernel.mask
-
-    def wrong(self: Kernel, image: Image, window: Box) -> stages.Mask:
-        mask = unchanged(self, image, window)
-        mask[20, 30] ^= 255
-        return mask
-
-    monkeypatch.setattr(Kernel, "mask", wrong)
-    assert load(PAPER, library) is None
-    assert "does not agree" in caplog.text
-
-
-def test_a_compiler_that_is_missing_or_fails_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("CC", "false")
-    assert build.build(tmp_path / "kernel.so").startswith("false failed")
-    monkeypatch.setenv("CC", "")
-    monkeypatch.setenv("PATH", str(tmp_path))
-    assert "no C compiler" in build.build(tmp_path / "kernel.so")
-    assert list(tmp_path.iterdir()) == []
