@@ -1,4 +1,4 @@
-"""A disc in space, projected through a lens, and its centre and pose found again from the ellipse."""
+"""A disc in space, projected through a lens, and its centre found again from the ellipse."""
 
 import math
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from gateway.config import Intrinsics, VisionConfig
 from gateway.core.detection import Ellipse
 from gateway.vision.detect.robust.conic import from_matrix
 from gateway.vision.detect.robust.detect import detect
-from gateway.vision.detect.robust.perspective import DiscPose, disc_pose
+from gateway.vision.detect.robust.perspective import PossibleCentre, disc_centre, possible_centres
 from tests.examples import examples
 
 PINHOLE = Intrinsics(fx=1200, fy=1190, cx=960, cy=540)
@@ -72,13 +72,14 @@ def standing(x: float, y: float, z: float, tilt_deg: float, toward_deg: float) -
     return Disc(np.array([x, y, z]), normal)
 
 
-def pose(disc: Disc, lens: Intrinsics, facing: NDArray[np.float64] | None = None) -> DiscPose:
-    ellipse = disc.ellipse(lens)
-    if facing is None:
-        found = disc_pose(ellipse, lens, RADIUS_MM)
-    else:
-        x, y, z = (float(value) for value in facing)
-        found = disc_pose(ellipse, lens, RADIUS_MM, facing=(x, y, z), usual_tilt_rad=0.02, usually=1.0)
+def centres(disc: Disc, lens: Intrinsics) -> tuple[PossibleCentre, PossibleCentre]:
+    found = possible_centres(disc.ellipse(lens), lens)
+    assert found is not None
+    return found
+
+
+def weighted(disc: Disc, lens: Intrinsics) -> tuple[float, float]:
+    found = disc_centre(disc.ellipse(lens), lens)
     assert found is not None
     return found
 
@@ -92,21 +93,18 @@ def pose(disc: Disc, lens: Intrinsics, facing: NDArray[np.float64] | None = None
     st.floats(0, 360),
     st.sampled_from([PINHOLE, BARREL]),
 )
-def test_one_of_the_two_poses_is_the_true_one(
+def test_one_of_the_two_centres_is_the_true_one(
     right: float, down: float, z: float, tilt_deg: float, toward_deg: float, lens: Intrinsics
 ) -> None:
     disc = standing(right * z, down * z, z, tilt_deg, toward_deg)
-    poses = pose(disc, lens).poses
-    best = min(poses, key=lambda p: math.dist(p.normal, disc.normal))
+    u, v = disc.own_centre(lens)
+    best = min(centres(disc, lens), key=lambda found: math.hypot(found.u_px - u, found.v_px - v))
     # A barrel makes the rim a little other than an ellipse: 0.01 px and a hundredth of a degree for these sizes.
     loose = bool(lens.distortion)
-    u, v = disc.own_centre(lens)
     assert math.hypot(best.u_px - u, best.v_px - v) < (0.02 if loose else 1e-4)
     sight = float(np.dot(-disc.normal, disc.centre) / np.linalg.norm(disc.centre))
     assume(sight < math.cos(math.radians(3)))  # straight on, the tilt's direction says nothing
-    assert math.dist(best.normal, disc.normal) < (0.01 if loose else 1e-4)
-    assert best.centre_mm is not None
-    assert math.dist(best.centre_mm, disc.centre) < (1e-3 if loose else 1e-5) * z
+    assert best.off_rad == pytest.approx(math.radians(tilt_deg), abs=0.01 if loose else 1e-4)
 
 
 def test_the_ellipse_s_centre_is_not_the_disc_s() -> None:
@@ -116,30 +114,20 @@ def test_the_ellipse_s_centre_is_not_the_disc_s() -> None:
     assert ellipse.semi_major_px == pytest.approx(100, abs=1)
     off = math.hypot(ellipse.u_px - u, ellipse.v_px - v)
     assert off == pytest.approx(100**2 / 1200 * math.sin(math.radians(30)) * math.cos(math.radians(30)), rel=0.05)
-    known = pose(disc, PINHOLE, disc.normal)
-    assert math.hypot(known.u_px - u, known.v_px - v) < 1e-3
-    assert known.chance > 0.999
-    assert known.spread_px < 0.01
-
-
-def test_the_other_pose_leans_as_far_to_the_other_side() -> None:
-    disc = standing(0.0, 0.0, 900.0, 20.0, 90.0)
-    one, other = pose(disc, PINHOLE).poses
-    assert one.normal[1] * other.normal[1] < 0
-    assert one.normal[0] == pytest.approx(0, abs=1e-6)
-    assert one.tilt_rad == pytest.approx(other.tilt_rad, rel=0.1)
+    assert min(math.hypot(one.u_px - u, one.v_px - v) for one in centres(disc, PINHOLE)) < 1e-3
 
 
 def test_a_disc_parallel_to_the_image_plane_needs_no_correction_and_gets_little() -> None:
     """Its image is a circle round its own centre; the other pose leans by twice the angle it is off the axis."""
     disc = standing(250.0, 120.0, 900.0, 0.0, 0.0)
-    found = pose(disc, Intrinsics(fx=1200, fy=1200, cx=960, cy=540))
-    assert found.poses[0].off_rad < 1e-3
-    assert found.poses[1].off_rad == pytest.approx(2 * math.atan(math.hypot(250, 120) / 900), rel=0.02)
-    u, v = disc.own_centre(Intrinsics(fx=1200, fy=1200, cx=960, cy=540))
-    wrong = found.poses[1]
-    assert math.hypot(found.u_px - u, found.v_px - v) < 0.1 * math.hypot(wrong.u_px - u, wrong.v_px - v)
-    assert math.hypot(found.u_px - u, found.v_px - v) < 0.4
+    lens = Intrinsics(fx=1200, fy=1200, cx=960, cy=540)
+    right, wrong = centres(disc, lens)
+    assert right.off_rad < 1e-3
+    assert wrong.off_rad == pytest.approx(2 * math.atan(math.hypot(250, 120) / 900), rel=0.02)
+    (u, v), found = disc.own_centre(lens), weighted(disc, lens)
+    off_px = math.dist(found, (u, v))
+    assert off_px < 0.1 * math.hypot(wrong.u_px - u, wrong.v_px - v)
+    assert off_px < 0.4
 
 
 @pytest.mark.one_interpreter
@@ -152,35 +140,20 @@ def test_the_weighted_centre_is_no_worse_than_the_ellipse_s_in_95_of_100_cases(r
         z = float(chance.uniform(700, 1600))
         right, down = chance.uniform(-0.25, 0.25) * z, chance.uniform(-0.15, 0.15) * z
         disc = standing(right, down, z, float(chance.uniform(*range_deg)), float(chance.uniform(0, 360)))
-        ellipse, (u, v), found = disc.ellipse(lens), disc.own_centre(lens), pose(disc, lens)
+        ellipse, (u, v), found = disc.ellipse(lens), disc.own_centre(lens), weighted(disc, lens)
         before.append(math.hypot(ellipse.u_px - u, ellipse.v_px - v))
-        after.append(math.hypot(found.u_px - u, found.v_px - v))
+        after.append(math.dist(found, (u, v)))
     assert np.percentile(after, 95) <= np.percentile(before, 95)
     assert np.median(after) < np.median(before)
 
 
-def test_poses_that_cannot_be_distinguished_are_reported_as_spread() -> None:
-    """On the axis both sides are as likely but for a trifle: the mean, and half the distance as its uncertainty."""
-    found = pose(standing(0.0, 0.0, 2000.0, 20.0, 0.0), PINHOLE)
-    one, other = found.poses
-    apart = math.hypot(one.u_px - other.u_px, one.v_px - other.v_px)
-    assert 0.5 <= found.chance < 0.75
-    assert found.spread_px == pytest.approx(math.sqrt(found.chance * (1 - found.chance)) * apart)
-    assert found.spread_px > 0.4 * apart
-
-
-def test_distance_needs_the_radius() -> None:
-    disc = standing(100.0, -50.0, 1500.0, 15.0, 40.0)
-    ellipse = disc.ellipse(PINHOLE)
-    without = disc_pose(ellipse, PINHOLE)
-    assert without is not None
-    assert without.distance_mm is None
-    assert without.poses[0].centre_mm is None
-    twice, once = disc_pose(ellipse, PINHOLE, 2 * RADIUS_MM), disc_pose(ellipse, PINHOLE, RADIUS_MM)
-    assert twice is not None
-    assert once is not None
-    assert once.distance_mm == pytest.approx(1500, rel=0.005)
-    assert twice.distance_mm == pytest.approx(2 * once.distance_mm)  # type: ignore[operator]
+def test_centres_that_cannot_be_distinguished_are_averaged() -> None:
+    """On the axis both sides are as likely but for a trifle."""
+    disc = standing(0.0, 0.0, 2000.0, 20.0, 0.0)
+    one, other = centres(disc, PINHOLE)
+    found, apart = weighted(disc, PINHOLE), math.hypot(one.u_px - other.u_px, one.v_px - other.v_px)
+    share = math.dist(found, (other.u_px, other.v_px)) / apart
+    assert 0.5 <= share < 0.75
 
 
 @pytest.mark.parametrize(
@@ -191,24 +164,23 @@ def test_distance_needs_the_radius() -> None:
         Ellipse(100.0, 100.0, math.inf, 10.0, 0.0),
     ],
 )
-def test_what_is_no_ellipse_has_no_pose(ellipse: Ellipse) -> None:
-    assert disc_pose(ellipse, PINHOLE) is None
-    assert disc_pose(ellipse, BARREL) is None
+def test_what_is_no_ellipse_has_no_centre(ellipse: Ellipse) -> None:
+    assert disc_centre(ellipse, PINHOLE) is None
+    assert disc_centre(ellipse, BARREL) is None
 
 
-def test_beyond_the_lens_model_s_range_there_is_no_pose() -> None:
+def test_beyond_the_lens_model_s_range_there_is_no_centre() -> None:
     """So strong a barrel folds the picture's edge over: no direction belongs to such pixels."""
     folded = Intrinsics(fx=500, fy=500, cx=320, cy=240, distortion=(-0.6, 0.0, 0.0, 0.0))
-    assert disc_pose(Ellipse(320.0, 240.0, 30.0, 28.0, 0.0), folded) is not None
-    assert disc_pose(Ellipse(900.0, 240.0, 30.0, 28.0, 0.0), folded) is None
+    assert disc_centre(Ellipse(320.0, 240.0, 30.0, 28.0, 0.0), folded) is not None
+    assert disc_centre(Ellipse(900.0, 240.0, 30.0, 28.0, 0.0), folded) is None
 
 
 @settings(max_examples=examples(60), deadline=None)
 @given(st.builds(Ellipse, *[st.one_of(st.floats(-100, 2500), st.floats())] * 5), st.sampled_from([PINHOLE, BARREL]))
 def test_no_ellipse_raises(ellipse: Ellipse, lens: Intrinsics) -> None:
-    found = disc_pose(ellipse, lens, RADIUS_MM)
-    if found is not None:
-        assert 0.5 <= found.chance <= 1
+    found = disc_centre(ellipse, lens)
+    assert found is None or all(map(math.isfinite, found))
 
 
 def test_the_detector_corrects_the_centre_where_the_lens_is_known() -> None:

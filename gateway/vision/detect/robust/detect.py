@@ -10,7 +10,7 @@ from gateway.vision.detect.method import NowNs
 from gateway.vision.detect.radii import WITHDRAWN, MarkerRadii
 from gateway.vision.detect.robust import proposer
 from gateway.vision.detect.robust.decision import Candidate, Limits, circle_of, confidence
-from gateway.vision.detect.robust.perspective import disc_pose
+from gateway.vision.detect.robust.perspective import disc_centre
 from gateway.vision.detect.robust.search import Rejected, search_expected, search_frame
 from gateway.vision.detect.stage_timer import StageTimer
 from gateway.vision.pixels import Pixels, check_picture, grey_levels
@@ -64,8 +64,8 @@ def detect(
         found = replace(found, wrong_size=next((r.circle for r in found.rejected if r.why == SIZE), None))
     if found.circle is not None and params.intrinsics is not None:
         # The image of a tilted disc's centre is not its ellipse's centre; the ellipse stays as seen.
-        pose = None if found.ellipse is None else disc_pose(found.ellipse, params.intrinsics)
-        circle = found.circle if pose is None else replace(found.circle, u_px=pose.u_px, v_px=pose.v_px)
+        centre = None if found.ellipse is None else disc_centre(found.ellipse, params.intrinsics)
+        circle = found.circle if centre is None else replace(found.circle, u_px=centre[0], v_px=centre[1])
         x_n, y_n = normalise(circle.u_px, circle.v_px, params.intrinsics) or (None, None)
         found = replace(found, circle=circle, x_n=x_n, y_n=y_n)
     timer.ended("normalise")

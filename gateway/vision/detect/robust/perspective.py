@@ -1,18 +1,17 @@
-"""Where a tilted disc's own centre lies in the picture, and the disc's pose in space. Pure.
+"""Where a tilted disc's own centre lies in the picture. Pure.
 
 A camera sees a disc as an ellipse, but the image of the disc's centre is not the ellipse's: the near half looks larger,
 so the true centre lies on the far side, by about R^2 / f sin(tilt) cos(tilt): 3.6 px for R = 100 px, f = 1200 px and 30
 degrees. The rays through the rim form a cone, and a circle of given size cuts that cone in two ways, tilted to one side
-of the line of sight or as far to the other; one view of a plain disc can't distinguish them. So both poses are
-returned, and the centre is their mean weighted by how likely each tilt is for a marker that is meant to be parallel to
-the image plane (or as `facing` specifies). `spread_px` is the remaining uncertainty.
+of the line of sight or as far to the other; one view of a plain disc can't distinguish them. So the centre is the mean
+of both, weighted by how likely each tilt is for a marker that is meant to be parallel to the image plane.
 
 Sources: two solutions of the cone: Forsyth et al. 1991, "Invariant descriptors for 3-D object recognition and pose";
 the centre as pole of the plane's vanishing line: Hartley and Zisserman, "Multiple view geometry", 2nd ed., ch. 8.
 """
 
-from dataclasses import dataclass
-from math import acos, exp, hypot, pi, radians, sqrt
+from math import acos, exp, pi, radians, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,13 +22,11 @@ from gateway.vision.detect.lens import camera_matrix, project, undistorted
 from gateway.vision.detect.robust.conic import from_ellipse, from_matrix, matrix, to_ellipse
 
 Floats = NDArray[np.float64]
-Vector = tuple[float, float, float]
 
 _POINTS = 64  # of the rim, where the lens distorts: undistorted they lie on a conic again
 _LARGEST_PX = 1e5  # beyond any picture
 _SMALLEST_PX = 1e-3  # far below what anything can measure, and where the numbers still hold
 _FLATTEST = 1e-3  # edge on: tilted by 89.9 degrees
-TOWARDS_CAMERA: Vector = (0.0, 0.0, -1.0)
 # How far a marker leans, one sigma each: some hang as they should, the rest lean any way. With the one Gaussian of 10
 # degrees the likelier pose got nearly all the weight, and the centre was farther off than the ellipse's own where that
 # was the wrong one. So weighted, its 95th percentile is no worse at any tilt than without a correction
@@ -38,45 +35,32 @@ USUAL_TILT_RAD, OTHER_TILT_RAD = radians(5), radians(25)
 USUALLY = 0.15  # chance of the former
 
 
-@dataclass(frozen=True, slots=True)
-class PossiblePose:
-    """One of the two poses a disc can have. Camera axes: x right, y down, z forward."""
+class PossibleCentre(NamedTuple):
+    """Of the disc, for one of the two poses it can have."""
 
-    normal: Vector  # unit, towards the camera's side
-    u_px: float  # image of the disc's own centre, lens distortion included
+    u_px: float  # lens distortion included
     v_px: float
-    tilt_rad: float  # between the normal and the line of sight to the centre
-    off_rad: float  # between the normal and what was expected
-    centre_mm: Vector | None  # where the true radius is known
+    off_rad: float  # between the disc's normal and the optical axis
 
 
-@dataclass(frozen=True, slots=True)
-class DiscPose:
-    """Both poses, the likelier first, and the centre that follows from them."""
+def disc_centre(ellipse: Ellipse, intrinsics: Intrinsics) -> tuple[float, float] | None:
+    """(u, v) px of the centre of the disc whose rim is seen as `ellipse` (in the picture as taken, distortion and all).
 
-    poses: tuple[PossiblePose, PossiblePose]
-    chance: float  # of the first being true, given the expected tilt: 0.5 to 1
-    u_px: float  # mean of both centres, weighted by their chances
-    v_px: float
-    spread_px: float  # standard deviation of the centre that results from not knowing which of the two it is
-    distance_mm: float | None  # of the centre from the camera along the optical axis, weighted likewise
-
-
-def disc_pose(
-    ellipse: Ellipse,
-    intrinsics: Intrinsics,
-    marker_radius_mm: float | None = None,
-    *,
-    facing: Vector = TOWARDS_CAMERA,
-    usual_tilt_rad: float = USUAL_TILT_RAD,
-    usually: float = USUALLY,
-) -> DiscPose | None:
-    """The pose of the disc whose rim is seen as `ellipse` (in the picture as taken, distortion and all).
-
-    `facing`: the disc's expected normal in camera axes (the mounting, or the last pose of a disc that is followed);
-    `usual_tilt_rad`: how far it is off that, one sigma, with the chance `usually`; otherwise OTHER_TILT_RAD. None where
-    the lens model has no inverse at the rim, or the ellipse is none.
+    None where the lens model has no inverse at the rim, or the ellipse is none.
     """
+    possible = possible_centres(ellipse, intrinsics)
+    if possible is None:
+        return None
+    first, second = possible
+    # The data fit both equally well.
+    one, other = (_likely(centre.off_rad) for centre in possible)
+    chance = one / (one + other) if one + other > 0 else 1.0
+    rest = 1 - chance
+    return chance * first.u_px + rest * second.u_px, chance * first.v_px + rest * second.v_px
+
+
+def possible_centres(ellipse: Ellipse, intrinsics: Intrinsics) -> tuple[PossibleCentre, PossibleCentre] | None:
+    """The likelier first; None as for `disc_centre`."""
     outline = from_ellipse(ellipse)
     if not outline.real or max(abs(outline.u), abs(outline.v), outline.major_px) > _LARGEST_PX:
         return None
@@ -86,34 +70,16 @@ def disc_pose(
     normals = None if cone is None else _normals(cone)
     if cone is None or normals is None:
         return None
-    poses = [_pose(cone, normal, intrinsics, marker_radius_mm, facing) for normal in normals]
-    first, second = poses
+    first, second = (_centre(cone, normal, intrinsics) for normal in normals)
     if first is None or second is None:
         return None
-    if second.off_rad < first.off_rad:
-        first, second = second, first
-    # The data fit both equally well.
-    one, other = (_likely(pose.off_rad, usual_tilt_rad, usually) for pose in (first, second))
-    chance = one / (one + other) if one + other > 0 else 1.0
-    rest = 1 - chance
-    apart = hypot(second.u_px - first.u_px, second.v_px - first.v_px)
-    distance = None
-    if first.centre_mm is not None and second.centre_mm is not None:
-        distance = chance * first.centre_mm[2] + rest * second.centre_mm[2]
-    return DiscPose(
-        poses=(first, second),
-        chance=chance,
-        u_px=chance * first.u_px + rest * second.u_px,
-        v_px=chance * first.v_px + rest * second.v_px,
-        spread_px=sqrt(chance * rest) * apart,
-        distance_mm=distance,
-    )
+    return (second, first) if second.off_rad < first.off_rad else (first, second)
 
 
-def _likely(off_rad: float, usual_rad: float, usually: float) -> float:
+def _likely(off_rad: float) -> float:
     """Density of the direction of a normal so far off the expected one, but for a constant."""
-    usual, other = (exp(-0.5 * (off_rad / sigma) ** 2) / sigma**2 for sigma in (usual_rad, OTHER_TILT_RAD))
-    return usually * usual + (1 - usually) * other
+    usual, other = (exp(-0.5 * (off_rad / sigma) ** 2) / sigma**2 for sigma in (USUAL_TILT_RAD, OTHER_TILT_RAD))
+    return USUALLY * usual + (1 - USUALLY) * other
 
 
 def _cone(ellipse: Ellipse, lens: Intrinsics) -> Floats | None:
@@ -165,35 +131,13 @@ def _normals(cone: Floats) -> tuple[Floats, Floats] | None:
     return upright + lean, upright - lean
 
 
-def _pose(
-    cone: Floats, normal: Floats, lens: Intrinsics, radius_mm: float | None, facing: Vector
-) -> PossiblePose | None:
-    middle = float(np.linalg.eigvalsh(cone)[1])
+def _centre(cone: Floats, normal: Floats, lens: Intrinsics) -> PossibleCentre | None:
     toward = np.linalg.solve(cone, normal)  # pole of the plane's vanishing line
-    level = float(normal @ toward)
-    if not level < 0:
+    if not float(normal @ toward) < 0:
         return None
     if toward[2] < 0:
         toward = -toward
     if not toward[2] > 0:
         return None
-    place = None
-    if radius_mm is not None:
-        x, y, z = (float(value) for value in toward * (radius_mm * sqrt(middle / -level)))
-        place = (x, y, z)
     u, v = (float(value) for value in project((toward / toward[2])[np.newaxis], lens)[0])
-    sight = np.asarray(-toward / np.linalg.norm(toward), np.float64)
-    expected = np.array(facing, np.float64) / hypot(*facing)
-    return PossiblePose(
-        normal=(float(normal[0]), float(normal[1]), float(normal[2])),
-        u_px=u,
-        v_px=v,
-        tilt_rad=_angle(normal, sight),
-        off_rad=_angle(normal, expected),
-        centre_mm=place,
-    )
-
-
-def _angle(one: Floats, other: Floats) -> float:
-    """Between unit vectors, rad."""
-    return acos(min(max(float(one @ other), -1.0), 1.0))
+    return PossibleCentre(u, v, acos(min(max(-float(normal[2]), -1.0), 1.0)))

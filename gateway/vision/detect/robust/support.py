@@ -21,8 +21,6 @@ class Fit(NamedTuple):
     outline: SupportEllipse
     weights: Floats  # (count,): the robust weight times the given one
     residuals_px: Floats  # (count,)
-    scale_px: float  # robust sigma of the residuals
-    cut_px: float  # residuals beyond this had no weight
     step_px: float  # how far the rim moved, at most
 
 
@@ -88,7 +86,7 @@ def fit(
     moved = _moved(outline, change)
     if moved is None:
         return None
-    return Fit(moved, heft, residuals, scale, cut, float(np.abs(moves).max()))
+    return Fit(moved, heft, residuals, float(np.abs(moves).max()))
 
 
 def _scale(sizes: Floats, cut: float) -> float:
