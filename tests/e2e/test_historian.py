@@ -30,6 +30,7 @@ from tests.e2e.postgres import PASSWORD, PASSWORD_IN_URL, Postgres
 from tests.e2e.processes import Gateway
 from tests.plant_certs import Plant as Certificates
 from tests.sink_context import sink_context
+from tests.virtual_time import in_real_time
 from tools.historian import sql_file
 
 pytestmark = pytest.mark.xdist_group("postgresql")
@@ -100,28 +101,26 @@ def numbered(count: int) -> list[str]:
     return [f"{BOOT}-{n}" for n in range(1, count + 1)]
 
 
-def test_events_visits_and_states_become_the_expected_rows(server: Postgres, schema: str) -> None:
-    async def scene() -> None:
-        plant = Plant(server.url, schema, state_period_s=0.2)
-        async with plant.running():
-            now_ns = plant.clock.now_ns()
-            near: dict[str, Any] = {
-                "vision": VisionReading(now_ns, Quality.GOOD, Circle(320.25, 240.5, 200.125)),
-                "range": RangeReading(now_ns, Quality.GOOD, 250.5),
-                "d": True,
-                "stop": True,
-                "reason": Reason.TARGET_REACHED,
-            }
-            state = replace(plant.hub.state("bay1"), **near)
-            plant.happen(EventKind.STOP_RAISED, **near)
-            plant.happen(EventKind.SENSOR_FAULT, **near)
-            plant.report(EventKind.VISIT, state, summary=VISIT, detail="it's \0 \\u0000 µ")
-            await plant.until(lambda: plant.written == 3)
-            await plant.until(lambda: plant.sink.link.figures["states_written"] >= 3)
-            assert plant.sink.link.connected
-            await plant.stop()
-
-    asyncio.run(scene())
+@in_real_time
+async def test_events_visits_and_states_become_the_expected_rows(server: Postgres, schema: str) -> None:
+    plant = Plant(server.url, schema, state_period_s=0.2)
+    async with plant.running():
+        now_ns = plant.clock.now_ns()
+        near: dict[str, Any] = {
+            "vision": VisionReading(now_ns, Quality.GOOD, Circle(320.25, 240.5, 200.125)),
+            "range": RangeReading(now_ns, Quality.GOOD, 250.5),
+            "d": True,
+            "stop": True,
+            "reason": Reason.TARGET_REACHED,
+        }
+        state = replace(plant.hub.state("bay1"), **near)
+        plant.happen(EventKind.STOP_RAISED, **near)
+        plant.happen(EventKind.SENSOR_FAULT, **near)
+        plant.report(EventKind.VISIT, state, summary=VISIT, detail="it's \0 \\u0000 µ")
+        await plant.until(lambda: plant.written == 3)
+        await plant.until(lambda: plant.sink.link.figures["states_written"] >= 3)
+        assert plant.sink.link.connected
+        await plant.stop()
     names = (
         "id, t = to_timestamp((payload->>'timestamp_ms')::bigint / 1000.0), site, instance, bay, kind, stop, may_move"
     )
@@ -158,16 +157,14 @@ def test_events_visits_and_states_become_the_expected_rows(server: Postgres, sch
     assert states[-1] == ("bay1", "t", "SHUTDOWN", "", "", "", "", states[-1][-1])
 
 
-def test_every_column_is_filled_or_null_on_purpose(server: Postgres, schema: str) -> None:
+@in_real_time
+async def test_every_column_is_filled_or_null_on_purpose(server: Postgres, schema: str) -> None:
     """A misspelt path in a column's expression would be null for ever."""
 
-    async def scene() -> None:
-        plant = Plant(server.url, schema)
-        async with plant.running():
-            await plant.until(lambda: plant.sink.link.figures["states_written"] >= 1)
-            await plant.stop()
-
-    asyncio.run(scene())
+    plant = Plant(server.url, schema)
+    async with plant.running():
+        await plant.until(lambda: plant.sink.link.figures["states_written"] >= 1)
+        await plant.stop()
     rows = server.sql(f"SELECT row_to_json(s) FROM {schema}.states s LIMIT 1")
     empty = {name for name, value in json.loads(rows[0][0]).items() if value is None}
     no_sensors = {"d", "radius_px", "distance_mm", "u", "v", "z_vision_mm", "to_go_mm", "closing_mm_s"}
@@ -186,22 +183,20 @@ def test_comments_and_the_file_for_administrators(server: Postgres) -> None:
     assert server.sql("SELECT obj_description('loading.visits'::regclass)") == [[tables.VISITS.meaning]]
 
 
-def test_a_role_that_may_only_insert_is_enough(server: Postgres, schema: str) -> None:
+@in_real_time
+async def test_a_role_that_may_only_insert_is_enough(server: Postgres, schema: str) -> None:
     server.sql(
         f"{tables.create(schema)} CREATE ROLE writer_{schema} LOGIN PASSWORD 'w'; "
         f"GRANT USAGE ON SCHEMA {schema} TO writer_{schema}; GRANT SELECT ON {schema}.layout TO writer_{schema}; "
         f"GRANT INSERT ON {schema}.events, {schema}.visits, {schema}.states TO writer_{schema}"
     )
 
-    async def scene() -> None:
-        url = f"postgresql://writer_{schema}:w@127.0.0.1:{server.port}/plant"
-        plant = Plant(url, schema)
-        async with plant.running():
-            plant.happen(EventKind.START)
-            await plant.until(lambda: plant.written == 1)
-            await plant.stop()
-
-    asyncio.run(scene())
+    url = f"postgresql://writer_{schema}:w@127.0.0.1:{server.port}/plant"
+    plant = Plant(url, schema)
+    async with plant.running():
+        plant.happen(EventKind.START)
+        await plant.until(lambda: plant.written == 1)
+        await plant.stop()
     assert ids(server, schema) == numbered(1)
 
 
@@ -248,7 +243,8 @@ def test_the_doctor_logs_in_and_proves_the_right_to_insert(server: Postgres, sch
         ({"url": "URL_BASE/latin"}, "its encoding is LATIN1; it must be UTF8"),
     ],
 )  # fmt: skip
-def test_a_server_that_refuses_costs_nothing_but_the_connection(
+@in_real_time
+async def test_a_server_that_refuses_costs_nothing_but_the_connection(
     server: Postgres, schema: str, change: dict[str, Any], expected: str
 ) -> None:
     if "latin" in str(change) and not server.sql("SELECT FROM pg_database WHERE datname = 'latin'"):
@@ -259,20 +255,17 @@ def test_a_server_that_refuses_costs_nothing_but_the_connection(
         for key, value in change.items()
     }
 
-    async def scene() -> None:
-        plant = Plant(settings.pop("url", server.url), schema, **settings)
-        async with plant.running():
-            plant.happen(EventKind.STOP_RAISED)
-            await plant.until(lambda: plant.link_errors >= 2)
-            await plant.tick(3, 5)
-        link = plant.sink.link
-        assert expected in plant.refusal
-        assert plant.supervisor.records["deliver"].crashes == 0
-        assert (link.connected, link.detail, link.figures["outbox_events"]) == (False, "no connection", 1)
-        assert "wrong" not in link.peer + plant.refusal
-        assert plant.hardly_waited
-
-    asyncio.run(scene())
+    plant = Plant(settings.pop("url", server.url), schema, **settings)
+    async with plant.running():
+        plant.happen(EventKind.STOP_RAISED)
+        await plant.until(lambda: plant.link_errors >= 2)
+        await plant.tick(3, 5)
+    link = plant.sink.link
+    assert expected in plant.refusal
+    assert plant.supervisor.records["deliver"].crashes == 0
+    assert (link.connected, link.detail, link.figures["outbox_events"]) == (False, "no connection", 1)
+    assert "wrong" not in link.peer + plant.refusal
+    assert plant.hardly_waited
 
 
 def test_tls_is_verified(tmp_path: Path, schema: str) -> None:
@@ -317,90 +310,84 @@ async def trigger(server: Postgres, schema: str, body: str) -> AsyncIterator[Non
         ("RAISE 'read only' USING ERRCODE = 'read_only_sql_transaction';", "read only"),
     ],
 )
-def test_a_slow_or_full_server_delays_the_events_only(server: Postgres, schema: str, body: str, expected: str) -> None:
+@in_real_time
+async def test_a_slow_or_full_server_delays_the_events_only(
+    server: Postgres, schema: str, body: str, expected: str
+) -> None:
     server.sql(tables.create(schema))
 
-    async def scene() -> None:
-        plant = Plant(server.url, schema, timeout_s=0.5)
-        async with plant.running():
-            async with trigger(server, schema, body):
-                for _ in range(5):
-                    plant.happen(EventKind.STOP_RAISED)
-                await plant.until(lambda: plant.link_errors >= 1)
-                await plant.tick(10, 5)
-                assert expected in plant.refusal
-                assert plant.sink.link.figures["outbox_events"] == 5
-            await plant.until(lambda: plant.written == 5)
-            await plant.stop()
-        assert plant.hardly_waited
-        assert plant.sink.link.events_lost == 0
-
-    asyncio.run(scene())
+    plant = Plant(server.url, schema, timeout_s=0.5)
+    async with plant.running():
+        async with trigger(server, schema, body):
+            for _ in range(5):
+                plant.happen(EventKind.STOP_RAISED)
+            await plant.until(lambda: plant.link_errors >= 1)
+            await plant.tick(10, 5)
+            assert expected in plant.refusal
+            assert plant.sink.link.figures["outbox_events"] == 5
+        await plant.until(lambda: plant.written == 5)
+        await plant.stop()
+    assert plant.hardly_waited
+    assert plant.sink.link.events_lost == 0
     assert ids(server, schema) == numbered(5)
 
 
-def test_what_the_server_can_never_take_is_given_up_and_counted(server: Postgres, schema: str) -> None:
+@in_real_time
+async def test_what_the_server_can_never_take_is_given_up_and_counted(server: Postgres, schema: str) -> None:
     server.sql(tables.create(schema))
 
-    async def scene() -> None:
-        plant = Plant(server.url, schema)
-        refuse = "IF NEW.kind = 'moved' THEN RAISE 'not this' USING ERRCODE = 'numeric_value_out_of_range'; END IF;"
-        async with trigger(server, schema, refuse):
-            for kind in (EventKind.START, EventKind.MOVED, EventKind.STOP_RAISED):
-                plant.happen(kind)
-            async with plant.running():
-                await plant.until(lambda: plant.written == 2)
-                await plant.stop()
-        link = plant.sink.link
-        assert (link.events_lost, link.figures["events_refused"], link.figures["outbox_events"]) == (1, 1, 0)
-        assert plant.link_errors == 0
-
-    asyncio.run(scene())
+    plant = Plant(server.url, schema)
+    refuse = "IF NEW.kind = 'moved' THEN RAISE 'not this' USING ERRCODE = 'numeric_value_out_of_range'; END IF;"
+    async with trigger(server, schema, refuse):
+        for kind in (EventKind.START, EventKind.MOVED, EventKind.STOP_RAISED):
+            plant.happen(kind)
+        async with plant.running():
+            await plant.until(lambda: plant.written == 2)
+            await plant.stop()
+    link = plant.sink.link
+    assert (link.events_lost, link.figures["events_refused"], link.figures["outbox_events"]) == (1, 1, 0)
+    assert plant.link_errors == 0
     assert ids(server, schema) == [f"{BOOT}-1", f"{BOOT}-3"]
 
 
 @pytest.mark.failure_mode("H1")
-def test_a_hung_server_is_left_and_the_control_path_never_waits(server: Postgres, schema: str) -> None:
-    async def scene() -> None:
-        plant = Plant(server.url, schema, timeout_s=0.5, state_period_s=0.1)
-        async with plant.running():
-            await plant.until(lambda: plant.sink.link.connected)
-            server.pause()
-            try:
-                plant.happen(EventKind.STOP_RAISED)
-                assert await plant.until(lambda: plant.link_errors >= 2) < 10
-                assert "no answer within 0.5 s" in plant.refusal
-                await plant.tick(20, 5)
-                assert not plant.sink.link.connected
-                # Without a connection too, the end takes no longer than it may.
-                plant.happen(EventKind.STOP_CLEARED)
-            finally:
-                server.resume()
-            await plant.until(lambda: plant.written == 2)
-            assert plant.sink.link.figures["states_skipped"] >= 10
-            await plant.stop()
-        assert plant.hardly_waited
-
-    asyncio.run(scene())
+@in_real_time
+async def test_a_hung_server_is_left_and_the_control_path_never_waits(server: Postgres, schema: str) -> None:
+    plant = Plant(server.url, schema, timeout_s=0.5, state_period_s=0.1)
+    async with plant.running():
+        await plant.until(lambda: plant.sink.link.connected)
+        server.pause()
+        try:
+            plant.happen(EventKind.STOP_RAISED)
+            assert await plant.until(lambda: plant.link_errors >= 2) < 10
+            assert "no answer within 0.5 s" in plant.refusal
+            await plant.tick(20, 5)
+            assert not plant.sink.link.connected
+            # Without a connection too, the end takes no longer than it may.
+            plant.happen(EventKind.STOP_CLEARED)
+        finally:
+            server.resume()
+        await plant.until(lambda: plant.written == 2)
+        assert plant.sink.link.figures["states_skipped"] >= 10
+        await plant.stop()
+    assert plant.hardly_waited
     assert ids(server, schema) == numbered(2)
 
 
-def test_the_end_of_the_gateway_does_not_wait_for_a_hung_server(server: Postgres, schema: str) -> None:
-    async def scene() -> None:
-        plant = Plant(server.url, schema)
-        async with plant.running():
-            await plant.until(lambda: plant.sink.link.connected)
-            server.pause()
-            try:
-                plant.happen(EventKind.SHUTDOWN)
-                begun = asyncio.get_running_loop().time()
-                assert not await plant.sink.close(0.3)
-                assert asyncio.get_running_loop().time() - begun < 2
-                assert plant.sink.link.figures["outbox_events"] == 1
-            finally:
-                server.resume()
-
-    asyncio.run(scene())
+@in_real_time
+async def test_the_end_of_the_gateway_does_not_wait_for_a_hung_server(server: Postgres, schema: str) -> None:
+    plant = Plant(server.url, schema)
+    async with plant.running():
+        await plant.until(lambda: plant.sink.link.connected)
+        server.pause()
+        try:
+            plant.happen(EventKind.SHUTDOWN)
+            begun = asyncio.get_running_loop().time()
+            assert not await plant.sink.close(0.3)
+            assert asyncio.get_running_loop().time() - begun < 2
+            assert plant.sink.link.figures["outbox_events"] == 1
+        finally:
+            server.resume()
 
 
 @pytest.mark.failure_mode("H2")

@@ -12,6 +12,7 @@ from gateway.errors import LinkError
 from gateway.web.host import service
 from gateway.web.ipc.messages import StateReply, StateRequest, WebSetup
 from tests.unit.web.gateway_client import plant
+from tests.virtual_time import in_real_time
 
 
 @pytest.mark.mostly_long
@@ -24,36 +25,34 @@ from tests.unit.web.gateway_client import plant
     ],
 )
 @pytest.mark.failure_mode("W3")
-def test_a_web_process_that_asks_without_end_is_ended_and_the_event_loop_goes_on(
+@in_real_time
+async def test_a_web_process_that_asks_without_end_is_ended_and_the_event_loop_goes_on(
     instance: str, why: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(service, "MODULE", "tests.e2e.hmi_stand_ins")
 
-    async def scene() -> int:
-        turns = 0
+    turns = 0
 
-        async def others() -> None:
-            nonlocal turns
-            while True:
-                turns += 1
-                await asyncio.sleep(0)
+    async def others() -> None:
+        nonlocal turns
+        while True:
+            turns += 1
+            await asyncio.sleep(0)
 
-        async with plant(keep=False) as made:
-            door = socket.create_server(("127.0.0.1", 0))
-            with door, socket.create_connection(door.getsockname()):
-                about = WebSetup(GatewayConfig(instance=instance), SystemClock(), {})
-                at_work = asyncio.get_running_loop().create_task(others())
-                try:
-                    async with asyncio.timeout(60):
-                        with pytest.raises(LinkError, match=why):
-                            await service.WebProcessService(made.handler, about, (door,)).run()
-                finally:
-                    at_work.cancel()
-                    with contextlib.suppress(asyncio.CancelledError):
-                        await at_work
-        return turns
-
-    assert asyncio.run(scene()) > 100
+    async with plant(keep=False) as made:
+        door = socket.create_server(("127.0.0.1", 0))
+        with door, socket.create_connection(door.getsockname()):
+            about = WebSetup(GatewayConfig(instance=instance), SystemClock(), {})
+            at_work = asyncio.get_running_loop().create_task(others())
+            try:
+                async with asyncio.timeout(60):
+                    with pytest.raises(LinkError, match=why):
+                        await service.WebProcessService(made.handler, about, (door,)).run()
+            finally:
+                at_work.cancel()
+                with contextlib.suppress(asyncio.CancelledError):
+                    await at_work
+    assert turns > 100
 
 
 class EndOfTestError(Exception):

@@ -20,6 +20,7 @@ from gateway.sinks import registry
 from gateway.sinks.contract import LinkStatus, SinkContext, SinkType
 from gateway.supervisor import Task
 from gateway.vision.source.specs import FileSpec
+from tests.virtual_time import in_real_time
 
 ended: list[str] = []  # what is done at the end
 expected: list[tuple[float, float] | None] = []  # the radii that the search was told
@@ -118,7 +119,8 @@ def test_sinks_publish_the_final_state_whatever_ends_the_gateway(
 
 
 @pytest.mark.one_interpreter
-def test_alarms_are_raised_and_logged_without_pages(
+@in_real_time
+async def test_alarms_are_raised_and_logged_without_pages(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     class Unplugged(Sensors):
@@ -138,20 +140,17 @@ def test_alarms_are_raised_and_logged_without_pages(
     )
     assert not config.hmi.enabled
 
-    async def main() -> None:
-        stop = asyncio.Event()
+    stop = asyncio.Event()
 
-        class StopWhenRaised(logging.Handler):
-            def emit(self, record: logging.LogRecord) -> None:
-                if record.getMessage() == raised:
-                    stop.set()
+    class StopWhenRaised(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            if record.getMessage() == raised:
+                stop.set()
 
-        ports = parts.Ports(camera={"bay1": FileSpec("nothing")}, ranger={"bay1": ""})
-        app.log.addHandler(handler := StopWhenRaised())
-        try:
-            await app.run(config, ports, SystemClock(speed=10.0), stop=stop)
-        finally:
-            app.log.removeHandler(handler)
-
-    asyncio.run(main())
+    ports = parts.Ports(camera={"bay1": FileSpec("nothing")}, ranger={"bay1": ""})
+    app.log.addHandler(handler := StopWhenRaised())
+    try:
+        await app.run(config, ports, SystemClock(speed=10.0), stop=stop)
+    finally:
+        app.log.removeHandler(handler)
     assert caplog.messages.count(raised) == 1

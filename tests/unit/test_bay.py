@@ -19,7 +19,6 @@ from gateway.hub import EventQueue, Hub
 from gateway.modbus.registers.bay_unit import image_of
 from gateway.modbus.registers.register_map import decode, encode
 from gateway.supervisor import Supervisor, Task
-from tests import virtual_time
 from tests.virtual_time import HandClock, LoopClock, in_virtual_time
 
 MS = 1_000_000
@@ -101,27 +100,26 @@ def test_the_configuration_of_its_own_bay_decides() -> None:
     assert bench.state.d is True
 
 
-def test_ticks_count_the_heartbeat_and_values_age_without_any_reading() -> None:
-    async def main() -> list[tuple[int, bool]]:
-        bench = Bench(
-            LoopClock(),
-            fusion=FusionConfig(decision="plain", recovery_s=0, vision_deadline_s=0.3, range_deadline_s=0.3),
-        )
-        task = asyncio.create_task(bench.bay.run())
-        found: list[tuple[int, bool]] = []
-        await asyncio.sleep(0.01)
-        bench.bay.on_reading(seen(bench.clock.now_ns()))
-        bench.bay.on_reading(heard(bench.clock.now_ns()))
-        for _ in range(4):  # at 0.11, 0.21, 0.31, 0.41 s
-            await asyncio.sleep(0.1)
-            found.append((bench.state.heartbeat, bench.state.may_move))
-        assert (bench.state.vision.quality, bench.state.range.quality) == (Quality.STALE, Quality.STALE)
-        task.cancel()
-        await asyncio.wait([task])
-        return found
+@in_virtual_time
+async def test_ticks_count_the_heartbeat_and_values_age_without_any_reading() -> None:
+    bench = Bench(
+        LoopClock(),
+        fusion=FusionConfig(decision="plain", recovery_s=0, vision_deadline_s=0.3, range_deadline_s=0.3),
+    )
+    task = asyncio.create_task(bench.bay.run())
+    found: list[tuple[int, bool]] = []
+    await asyncio.sleep(0.01)
+    bench.bay.on_reading(seen(bench.clock.now_ns()))
+    bench.bay.on_reading(heard(bench.clock.now_ns()))
+    for _ in range(4):  # at 0.11, 0.21, 0.31, 0.41 s
+        await asyncio.sleep(0.1)
+        found.append((bench.state.heartbeat, bench.state.may_move))
+    assert (bench.state.vision.quality, bench.state.range.quality) == (Quality.STALE, Quality.STALE)
+    task.cancel()
+    await asyncio.wait([task])
 
     # Read at 0.01 s, stale after 0.31 s, seen by the tick at 0.32 s; one tick every 20 ms from 0.
-    assert virtual_time.run(main()) == [(6, True), (11, True), (16, True), (21, False)]
+    assert found == [(6, True), (11, True), (16, True), (21, False)]
 
 
 # A dead control task.
@@ -157,60 +155,58 @@ def test_a_state_that_nobody_renews_is_shown_as_a_gateway_fault(period_s: float,
 
 
 @pytest.mark.failure_mode("G1")
-def test_a_tick_that_raises_once_withdraws_everything_and_nothing_comes_back_by_itself() -> None:
+@in_virtual_time
+async def test_a_tick_that_raises_once_withdraws_everything_and_nothing_comes_back_by_itself() -> None:
     """The supervisor begins the control task again; the sensors report all the while."""
 
-    async def main() -> None:
-        bench = Bench(LoopClock(), fusion=FusionConfig(raise_debounce_s=0))
-        hub, bay, clock, real = bench.hub, bench.bay, bench.clock, bench.bay._step
-        image = image_of(bay.state, "big", clock)
-        broken = False
+    bench = Bench(LoopClock(), fusion=FusionConfig(raise_debounce_s=0))
+    hub, bay, clock, real = bench.hub, bench.bay, bench.clock, bench.bay._step
+    image = image_of(bay.state, "big", clock)
+    broken = False
 
-        def step(observation: Observation, by: Writer | None = None) -> None:
-            nonlocal broken
-            if broken and isinstance(observation, Tick):
-                broken = False
-                raise ZeroDivisionError
-            real(observation, by)
+    def step(observation: Observation, by: Writer | None = None) -> None:
+        nonlocal broken
+        if broken and isinstance(observation, Tick):
+            broken = False
+            raise ZeroDivisionError
+        real(observation, by)
 
-        bay._step = step  # type: ignore[method-assign]
-        backoff = Reconnect(min_s=0.4, max_s=0.4)
-        table = Supervisor([Task("control", bay.run, backoff, vital=True)], clock)
-        task = asyncio.create_task(table.run())
-        images: list[tuple[int, Sequence[int]]] = []
+    bay._step = step  # type: ignore[method-assign]
+    backoff = Reconnect(min_s=0.4, max_s=0.4)
+    table = Supervisor([Task("control", bay.run, backoff, vital=True)], clock)
+    task = asyncio.create_task(table.run())
+    images: list[tuple[int, Sequence[int]]] = []
 
-        async def sensors(for_s: float) -> None:
-            end_ns = clock.now_ns() + round(for_s * 1000) * MS
-            while clock.now_ns() < end_ns:
-                number = clock.now_ns() // MS
-                bay.on_reading(replace(seen(clock.now_ns(), 190.0), frame_id=number))
-                bay.on_reading(replace(heard(clock.now_ns(), 285.0), seq=number))
-                images.append((clock.now_ns(), image()))
-                await asyncio.sleep(0.03)
+    async def sensors(for_s: float) -> None:
+        end_ns = clock.now_ns() + round(for_s * 1000) * MS
+        while clock.now_ns() < end_ns:
+            number = clock.now_ns() // MS
+            bay.on_reading(replace(seen(clock.now_ns(), 190.0), frame_id=number))
+            bay.on_reading(replace(heard(clock.now_ns(), 285.0), seq=number))
+            images.append((clock.now_ns(), image()))
+            await asyncio.sleep(0.03)
 
-        await sensors(3)
-        assert hub.shown("north", clock.now_ns()).in_place
-        bench.kinds()
-        broken, died_ns = True, clock.now_ns()
-        await sensors(0.8)
-        dead = [words for at_ns, words in images if died_ns + 290 * MS < at_ns < died_ns + 390 * MS]
-        assert len(dead) >= 3
-        assert len(set(dead)) == 1, "nothing at all goes on"
-        read = decode(dead[0])
-        assert (read["in_place"], read["stop"], read["reason"]) == (0, 1, Reason.GATEWAY_FAULT)
-        assert (read["vision_age"], read["range_age"]) == (None, None)
-        assert not bay.state().in_place, "the task runs again"
-        assert bay.state().reason is not Reason.GATEWAY_FAULT
-        assert bay.state().vision.quality is Quality.GOOD
-        assert bench.kinds() == [
-            EventKind.OUTPUTS_WITHDRAWN, EventKind.IN_PLACE_ENDED, EventKind.OUTPUTS_RETURNED,
-        ]  # fmt: skip
-        await sensors(1.2)
-        assert bay.state().in_place, "both sensors have seen it anew"
-        task.cancel()
-        await asyncio.wait([task])
-
-    virtual_time.run(main())
+    await sensors(3)
+    assert hub.shown("north", clock.now_ns()).in_place
+    bench.kinds()
+    broken, died_ns = True, clock.now_ns()
+    await sensors(0.8)
+    dead = [words for at_ns, words in images if died_ns + 290 * MS < at_ns < died_ns + 390 * MS]
+    assert len(dead) >= 3
+    assert len(set(dead)) == 1, "nothing at all goes on"
+    read = decode(dead[0])
+    assert (read["in_place"], read["stop"], read["reason"]) == (0, 1, Reason.GATEWAY_FAULT)
+    assert (read["vision_age"], read["range_age"]) == (None, None)
+    assert not bay.state().in_place, "the task runs again"
+    assert bay.state().reason is not Reason.GATEWAY_FAULT
+    assert bay.state().vision.quality is Quality.GOOD
+    assert bench.kinds() == [
+        EventKind.OUTPUTS_WITHDRAWN, EventKind.IN_PLACE_ENDED, EventKind.OUTPUTS_RETURNED,
+    ]  # fmt: skip
+    await sensors(1.2)
+    assert bay.state().in_place, "both sensors have seen it anew"
+    task.cancel()
+    await asyncio.wait([task])
 
 
 def test_a_dead_control_task_stops_even_where_fail_safe_is_off() -> None:

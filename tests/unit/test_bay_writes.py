@@ -13,8 +13,7 @@ from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import FunctionCheck, Reason, StateVector
 from gateway.hub import EventQueue, Hub
 from gateway.net.rate_limit import BURST
-from tests import virtual_time
-from tests.virtual_time import HandClock, LoopClock
+from tests.virtual_time import HandClock, LoopClock, in_virtual_time
 
 MS = 1_000_000
 WHO = Writer("10.0.0.9", "plc1", "operator")
@@ -154,22 +153,20 @@ def test_a_write_does_not_make_a_dead_bay_look_alive() -> None:
     assert bench.hub.state("bay1").plc.control == 0
 
 
-def test_while_it_ticks_writes_are_taken_and_after_the_final_state_no_more() -> None:
-    async def scene() -> None:
-        hub = Hub(["bay1"])
-        clock = LoopClock()
-        bay = BayControl(CONFIG.bays[0], hub, clock, (), CONFIG)
-        task = asyncio.get_running_loop().create_task(bay.run())
-        for beat in range(100):
-            await clock.sleep(0.1)
-            assert bay.on_write(PlcWrite(WHO, beat)) is WriteVerdict.TAKEN
-        bay.shut_down()
-        assert bay.on_write(PlcWrite(WHO, 7)) is WriteVerdict.UNDECIDED
-        assert bay.state().reason is Reason.SHUTDOWN
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
-
-    virtual_time.run(scene())
+@in_virtual_time
+async def test_while_it_ticks_writes_are_taken_and_after_the_final_state_no_more() -> None:
+    hub = Hub(["bay1"])
+    clock = LoopClock()
+    bay = BayControl(CONFIG.bays[0], hub, clock, (), CONFIG)
+    task = asyncio.get_running_loop().create_task(bay.run())
+    for beat in range(100):
+        await clock.sleep(0.1)
+        assert bay.on_write(PlcWrite(WHO, beat)) is WriteVerdict.TAKEN
+    bay.shut_down()
+    assert bay.on_write(PlcWrite(WHO, 7)) is WriteVerdict.UNDECIDED
+    assert bay.state().reason is Reason.SHUTDOWN
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
 
 
 @pytest.mark.parametrize("writes", [True, False])

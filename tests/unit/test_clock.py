@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from gateway.clock import SystemClock, machine_ns, suspended_ns
 from gateway.durations import NS_PER_MS, NS_PER_S
 from gateway.processes.codec import record_of, record_packed
-from tests import virtual_time
+from tests.virtual_time import in_virtual_time
 
 
 def test_units() -> None:
@@ -83,21 +83,19 @@ def test_block_is_in_its_own_seconds(monkeypatch: pytest.MonkeyPatch, seconds: f
     assert slept == [slept_s]
 
 
-def test_sleep_and_timeout_are_in_its_own_seconds() -> None:
+@in_virtual_time
+async def test_sleep_and_timeout_are_in_its_own_seconds() -> None:
     clock = SystemClock(4.0)
 
-    async def main() -> tuple[float, float, float]:
-        loop = asyncio.get_running_loop()
-        began = loop.time()
-        await clock.sleep(8.0)
-        slept = loop.time() - began
-        began = loop.time()
-        with pytest.raises(TimeoutError):
-            async with clock.timeout(2.0):
-                await clock.sleep(2.1)
-        timed_out = loop.time() - began
-        began = loop.time()
-        await clock.sleep(-1.0)
-        return slept, timed_out, loop.time() - began
-
-    assert virtual_time.run(main()) == pytest.approx((2.0, 0.5, 0.0))
+    loop = asyncio.get_running_loop()
+    began = loop.time()
+    await clock.sleep(8.0)
+    slept = loop.time() - began
+    began = loop.time()
+    with pytest.raises(TimeoutError):
+        async with clock.timeout(2.0):
+            await clock.sleep(2.1)
+    timed_out = loop.time() - began
+    began = loop.time()
+    await clock.sleep(-1.0)
+    assert (slept, timed_out, loop.time() - began) == pytest.approx((2.0, 0.5, 0.0))

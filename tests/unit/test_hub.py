@@ -11,6 +11,7 @@ from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import StateVector
 from gateway.hub import EventQueue, Hub
 from tests import virtual_time
+from tests.virtual_time import in_virtual_time
 
 
 def state(seq: int, bay: str = "a") -> StateVector:
@@ -69,50 +70,44 @@ def test_a_queue_of_no_room_drops_and_counts_everything() -> None:
     assert (len(queue), queue.dropped, queue.drain()) == (0, 3, [])
 
 
-def test_get_takes_the_oldest_and_waits_for_the_next() -> None:
-    async def main() -> list[int]:
-        queue = EventQueue(10)
+@in_virtual_time
+async def test_get_takes_the_oldest_and_waits_for_the_next() -> None:
+    queue = EventQueue(10)
+    queue.put(event(1))
+    queue.put(event(2))
+    found = [(await queue.get()).t_ns, (await queue.get()).t_ns]
+    asyncio.get_running_loop().call_later(5.0, queue.put, event(3))
+    found.append((await queue.get()).t_ns)
+    assert asyncio.get_running_loop().time() == pytest.approx(1005.0)
+    queue.put(event(4))
+    assert stamps(queue) == [4]
+    with pytest.raises(TimeoutError):  # drained: what was announced is gone again
+        async with asyncio.timeout(1.0):
+            await queue.get()
+    assert found == [1, 2, 3]
+
+
+@in_virtual_time
+async def test_two_that_wait_get_one_event_each() -> None:
+    queue = EventQueue(10)
+    async with asyncio.TaskGroup() as group:
+        waiting = [group.create_task(queue.get()) for _ in range(2)]
+        await asyncio.sleep(1.0)
         queue.put(event(1))
+        await asyncio.sleep(1.0)
+        assert sum(task.done() for task in waiting) == 1
         queue.put(event(2))
-        found = [(await queue.get()).t_ns, (await queue.get()).t_ns]
-        asyncio.get_running_loop().call_later(5.0, queue.put, event(3))
-        found.append((await queue.get()).t_ns)
-        assert asyncio.get_running_loop().time() == pytest.approx(1005.0)
-        queue.put(event(4))
-        assert stamps(queue) == [4]
-        with pytest.raises(TimeoutError):  # drained: what was announced is gone again
-            async with asyncio.timeout(1.0):
-                await queue.get()
-        return found
-
-    assert virtual_time.run(main()) == [1, 2, 3]
+    assert sorted(task.result().t_ns for task in waiting) == [1, 2]
 
 
-def test_two_that_wait_get_one_event_each() -> None:
-    async def main() -> list[int]:
-        queue = EventQueue(10)
-        async with asyncio.TaskGroup() as group:
-            waiting = [group.create_task(queue.get()) for _ in range(2)]
-            await asyncio.sleep(1.0)
-            queue.put(event(1))
-            await asyncio.sleep(1.0)
-            assert sum(task.done() for task in waiting) == 1
-            queue.put(event(2))
-        return sorted(task.result().t_ns for task in waiting)
-
-    assert virtual_time.run(main()) == [1, 2]
-
-
-def test_a_cancelled_wait_loses_no_event() -> None:
-    async def main() -> int:
-        queue = EventQueue(10)
-        with pytest.raises(TimeoutError):
-            async with asyncio.timeout(1.0):
-                await queue.get()
-        queue.put(event(7))
-        return (await queue.get()).t_ns
-
-    assert virtual_time.run(main()) == 7
+@in_virtual_time
+async def test_a_cancelled_wait_loses_no_event() -> None:
+    queue = EventQueue(10)
+    with pytest.raises(TimeoutError):
+        async with asyncio.timeout(1.0):
+            await queue.get()
+    queue.put(event(7))
+    assert (await queue.get()).t_ns == 7
 
 
 def test_every_subscriber_gets_every_event_and_its_own_bound() -> None:
@@ -169,13 +164,11 @@ def test_an_unknown_bay_is_an_error() -> None:
     assert hub.bays == ("a",)
 
 
-def test_newer_gives_a_newer_state_at_once() -> None:
-    async def main() -> int:
-        hub = Hub(["a"])
-        hub.publish(state(5))
-        return await hub.newer("a", 4)
-
-    assert virtual_time.run(main()) == 5
+@in_virtual_time
+async def test_newer_gives_a_newer_state_at_once() -> None:
+    hub = Hub(["a"])
+    hub.publish(state(5))
+    assert await hub.newer("a", 4) == 5
 
 
 def test_newer_waits_and_skips_what_came_in_between() -> None:
@@ -203,28 +196,24 @@ def test_newer_waits_and_skips_what_came_in_between() -> None:
     assert [at_s for at_s, _ in found] == pytest.approx([3.0, 4.0])
 
 
-def test_all_that_wait_are_woken() -> None:
-    async def main() -> list[int]:
-        hub = Hub(["a"])
-        async with asyncio.TaskGroup() as group:
-            waiting = [group.create_task(hub.newer("a", seq)) for seq in (0, 1, 0)]
-            await asyncio.sleep(1.0)
-            hub.publish(state(1))
-            await asyncio.sleep(1.0)
-            assert [task.done() for task in waiting] == [True, False, True]
-            hub.publish(state(2))
-        return [task.result() for task in waiting]
-
-    assert virtual_time.run(main()) == [1, 2, 1]
+@in_virtual_time
+async def test_all_that_wait_are_woken() -> None:
+    hub = Hub(["a"])
+    async with asyncio.TaskGroup() as group:
+        waiting = [group.create_task(hub.newer("a", seq)) for seq in (0, 1, 0)]
+        await asyncio.sleep(1.0)
+        hub.publish(state(1))
+        await asyncio.sleep(1.0)
+        assert [task.done() for task in waiting] == [True, False, True]
+        hub.publish(state(2))
+    assert [task.result() for task in waiting] == [1, 2, 1]
 
 
-def test_publishing_runs_nobody_and_waits_for_nobody() -> None:
-    async def main() -> bool:
-        hub = Hub(["a"])
-        async with asyncio.TaskGroup() as group:
-            waiting = group.create_task(hub.newer("a", 0))
-            await asyncio.sleep(0)
-            hub.publish(state(1))
-            return not waiting.done()
-
-    assert virtual_time.run(main())
+@in_virtual_time
+async def test_publishing_runs_nobody_and_waits_for_nobody() -> None:
+    hub = Hub(["a"])
+    async with asyncio.TaskGroup() as group:
+        waiting = group.create_task(hub.newer("a", 0))
+        await asyncio.sleep(0)
+        hub.publish(state(1))
+        assert not waiting.done()

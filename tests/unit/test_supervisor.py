@@ -14,7 +14,7 @@ from gateway.errors import ConfigError, GatewayError, LinkError, ProtocolError
 from gateway.supervisor import CrashLoopError, Supervisor, Task, delay_s
 from tests import virtual_time
 from tests.examples import examples
-from tests.virtual_time import LoopClock
+from tests.virtual_time import LoopClock, in_virtual_time
 
 BACKOFF = Reconnect(min_s=0.25, max_s=5.0)
 
@@ -282,15 +282,13 @@ def test_a_config_error_ends_everything_at_once() -> None:
     assert not sup.records["mqtt"].running
 
 
-def test_run_returns_when_every_task_has_returned() -> None:
+@in_virtual_time
+async def test_run_returns_when_every_task_has_returned() -> None:
     async def brief() -> None:
         await asyncio.sleep(3.0)
 
-    async def main() -> float:
-        await supervisor(Task("a", brief), Task("b", brief)).run()
-        return now_s()
-
-    assert virtual_time.run(main()) == pytest.approx(3.0)
+    await supervisor(Task("a", brief), Task("b", brief)).run()
+    assert now_s() == pytest.approx(3.0)
 
 
 def test_cancelling_ends_tasks_that_run_and_tasks_that_wait_for_their_next_try() -> None:
@@ -364,18 +362,16 @@ def test_one_task_s_trouble_is_not_another_s() -> None:
     assert sup.records["control"].starts == 1
 
 
-def test_a_record_shows_what_runs() -> None:
+@in_virtual_time
+async def test_a_record_shows_what_runs() -> None:
     sup = supervisor(Task("ranger", for_ever), Task("down", Failing(lambda: LinkError("cut")), BACKOFF))
 
-    async def main() -> tuple[bool, bool]:
-        task = asyncio.create_task(sup.run())
-        await asyncio.sleep(0.1)
-        found = sup.records["ranger"].running, sup.records["down"].running
-        task.cancel()
-        await asyncio.wait([task])
-        return found
-
-    assert virtual_time.run(main()) == (True, False)
+    task = asyncio.create_task(sup.run())
+    await asyncio.sleep(0.1)
+    found = sup.records["ranger"].running, sup.records["down"].running
+    task.cancel()
+    await asyncio.wait([task])
+    assert found == (True, False)
 
 
 def test_task_names_must_differ() -> None:

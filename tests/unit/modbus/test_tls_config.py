@@ -1,6 +1,5 @@
 """What is checked and reported of the files of [modbus.tls] before any client connects."""
 
-import asyncio
 import subprocess
 from datetime import timedelta
 from pathlib import Path
@@ -21,6 +20,7 @@ from gateway.modbus.server.tls import ModbusTls
 from gateway.net import tls
 from gateway.net.tls import TlsFiles
 from tests.plant_certs import NOW, LaterClock, Plant
+from tests.virtual_time import in_real_time
 
 NS = 1_000_000_000
 
@@ -230,16 +230,14 @@ def test_a_plant_without_plc_addresses_is_warned(
     assert ("  warning: modbus.plc_addresses: is empty, and host = " in output) == warned
 
 
-def test_the_warning_is_in_the_log_of_a_gateway_that_starts(
+@in_real_time
+async def test_the_warning_is_in_the_log_of_a_gateway_that_starts(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("gateway.config.sections.modbus.is_loopback", lambda host: False)  # tests never leave loopback
 
-    async def start() -> None:
-        async with serving(ModbusConfig(port=0), {}, SystemClock()):
-            pass
-
-    asyncio.run(start())
+    async with serving(ModbusConfig(port=0), {}, SystemClock()):
+        pass
     (record,) = [one for one in caplog.records if "modbus.plc_addresses: is empty" in one.getMessage()]
     assert record.levelname == "WARNING"
 
