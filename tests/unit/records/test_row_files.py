@@ -56,18 +56,21 @@ def one_file(folder: Path, count: int) -> Path:
     return folder / str(name)
 
 
+def store(folder: Path, unix_ns: int, t_ns: int = 0) -> Store:
+    def head(number: int) -> Head:
+        return msgspec.structs.replace(HEAD, number=number, boot="a", t_ns=t_ns, unix_ns=unix_ns)
+
+    return Store(folder, RetentionLimits(10**15, 0, 0), 0.0, head)
+
+
 def recorded(folder: Path, last: int, first: int = 1) -> None:
     """Segments of one bay: a visit and a minute in each."""
     for n in range(first, last + 1):
         unix_ns = visit(n).begun_ms * 10**6
-
-        def head(number: int, unix_ns: int = unix_ns) -> Head:
-            return msgspec.structs.replace(HEAD, number=number, boot="a", t_ns=unix_ns, unix_ns=unix_ns)
-
-        store = Store(folder, RetentionLimits(10**15, 0, 0), 0.0, head)
+        written = store(folder, unix_ns, unix_ns)
         records = [TickRecord(t_ns=unix_ns), VisitRecord(t_ns=unix_ns + 1, visit=visit(n))]
-        store.append(records_block(n, [packed(record) for record in records]), 0, begins=True)
-        store.close()
+        written.append(records_block(n, [packed(record) for record in records]), 0, begins=True)
+        written.close()
 
 
 def visits(folder: Path) -> list[VisitSummary]:
@@ -291,15 +294,10 @@ def test_another_segment_of_the_same_number_is_kept_itself(tmp_path: Path) -> No
     for path in (tmp_path / "bay1").glob("*.seg"):
         path.unlink()
     other = replace(visit(1), begun_ms=visit(9).begun_ms)
-    store = Store(
-        tmp_path / "bay1",
-        RetentionLimits(10**15, 0, 0),
-        0.0,
-        lambda _: msgspec.structs.replace(HEAD, number=1, t_ns=0, unix_ns=visit(9).begun_ms * 10**6),
-    )
-    store._number = 0
-    store.append(records_block(1, [packed(VisitRecord(t_ns=1, visit=other))]), 0, begins=True)
-    store.close()
+    written = store(tmp_path / "bay1", visit(9).begun_ms * 10**6)
+    written._number = 0
+    written.append(records_block(1, [packed(VisitRecord(t_ns=1, visit=other))]), 0, begins=True)
+    written.close()
     Index(tmp_path).rebuild()
     assert visits(tmp_path) == [other]
 
@@ -307,14 +305,9 @@ def test_another_segment_of_the_same_number_is_kept_itself(tmp_path: Path) -> No
 def test_an_image_of_registers_alone_is_a_minute(tmp_path: Path) -> None:
     assert row_files.newest_segment(tmp_path) == 0
     unix_ns = visit(1).begun_ms * 10**6
-    store = Store(
-        tmp_path,
-        RetentionLimits(10**15, 0, 0),
-        0.0,
-        lambda n: msgspec.structs.replace(HEAD, number=n, t_ns=0, unix_ns=unix_ns),
-    )
-    store.append(records_block(1, [packed(RegisterImage(t_ns=1, unix_ns=unix_ns, words=b""))]), 0, begins=True)
-    store.close()
+    written = store(tmp_path, unix_ns)
+    written.append(records_block(1, [packed(RegisterImage(t_ns=1, unix_ns=unix_ns, words=b""))]), 0, begins=True)
+    written.close()
     assert row_files.newest_segment(tmp_path) == 0
 
 
