@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from gateway.config import ModbusConfig
 from gateway.modbus.protocol import identity
 from gateway.modbus.protocol.adu import ModbusException
-from gateway.modbus.protocol.answers import Peer, Unit
+from gateway.modbus.protocol.answers import Peer, Unit, Write
 from gateway.modbus.server.server import ModbusServer
 from tests import modbus_oracle as oracle
 
@@ -21,21 +21,27 @@ COILS = 16 * len(oracle.BIT_REGISTERS) + 1
 PATIENCE_S = 60.0
 
 
+def writing(registers: list[int], writable: frozenset[int]) -> Write:
+    """What a unit calls to write `registers`, of which only those at `writable` can be written."""
+
+    def write(address: int, words: Sequence[int], peer: Peer, mask: int = 0xFFFF) -> ModbusException | None:
+        if not writable.issuperset(range(address, address + len(words))):
+            return ModbusException.ILLEGAL_ADDRESS
+        for at, word in enumerate(words, start=address):
+            registers[at] = registers[at] & ~mask | word & mask
+        return None
+
+    return write
+
+
 class Bay:
     """A bay with writes on, and its twin for the oracle."""
 
     def __init__(self, unit: int) -> None:
         self.words = [(unit * 1000 + 37 * n) & 0xFFFF for n in range(SIZE)]
         objects = identity.objects(f"site1/bay{unit}") | {0x80: b"x" * 180}
-        self.unit = Unit(lambda: tuple(self.words), self._write, objects)
+        self.unit = Unit(lambda: tuple(self.words), writing(self.words, WRITABLE), objects)
         self.twin = oracle.Bay(list(self.words), WRITABLE, True, dict(objects))
-
-    def _write(self, address: int, words: Sequence[int], peer: Peer, mask: int = 0xFFFF) -> ModbusException | None:
-        if not WRITABLE.issuperset(range(address, address + len(words))):
-            return ModbusException.ILLEGAL_ADDRESS
-        for at, word in enumerate(words, start=address):
-            self.words[at] = self.words[at] & ~mask | word & mask
-        return None
 
 
 def number(rng: random.Random) -> bytes:

@@ -3,7 +3,7 @@
 import asyncio
 import shlex
 import subprocess
-from collections.abc import Callable, Coroutine, Sequence
+from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +13,11 @@ from pymodbus.client import AsyncModbusTcpClient
 from gateway import __version__, event_loop
 from gateway.config import ModbusConfig
 from gateway.modbus.protocol import identity
-from gateway.modbus.protocol.adu import ModbusException
-from gateway.modbus.protocol.answers import Peer, Unit
+from gateway.modbus.protocol.answers import Unit
 from gateway.modbus.registers.bits import coil_of
 from gateway.modbus.server.server import ModbusServer
 from tests import modbus_oracle as oracle
-from tests.modbus_fuzzing import fuzz
+from tests.modbus_fuzzing import fuzz, writing
 
 SOURCE = Path(__file__).parents[1] / "modbus_clients" / "libmodbus_client.c"
 WRITABLE = frozenset(range(80, 83))
@@ -42,15 +41,8 @@ class Bay:
 
     def __init__(self, writes_on: bool) -> None:
         self.words = [1000 + n for n in range(110)]
-        self.unit = Unit(lambda: tuple(self.words), self._write if writes_on else None, OBJECTS)
+        self.unit = Unit(lambda: tuple(self.words), writing(self.words, WRITABLE) if writes_on else None, OBJECTS)
         self.server = oracle.Server({1: oracle.Bay(list(self.words), WRITABLE, writes_on, dict(OBJECTS))})
-
-    def _write(self, address: int, words: Sequence[int], peer: Peer, mask: int = 0xFFFF) -> ModbusException | None:
-        if not WRITABLE.issuperset(range(address, address + len(words))):
-            return ModbusException.ILLEGAL_ADDRESS
-        for at, word in enumerate(words, start=address):
-            self.words[at] = self.words[at] & ~mask | word & mask
-        return None
 
 
 def serve(bay: Bay, use: Callable[[ModbusServer], Coroutine[Any, Any, None]], **keys: Any) -> None:

@@ -15,6 +15,7 @@ from gateway.modbus.protocol.request_handler import RequestHandler, RequestStats
 from gateway.modbus.registers.bits import coil_of
 from tests import modbus_oracle as oracle
 from tests.examples import examples
+from tests.modbus_fuzzing import writing
 
 ANYBODY = Peer("10.0.0.9")
 WORDS = [(1000 + 257 * n) & 0xFFFF for n in range(110)]
@@ -28,16 +29,9 @@ class Pair:
     def __init__(self, writes_on: bool = False, objects: dict[int, bytes] | None = None) -> None:
         self.words = list(WORDS)
         answered = OBJECTS if objects is None else objects
-        self.unit = Unit(lambda: self.words, self._write if writes_on else None, answered)
+        self.unit = Unit(lambda: self.words, writing(self.words, WRITABLE) if writes_on else None, answered)
         self.bay = oracle.Bay(list(WORDS), WRITABLE, writes_on, answered)
         self.server = oracle.Server({1: self.bay, 2: self.bay})
-
-    def _write(self, address: int, words: Sequence[int], peer: Peer, mask: int = 0xFFFF) -> ModbusException | None:
-        if not WRITABLE.issuperset(range(address, address + len(words))):
-            return ModbusException.ILLEGAL_ADDRESS
-        for at, word in enumerate(words, start=address):
-            self.words[at] = self.words[at] & ~mask | word & mask
-        return None
 
     def check(self, pdu: bytes) -> bytes:
         answered = answer(self.unit, pdu, ANYBODY)
