@@ -48,7 +48,7 @@ from gateway.modbus.registers.bay_unit import image_of
 from gateway.modbus.registers.register_map import decode
 from gateway.vision.detect.paper import pipeline
 from gateway.vision.pixels import Image
-from gateway.vision.process.service import VisionService
+from gateway.vision.process.vision_service import VisionService
 from gateway.vision.transport.messages import DetectorSpec
 
 WARM_UP = 15  # frames

@@ -16,7 +16,7 @@ from gateway.config import GatewayConfig
 from gateway.errors import GatewayError
 from gateway.hub import Hub
 from gateway.logs.folding import LogCounts
-from gateway.modbus.server.service import Listening, ModbusService
+from gateway.modbus.server.modbus_service import Listening, ModbusService
 from gateway.net.certificate_ends import CertificateEnds
 from gateway.pages import Pages, build_pages, settings_file
 from gateway.parts import Ports, Shared, build_bays, build_outputs, build_sensors

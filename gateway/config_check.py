@@ -10,7 +10,7 @@ from gateway.errors import ConfigError
 from gateway.files import device_at
 from gateway.net import tls
 from gateway.net.tls import TlsFiles
-from gateway.ranger.service import check_port, ranger_type
+from gateway.ranger.ranger_service import check_port, ranger_type
 from gateway.sinks import registry as sink_registry
 from gateway.sinks.contract import SettingError
 from gateway.vision.detect import registry as detection_methods

@@ -20,10 +20,10 @@ from gateway.records.questions import ReaderSetup
 from gateway.reload import InForce, ReloadRequests
 from gateway.supervisor import Task
 from gateway.web.host.request_handler import BayParts, PagesRequestHandler
-from gateway.web.host.service import WebProcessService, of_pages
 from gateway.web.host.settings_file import SettingsFile
 from gateway.web.host.startup import Startup
 from gateway.web.host.status import StatusCollector
+from gateway.web.host.web_process_service import WebProcessService, of_pages
 from gateway.web.ipc.devices import DevicesSetup
 from gateway.web.ipc.messages import WebSetup
 from gateway.web.ipc.testsets import SetsSetup

@@ -18,14 +18,14 @@ from gateway.hub import Hub
 from gateway.modbus.protocol.answers import Unit
 from gateway.modbus.registers.bay_unit import unit_of
 from gateway.processes.template import ProcessTemplate
-from gateway.ranger.service import RangerService
-from gateway.records.service import RecorderService
+from gateway.ranger.ranger_service import RangerService
+from gateway.records.recorder_service import RecorderService
 from gateway.reload import InForce
 from gateway.shared_state import SharedStateWriter
 from gateway.sinks import registry as sink_registry
 from gateway.sinks.contract import Sink
 from gateway.supervisor import Task
-from gateway.vision.process.service import VisionService, vision_template
+from gateway.vision.process.vision_service import VisionService, vision_template
 from gateway.vision.source.contract import SourceSpec
 from gateway.vision.source.specs import check_exposure, source_spec
 from gateway.vision.transport.ring import RingSpec

@@ -17,11 +17,11 @@ from gateway.config.live import Change
 from gateway.core.events import MAX_DETAIL_CHARS
 from gateway.core.plc import Writer
 from gateway.errors import ConfigError
-from gateway.records.service import RecorderService
+from gateway.records.recorder_service import RecorderService
 from gateway.systemd import ServiceState
-from gateway.vision.process.service import VisionService
-from gateway.web.host.service import WebProcessService
+from gateway.vision.process.vision_service import VisionService
 from gateway.web.host.status import StatusCollector
+from gateway.web.host.web_process_service import WebProcessService
 
 log = logging.getLogger(__name__)
 

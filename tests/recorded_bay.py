@@ -10,8 +10,8 @@ import numpy as np
 
 from gateway.records.collector import Collector
 from gateway.records.names import PICTURES, SEGMENT, FileName
+from gateway.records.recorder_service import head_of
 from gateway.records.segment import Head, PictureHead, head_block, picture_block, records_block
-from gateway.records.service import head_of
 from gateway.vision.pixels import Image
 from tests.visit_bench import Bench, gateway, truck
 

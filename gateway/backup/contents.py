@@ -12,7 +12,7 @@ from gateway import bay_file
 from gateway.backup.manifest import Kind
 from gateway.config import GatewayConfig
 from gateway.config import named_files as config_files
-from gateway.records import service as records
+from gateway.records import recorder_service as records
 from gateway.records.names import PIN, parsed
 from gateway.web.languages import CODE
 from gateway.web.testsets.folder import folder_of as test_sets_folder

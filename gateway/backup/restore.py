@@ -23,7 +23,7 @@ from gateway.backup.manifest import BackupError, Entry, Kind, Manifest, Owned
 from gateway.config import GatewayConfig, parse
 from gateway.config.strict.toml_file import read_toml
 from gateway.files import sync_folder
-from gateway.records import service as records
+from gateway.records import recorder_service as records
 from gateway.shared_state import SharedStateWriter
 from gateway.web.testsets.folder import folder_of as test_sets_folder
 from gateway.web.testsets.folder import is_part

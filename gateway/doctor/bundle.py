@@ -24,7 +24,7 @@ from gateway.config import GatewayConfig
 from gateway.config.strict.errors import is_secret, query_passwords
 from gateway.doctor.examine import findings
 from gateway.files import plain_bytes, replacing
-from gateway.records import service as records
+from gateway.records import recorder_service as records
 from gateway.records.names import PICTURES, PIN, SEGMENT, parsed
 from gateway.sinks import registry
 from gateway.sinks.contract import SettingError

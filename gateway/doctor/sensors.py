@@ -17,10 +17,10 @@ from gateway.doctor import settings
 from gateway.doctor.finding import Finding, Verdict
 from gateway.durations import NS_PER_MS, NS_PER_S
 from gateway.errors import ConfigError, GatewayError, LinkError
-from gateway.ranger.service import RangerService
+from gateway.ranger.ranger_service import RangerService
 from gateway.shared_state import SharedVector
 from gateway.vision.detect import registry
-from gateway.vision.process.service import frame_rules
+from gateway.vision.process.vision_service import frame_rules
 from gateway.vision.source.checks import FrameChecks
 from gateway.vision.source.contract import Frame, Source
 from gateway.vision.source.framing import Framing

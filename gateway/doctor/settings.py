@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 
 from gateway.config import BayConfig, GatewayConfig
 from gateway.config.sections.common import is_loopback
-from gateway.ranger.service import ranger_type
+from gateway.ranger.ranger_service import ranger_type
 
 USUAL_FPS = 30.0  # of a camera whose rate nobody has set
 FOCAL_SHARE = 0.1  # two focal lengths of one camera that differ more are not both right

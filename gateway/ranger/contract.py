@@ -1,8 +1,9 @@
 """The interface of every ranger: a session that makes readings of bytes, and a port that carries the bytes.
 
 A session does no IO and reads no clock: bytes and monotonic times in, `RangeReading`s out, each with its
-quality, the time of the echo and the counters of damaged, missing and rejected measurements. gateway/ranger/service.py
-gives it a thread, a port and the event loop. Gate, median and repeated faults are the same for all: conditioning.py.
+quality, the time of the echo and the counters of damaged, missing and rejected measurements. A thread, a port and the
+event loop come from gateway/ranger/ranger_service.py. Gate, median and repeated faults are the same for all:
+conditioning.py.
 """
 
 from collections.abc import Callable

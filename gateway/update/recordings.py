@@ -10,7 +10,7 @@ from gateway.config import GatewayConfig
 from gateway.errors import ConfigError
 from gateway.records import recording
 from gateway.records.names import parsed
-from gateway.records.service import folder_of
+from gateway.records.recorder_service import folder_of
 from gateway.update.machine import Machine, UpdateError
 
 REPLAY_S = 4 * 3600.0  # of one bay

@@ -11,8 +11,8 @@ import msgspec
 from gateway.core.visit_summary import VisitSummary
 from gateway.records.index import NAME
 from gateway.records.names import PICTURES, FileName
+from gateway.records.recorder_service import head_of
 from gateway.records.segment import PictureHead, head_block, picture_block
-from gateway.records.service import head_of
 from gateway.sim import scenario as scenarios
 from gateway.sim.render import Painter
 from gateway.sim.world import World

@@ -13,7 +13,7 @@ from gateway.core.events import EventKind
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.hub import Hub
 from gateway.modbus.registers.bay_unit import unit_of
-from gateway.modbus.server.service import Listening, serving
+from gateway.modbus.server.modbus_service import Listening, serving
 
 
 class ServedBay:

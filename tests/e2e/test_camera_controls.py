@@ -11,7 +11,7 @@ from gateway.core.readings import VisionReading
 from gateway.durations import NS_PER_S
 from gateway.sim.camera import SimCameraSpec
 from gateway.sim.scenario import parse
-from gateway.vision.process.service import VisionService
+from gateway.vision.process.vision_service import VisionService
 from gateway.vision.source.v4l2_controls import settings_of
 from tests.virtual_time import in_real_time
 

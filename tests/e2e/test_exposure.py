@@ -10,7 +10,7 @@ from gateway.core.readings import CameraExposure, ExposureState, VisionReading
 from gateway.durations import NS_PER_S
 from gateway.sim.camera import SimCameraSpec
 from gateway.sim.scenario import parse
-from gateway.vision.process.service import VisionService
+from gateway.vision.process.vision_service import VisionService
 
 PATIENCE_S = 60.0
 DARK = {

@@ -9,7 +9,7 @@ import pytest
 from gateway.clock import SystemClock
 from gateway.config import GatewayConfig
 from gateway.errors import LinkError
-from gateway.web.host import service
+from gateway.web.host import web_process_service
 from gateway.web.ipc.messages import StateReply, StateRequest, WebSetup
 from tests.unit.web.gateway_client import plant
 from tests.virtual_time import in_real_time
@@ -29,7 +29,7 @@ from tests.virtual_time import in_real_time
 async def test_a_web_process_that_asks_without_end_is_ended_and_the_event_loop_goes_on(
     instance: str, why: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(service, "MODULE", "tests.e2e.hmi_stand_ins")
+    monkeypatch.setattr(web_process_service, "MODULE", "tests.e2e.hmi_stand_ins")
 
     turns = 0
 
@@ -47,7 +47,7 @@ async def test_a_web_process_that_asks_without_end_is_ended_and_the_event_loop_g
             try:
                 async with asyncio.timeout(60):
                     with pytest.raises(LinkError, match=why):
-                        await service.WebProcessService(made.handler, about, (door,)).run()
+                        await web_process_service.WebProcessService(made.handler, about, (door,)).run()
             finally:
                 at_work.cancel()
                 with contextlib.suppress(asyncio.CancelledError):
@@ -64,8 +64,8 @@ def test_a_web_process_that_starts_more_slowly_than_it_may_gets_more_time_until_
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A loaded machine is this one, too: only the order of the deadlines is certain."""
-    monkeypatch.setattr(service, "MODULE", "tests.e2e.hmi_stand_ins")
-    monkeypatch.setattr(service, "START_S", 1.0)
+    monkeypatch.setattr(web_process_service, "MODULE", "tests.e2e.hmi_stand_ins")
+    monkeypatch.setattr(web_process_service, "START_S", 1.0)
 
     ended: list[str] = []
 
@@ -78,7 +78,7 @@ def test_a_web_process_that_starts_more_slowly_than_it_may_gets_more_time_until_
             door = socket.create_server(("127.0.0.1", 0))
             with door, socket.create_connection(door.getsockname()):
                 about = WebSetup(GatewayConfig(instance="late"), SystemClock(), {})
-                web = service.WebProcessService(made.handler, about, (door,))
+                web = web_process_service.WebProcessService(made.handler, about, (door,))
                 with contextlib.suppress(EndOfTestError):
                     while True:
                         try:

@@ -26,7 +26,7 @@ from gateway.modbus.protocol.adu import ModbusException
 from gateway.modbus.protocol.answers import MAY_NOT_WRITE, Peer, Unit
 from gateway.modbus.registers.register_map import BLOCK_WORDS
 from gateway.modbus.server.limits import Refusal
-from gateway.modbus.server.service import Listening, serving
+from gateway.modbus.server.modbus_service import Listening, serving
 from gateway.modbus.server.tls_handshake_limiter import PLC_AT_ONCE
 from gateway.net import tls
 from tests.long import mostly_long

@@ -12,8 +12,8 @@ from gateway.clock import SystemClock
 from gateway.config import ModbusConfig
 from gateway.modbus.protocol.answers import Unit
 from gateway.modbus.server.limits import Refusal
+from gateway.modbus.server.modbus_service import serving
 from gateway.modbus.server.server import ModbusServer
-from gateway.modbus.server.service import serving
 from gateway.modbus.server.traffic import ServerNow
 from tests.virtual_time import on_gateway_loop
 

@@ -11,7 +11,7 @@ from gateway.config import CameraConfig, Reconnect, VisionConfig, load
 from gateway.config_check import check
 from gateway.core.readings import Quality, VisionReading
 from gateway.errors import ConfigError
-from gateway.vision.process.service import VisionService
+from gateway.vision.process.vision_service import VisionService
 from gateway.vision.source.specs import source_spec
 from tests import pattern_camera
 from tests.pattern_camera import PatternSpec

@@ -17,7 +17,7 @@ from gateway.errors import ConfigError
 from gateway.registry import Registry
 from gateway.vision.detect import registry
 from gateway.vision.pixels import Image
-from gateway.vision.process.service import VisionService
+from gateway.vision.process.vision_service import VisionService
 from gateway.vision.source.specs import source_spec
 from gateway.web.profile import parameter_schema
 from gateway.web.tuning import stages

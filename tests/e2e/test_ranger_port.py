@@ -22,7 +22,7 @@ from gateway.core.readings import Quality, RangeReading
 from gateway.errors import LinkError
 from gateway.ranger.hcsr04.protocol import Hello, Measurement, encode_hello, encode_measurement
 from gateway.ranger.hcsr04.session import Hcsr04Session
-from gateway.ranger.service import RangerService
+from gateway.ranger.ranger_service import RangerService
 from gateway.sim import ranger_board
 from gateway.sim.hcsr04 import SensorErrors
 from gateway.sim.ranger import SimulatedRanger

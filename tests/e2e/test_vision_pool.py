@@ -26,8 +26,8 @@ from gateway.config import CameraConfig, Reconnect, VisionConfig
 from gateway.core.detection import Tracking
 from gateway.core.readings import Quality, VisionReading
 from gateway.errors import ConfigError
-from gateway.vision.process import service
-from gateway.vision.process.service import VisionService
+from gateway.vision.process import vision_service
+from gateway.vision.process.vision_service import VisionService
 from gateway.vision.source.contract import SourceSpec
 from gateway.vision.source.specs import source_spec
 from gateway.vision.transport.messages import DetectorSpec, FrameResult
@@ -335,13 +335,13 @@ class TestAStandingBay:
         self, standing: Standing, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         received: Counter[type] = Counter()
-        report = service._report
+        report = vision_service._report
 
         def counted(monitor: Any, message: Any, now_ns: int) -> None:
             received[type(message)] += 1
             report(monitor, message, now_ns)
 
-        monkeypatch.setattr(service, "_report", counted)
+        monkeypatch.setattr(vision_service, "_report", counted)
 
         async def story() -> None:
             bay = standing.bay
@@ -652,7 +652,7 @@ PARENT = """
 import asyncio, pathlib, sys
 from gateway.clock import SystemClock
 from gateway.config import CameraConfig, VisionConfig
-from gateway.vision.process.service import VisionService
+from gateway.vision.process.vision_service import VisionService
 from gateway.vision.source.specs import source_spec
 from gateway.vision.transport.messages import DetectorSpec
 from tests.e2e.vision_stand_ins import ShadesSpec

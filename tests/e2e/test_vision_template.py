@@ -23,7 +23,7 @@ from gateway.processes.channel import Gone
 from gateway.processes.start import Role
 from gateway.processes.template import ProcessTemplate
 from gateway.vision.detect.radii import MarkerRadii
-from gateway.vision.process.service import TEMPLATE_MODULE, VisionService, VisionSlot
+from gateway.vision.process.vision_service import TEMPLATE_MODULE, VisionService, VisionSlot
 from gateway.vision.transport.messages import FROM_VISION, DetectorSpec, TemplateJob
 from tests.e2e.processes import survivors
 from tests.e2e.vision_stand_ins import ShadesSpec

@@ -29,7 +29,7 @@ from gateway.core.scale import MAX_VISITS, ScaleSample
 from gateway.core.state import FunctionCheck, Moved, TruckPosition
 from gateway.files import write_file
 from gateway.hub import Hub
-from gateway.records.service import folder_of as recordings_of
+from gateway.records.recorder_service import folder_of as recordings_of
 from gateway.sinks.outbox.durable import opened_outbox
 from gateway.sinks.outbox.outbox import OutboxEntry, OutboxLimits
 from gateway.supervisor import Supervisor, Task

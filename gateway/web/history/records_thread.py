@@ -14,7 +14,7 @@ from gateway.config import GatewayConfig
 from gateway.errors import LinkError, ProtocolError
 from gateway.records.index import NAME
 from gateway.records.index_reader import IndexReader
-from gateway.records.service import folder_of
+from gateway.records.recorder_service import folder_of
 from gateway.web.auth.refusals import RefusalError
 
 MAX_WAITING = 24  # pages and programs

@@ -28,7 +28,7 @@ from gateway.hub import Hub
 from gateway.modbus.protocol.answers import ReadImage
 from gateway.net import rate_limit
 from gateway.processes.codec import record_of, record_packed
-from gateway.vision.process.service import VisionService
+from gateway.vision.process.vision_service import VisionService
 from gateway.web.auth.audit_log import printable
 from gateway.web.ipc.messages import (
     MAX_EVENTS,

@@ -18,7 +18,7 @@ from gateway.hub import Hub
 from gateway.logs.folding import LogCounts
 from gateway.modbus.server.traffic import ServerNow
 from gateway.net.certificate_ends import CertificateEnds
-from gateway.records.service import RecorderService
+from gateway.records.recorder_service import RecorderService
 from gateway.sinks.contract import Sink
 from gateway.status_file import BayNow, ModbusClient, ModbusPort, Status
 from gateway.supervisor import TaskRecord

@@ -25,9 +25,9 @@ from gateway.web.server.metrics.family import PageStatistics
 from gateway.web.server.pictures import Pictures
 from gateway.web.setup.device_client import DeviceClient
 from gateway.web.testsets.client import SetsClient
-from gateway.web.testsets.service import ScoringService
-from gateway.web.tuning.service import TuningService
+from gateway.web.testsets.scoring_service import ScoringService
 from gateway.web.tuning.teach_in import TeachInSessions
+from gateway.web.tuning.tuning_service import TuningService
 
 
 @dataclass(frozen=True, slots=True)

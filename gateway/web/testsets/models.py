@@ -18,7 +18,7 @@ from gateway.web.ipc.testsets import (
     SetPicture,
 )
 from gateway.web.testsets import scoring
-from gateway.web.testsets.service import ScoringJob
+from gateway.web.testsets.scoring_service import ScoringJob
 
 VerdictName = Literal["close", "loose", "wrong", "missed", "false", "clear"]
 

@@ -26,8 +26,8 @@ from gateway.web.server.services import Bay, RequestCaller, WebServices
 from gateway.web.testsets import models, pictures
 from gateway.web.testsets.models import ProposalView, SetScoreView, TestSetsView
 from gateway.web.testsets.request_models import EmptyBody, LabelBody, PictureBody, ScoreBody, SetBody
-from gateway.web.testsets.service import ScoringService
-from gateway.web.tuning.service import TuningService
+from gateway.web.testsets.scoring_service import ScoringService
+from gateway.web.tuning.tuning_service import TuningService
 from gateway.web.tuning.uploads import MAX_TEXT, UploadError
 
 ADDRESSES = Addresses("/api/bays/{bay}/test-sets")

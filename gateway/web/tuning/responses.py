@@ -19,9 +19,9 @@ from gateway.web.tuning.response_models import (
     StageView,
     TrialView,
 )
-from gateway.web.tuning.service import CompletedTrial
 from gateway.web.tuning.snapshots import Capture
 from gateway.web.tuning.trial import SideResult
+from gateway.web.tuning.tuning_service import CompletedTrial
 
 
 def described(capture: Capture) -> CaptureView:

@@ -60,9 +60,9 @@ from gateway.web.tuning.response_models import (
     TrialView,
     VisionInForceView,
 )
-from gateway.web.tuning.service import TuningService
 from gateway.web.tuning.snapshots import Capture
 from gateway.web.tuning.standing_warnings import LIVE
+from gateway.web.tuning.tuning_service import TuningService
 from gateway.web.tuning.uploads import MAX_TEXT, UploadError
 
 PICTURE_PX = 1280  # width of a kept frame's picture, unless requested otherwise

@@ -9,8 +9,8 @@ from gateway.config import VisionConfig
 from gateway.core.plc import Writer
 from gateway.web.auth.audit_log import printable
 from gateway.web.auth.refusals import RefusalError
-from gateway.web.tuning.service import TuningService
 from gateway.web.tuning.standing_warnings import StandingWarning, covers, merged
+from gateway.web.tuning.tuning_service import TuningService
 
 log = logging.getLogger(__name__)
 

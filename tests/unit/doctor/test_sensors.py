@@ -26,7 +26,7 @@ from gateway.ranger.hcsr04.protocol import (
     encode_measurement,
     frame,
 )
-from gateway.ranger.service import RangerService
+from gateway.ranger.ranger_service import RangerService
 from gateway.shared_state import SharedVector
 from gateway.vision.source.contract import Frame, Source
 

@@ -15,7 +15,7 @@ from gateway.config import ModbusConfig, load, parse
 from gateway.errors import ConfigError
 from gateway.modbus.protocol.answers import Access, Peer
 from gateway.modbus.server.limits import Refusal
-from gateway.modbus.server.service import serving
+from gateway.modbus.server.modbus_service import serving
 from gateway.modbus.server.tls import ModbusTls
 from gateway.net import tls
 from gateway.net.tls import TlsFiles

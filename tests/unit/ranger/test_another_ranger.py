@@ -19,7 +19,7 @@ from gateway.errors import ConfigError, LinkError
 from gateway.hub import Hub
 from gateway.ranger.conditioning import Conditioner
 from gateway.ranger.contract import RangerType
-from gateway.ranger.service import RangerService, check_port
+from gateway.ranger.ranger_service import RangerService, check_port
 from gateway.supervisor import Supervisor, Task
 
 MS = 1_000_000

@@ -10,7 +10,7 @@ from gateway.config import RangerConfig
 from gateway.core.readings import RangeReading
 from gateway.errors import ConfigError, LinkError
 from gateway.ranger.port import Port, check_url
-from gateway.ranger.service import RangerService
+from gateway.ranger.ranger_service import RangerService
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,8 @@ from gateway.config import GatewayConfig, parse
 from gateway.core.events import Event, EventKind
 from gateway.core.state import StateVector
 from gateway.records.record import EventRecord, array_of, unpacked
+from gateway.records.recorder_service import RecorderService, folder_of, head_of
 from gateway.records.segment import Head
-from gateway.records.service import RecorderService, folder_of, head_of
 from tests.virtual_time import LoopClock, in_virtual_time
 
 CONFIG = {

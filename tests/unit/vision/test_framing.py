@@ -13,7 +13,7 @@ from gateway.doctor import settings as advice
 from gateway.errors import ConfigError, LinkError
 from gateway.processes.codec import record_of, record_packed
 from gateway.vision.detect import registry
-from gateway.vision.process.service import frame_rules
+from gateway.vision.process.vision_service import frame_rules
 from gateway.vision.source.checks import FrameChecks, FrameRules
 from gateway.vision.source.contract import Frame
 from gateway.vision.source.framing import Framing

@@ -17,7 +17,7 @@ from gateway.core.readings import Quality, VisionReading
 from gateway.errors import LinkError
 from gateway.processes.channel import Failed, Gone
 from gateway.processes.start import Role
-from gateway.vision.process import service
+from gateway.vision.process import vision_service
 from gateway.vision.process.monitor import ProcessMonitor
 from gateway.vision.process.vision_process import CaptureThread, CheckedFrame, NewestFrame
 from gateway.vision.source.checks import FrameRules
@@ -176,7 +176,7 @@ def test_what_a_process_reports_is_short_and_printable_in_every_log(message: typ
     monitor = ProcessMonitor("cam", CameraConfig(), VisionConfig(), random.Random(1))
     monitor.settle(0)
     monitor.ready(monitor.token, 0)
-    service._report(monitor, message("lost\n12:00 all is well\x1b[2J" + 60_000 * "x"), 0)
+    vision_service._report(monitor, message("lost\n12:00 all is well\x1b[2J" + 60_000 * "x"), 0)
     (reading,) = monitor.readings()
     assert "lost\\n12:00 all is well\\x1b[2Jxxx" in reading.detail
     assert len(reading.detail) < 600
@@ -199,7 +199,7 @@ class MainSide:
     def __post_init__(self) -> None:
         vision = VisionConfig(deadline_s=0.5)
         camera, played = CameraConfig(deadline_s=1.0), cast("Any", self)
-        self.service = service.VisionService(
+        self.service = vision_service.VisionService(
             "bay1", FewFrames(0), camera, vision, played, self.readings.append, rng=random.Random(1)
         )
         self.monitor = self.service._monitor

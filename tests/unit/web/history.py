@@ -26,8 +26,8 @@ from gateway.records.record import (
     VisitRecord,
     packed,
 )
+from gateway.records.recorder_service import head_of
 from gateway.records.segment import Head, PictureHead, head_block, picture_block, records_block
-from gateway.records.service import head_of
 
 S, MS = 10**9, 10**6
 BEGIN_MS = 1_795_400_040_000  # 2026-11-23T02:14:00Z, a whole minute

@@ -18,7 +18,7 @@ from gateway.net.rate_limit import BURST
 from gateway.processes.channel import Failed
 from gateway.processes.codec import Codec
 from gateway.web.host.request_handler import MAX_NAME
-from gateway.web.host.service import WebProcessService
+from gateway.web.host.web_process_service import WebProcessService
 from gateway.web.ipc.messages import (
     FROM_WEB,
     ApplySettings,

@@ -18,9 +18,9 @@ from gateway.core.detection import Circle, Detection
 from gateway.vision.offline.evaluation.labels import Label
 from gateway.vision.offline.evaluation.scoring import ScoredPicture, judge
 from gateway.web.auth.access import Level
-from gateway.web.testsets import scoring, service
+from gateway.web.testsets import scoring, scoring_service
 from gateway.web.testsets.routes import ADDRESSES
-from gateway.web.testsets.service import ScoringService
+from gateway.web.testsets.scoring_service import ScoringService
 from gateway.web.tuning import uploads
 from gateway.web.tuning.trial_thread import TrialsBusyError
 from tests.unit.web.asgi import Answer
@@ -220,9 +220,9 @@ async def test_a_good_score_asks_nothing_and_is_reused(tmp_path: Path, monkeypat
 @pytest.mark.parametrize("sides", [2, 6])  # settings in force and tried, of one set or of all three
 @in_virtual_time
 async def test_only_so_many_scores_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sides: int) -> None:
-    assert (service.KEPT_SIDES, service.KEPT_JOBS, service.MAX_JOBS) == (48, 16, 4)
-    monkeypatch.setattr(service, "KEPT_SIDES", sides)
-    monkeypatch.setattr(service, "KEPT_JOBS", 2)
+    assert (scoring_service.KEPT_SIDES, scoring_service.KEPT_JOBS, scoring_service.MAX_JOBS) == (48, 16, 4)
+    monkeypatch.setattr(scoring_service, "KEPT_SIDES", sides)
+    monkeypatch.setattr(scoring_service, "KEPT_JOBS", 2)
     async with bay(tmp_path, "one", "two", "three") as page:
         for name in ("one", "two", "three"):
             await page.add(png(picture()), AT, name)
@@ -258,7 +258,7 @@ async def test_what_is_not_scored_is_a_warning(tmp_path: Path, monkeypatch: pyte
         assert running.running  # it goes on
         cancelled = (await page.post("/dusk/score/cancel")).json
         assert (cancelled["running"], cancelled["failed"]) == (False, "cancelled")
-        monkeypatch.setattr(service, "MAX_JOBS", 0)
+        monkeypatch.setattr(scoring_service, "MAX_JOBS", 0)
         (warning,) = (await page.apply({"coast_s": 0.3})).json["warnings"]
         assert (warning["text"][-9:], warning["scoring"]) == ("es so far", False)  # nothing to wait for
         monkeypatch.undo()

@@ -19,9 +19,9 @@ from gateway.vision.source.v4l2_controls import OfferedControl
 from gateway.web.host.request_handler import KEPT_FORMER
 from gateway.web.profile import parameter_schema
 from gateway.web.tuning import trial
-from gateway.web.tuning.service import TuningService
 from gateway.web.tuning.snapshots import STILLS
 from gateway.web.tuning.trial import EndedError
+from gateway.web.tuning.tuning_service import TuningService
 from tests.unit.web.asgi import Answer
 from tests.unit.web.gateway_client import Plant, plant
 from tests.unit.web.programs import ApiClient, api_client
