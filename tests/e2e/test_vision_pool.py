@@ -373,24 +373,6 @@ class TestAStandingBay:
         for process in family():
             assert process.cpu_affinity() == [standing.cpu]
 
-    @pytest.mark.failure_mode("V1")
-    def test_a_killed_process_is_replaced(self, standing: Standing) -> None:
-        async def story() -> None:
-            bay = standing.bay
-            (old,) = family("worker")
-            killed = len(bay.readings)
-            before = bay.readings[-1].stats
-            old.kill()
-            fault = await bay.quality(Quality.PROCESS_FAULT, after=killed)
-            again = await bay.quality(Quality.GOOD, after=fault)
-            (new,) = family("worker")
-            assert new.pid != old.pid
-            assert bay.readings[fault].detail == "vision process was killed by SIGKILL"
-            assert bay.readings[again].stats.restarts == before.restarts + 1
-            assert bay.readings[again].stats.reopens == before.reopens
-
-        standing.play(story)
-
 
 # Vision processes that fail.
 

@@ -6,10 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from gateway.vision.detect.robust import veil
 from gateway.vision.detect.robust.kernel.air_kernel import AirKernel
-from gateway.vision.detect.robust.redness import PyramidLevel
-from gateway.vision.detect.robust.veil import estimate, less_veil, load
+from gateway.vision.detect.robust.veil import estimate, load
 from gateway.vision.pixels import Image
 from tests.examples import examples
 
@@ -64,15 +62,3 @@ def test_opencvs_mean_of_nine_is_a_whole_number_rounded() -> None:
         nine[: total % 9] += 1
         patch = np.pad(nine.reshape(3, 3).astype(np.uint8), 2, mode="edge")
         assert np.asarray(cv2.blur(patch, (3, 3)))[3, 3] == (2 * total + 9) // 18
-
-
-def test_levels_are_the_same_with_and_without_the_kernel(kernel: AirKernel, monkeypatch: pytest.MonkeyPatch) -> None:
-    chance = np.random.default_rng(22)
-    for _ in range(examples(40)):
-        levels = [PyramidLevel(picture(chance), 2)]
-        results = []
-        for used in (kernel, None):
-            monkeypatch.setattr(veil, "_kernel", lambda used=used: used)
-            results.append(less_veil(levels)[0])
-        assert (results[0] is levels[0]) == (results[1] is levels[0])
-        assert np.array_equal(results[0].bgr, results[1].bgr)

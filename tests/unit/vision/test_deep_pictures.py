@@ -16,7 +16,7 @@ from gateway.errors import ConfigError, LinkError
 from gateway.vision.detect import registry
 from gateway.vision.detect.robust.detect import detect
 from gateway.vision.offline import inputs
-from gateway.vision.pixels import DeepImage, Image, bgr8, check_picture, deep_of, grey_levels
+from gateway.vision.pixels import DeepImage, Image, bgr8, deep_of, grey_levels
 from gateway.vision.source import raw
 from gateway.vision.source.capture import CameraSource
 from gateway.vision.source.checks import FrameChecks, FrameRules
@@ -71,12 +71,6 @@ def test_all_16_bits_are_kept_of_colours_only() -> None:
     assert deep_of(colours.astype(np.uint8)) is None
     assert deep_of(colours[:, :, 0]) is None
     assert deep_of(colours[:, :, :1]) is None
-
-
-def test_what_is_no_picture_is_refused() -> None:
-    for wrong in (np.zeros((2, 2), np.uint16), np.zeros((2, 2, 4), np.float32), np.zeros((2, 2, 3), np.int16)):
-        with pytest.raises(ValueError, match="not a"):
-            check_picture(wrong)  # type: ignore[arg-type]
 
 
 # In the detector.

@@ -114,14 +114,6 @@ def test_without_control_the_same_lamp_clips_the_marker_for_good() -> None:
 
 
 @pytest.mark.long
-def test_a_lamp_that_is_switched_on_at_night() -> None:
-    run = played(4, {"ambient": [{"at_s": 0, "level": 0.1}, {"at_s": 2, "level": 8}]})
-    assert 0 < run.longest_clipped_s() <= 0.5
-    assert run.found(3.0) == 1.0
-    assert run.changes(3.5) == []
-
-
-@pytest.mark.long
 def test_the_light_fails() -> None:
     """From full light to a thirtieth: gain, too, is needed; and its noise is no reason to hunt."""
     run = played(5, {"ambient": [{"at_s": 2, "over_s": 0.2, "level": 0.03}]}, method="robust")
@@ -163,15 +155,6 @@ def test_a_lamp_in_a_bay_without_marker_does_not_blind_it_for_the_next_truck() -
     assert all(moment.found.circle is None for moment in run.moments if moment.t_s < 3.9)
     assert run.found(4.5) == 1.0
     assert run.turns() <= 2
-
-
-@pytest.mark.long
-def test_a_covered_marker_makes_no_difference() -> None:
-    run = played(7, {"faults": [{"kind": "marker_hidden", "at_s": 2.0, "for_s": 3.0}]})
-    assert len(run.changes(1.9)) <= 4
-    assert run.turns() <= 2
-    assert run.found(5.5) == 1.0
-    assert run.longest_clipped_s() == 0.0
 
 
 @pytest.mark.long

@@ -1,4 +1,4 @@
-"""The parts of the robust method by themselves: redness, candidates, fits, evidence, confidence, disturbances."""
+"""The parts of the robust method by themselves: redness, candidates, fits, evidence, confidence."""
 
 import math
 from dataclasses import replace
@@ -18,7 +18,6 @@ from gateway.vision.detect.robust.refinement import refine
 from gateway.vision.detect.robust.rim import Rim
 from gateway.vision.detect.robust.search import _rim_near
 from tests import decoys
-from tests.disturb import DISTURBANCES, Disturbance, gain, motion, veil, warm
 from tools.detection_methods import SHARE_MEANING
 
 LIMITS = Limits(min_radius_px=5.0, max_radius_px=200.0, min_confidence=0.5)
@@ -305,35 +304,3 @@ def test_a_crease_in_red_cloth_is_not_taken_for_its_rim(
     uneven, crease = replace(RIM, support=0.7, wave_px=0.5), replace(RIM, contrast=contrast)
     monkeypatch.setattr(colours, "refine", lambda *_, opponent=False, **__: crease if opponent else uneven)
     assert clearest_rim(sheet.finished(), RIM.ellipse) == (crease if taken else uneven)
-
-
-@pytest.mark.parametrize("disturbance", DISTURBANCES, ids=lambda d: d.name)
-def test_a_disturbance_is_seeded_keeps_the_shape_and_grows(disturbance: Disturbance) -> None:
-    image = decoys.sheet(96, 72, "concrete", 1).finished()
-    made = [disturbance.apply(image, strength, 3) for strength in disturbance.strengths]
-    change = [float(np.abs(other.astype(int) - image).mean()) for other in made]
-
-    assert all(other.shape == image.shape and other.dtype == np.uint8 for other in made)
-    assert change == sorted(change)
-    assert change[0] > 0.1
-    assert np.array_equal(made[1], disturbance.apply(image, disturbance.strengths[1], 3))
-
-
-def test_what_disturbances_do_to_a_grey_pixel() -> None:
-    grey = np.full((60, 80, 3), 100, np.uint8)
-
-    assert gain(grey, 2.0)[30, 40].tolist() == [200, 200, 200]
-    assert gain(grey, 3.0)[30, 40].tolist() == [255, 255, 255]
-    assert warm(grey, 1.0)[30, 40].tolist() == [50, 88, 110]
-    assert veil(grey, 0.5).mean() == pytest.approx(100 + 0.5 * 105.3, abs=8)
-
-
-def test_motion_blur_is_centred_and_keeps_the_light() -> None:
-    image = np.zeros((101, 101, 3), np.uint8)
-    image[48:53, 48:53] = 200
-    moved = motion(image, 0.1, seed=5).astype(float)[..., 0]
-    rows, columns = np.mgrid[0:101, 0:101]
-
-    assert moved.sum() == pytest.approx(25 * 200, rel=0.03)
-    assert (moved * rows).sum() / moved.sum() == pytest.approx(50, abs=0.1)
-    assert (moved * columns).sum() / moved.sum() == pytest.approx(50, abs=0.1)

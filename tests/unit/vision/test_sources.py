@@ -210,19 +210,6 @@ def test_a_broken_picture_is_skipped_and_named(
     assert "frame2.png: damaged, cut short, or not a picture in a known format; skipped" in caplog.text
 
 
-def test_half_a_picture_and_one_without_an_agreed_white_are_skipped(
-    folder: Path, clock: StepClock, caplog: pytest.LogCaptureFixture
-) -> None:
-    noise = np.random.default_rng(1).integers(0, 256, (60, 80, 3), dtype=np.uint8)
-    (folder / "frame2.jpg").write_bytes(cv2.imencode(".jpg", noise)[1].tobytes()[:2000])
-    cv2.imwrite(str(folder / "frame3.tif"), shade(3).astype(np.float32))
-    source = source_spec(CameraConfig(url=str(folder), pace="fast")).open(clock)
-
-    assert shades(source, 4) == [1, 2, 9, 10]
-    assert "frame2.jpg: damaged, cut short" in caplog.text
-    assert "frame3.tif: float32 samples: there is no agreed white" in caplog.text
-
-
 def test_names_that_are_not_utf_8_are_no_harm(folder: Path, clock: StepClock, caplog: pytest.LogCaptureFixture) -> None:
     """OpenCV's own file functions end the process on such a name."""
     odd = os.fsencode(folder) + b"/frame3\xff"
@@ -252,19 +239,6 @@ def test_a_folder_of_broken_pictures_is_lost_not_searched_for_ever(
 
     with pytest.raises(LinkError, match="no picture here can be read"):
         source.read()
-
-
-def test_grey_16_bit_and_alpha_pictures_are_read_as_bgr(tmp_path: Path, clock: StepClock) -> None:
-    cv2.imwrite(str(tmp_path / "1.png"), np.full((4, 4), 9, np.uint8))
-    cv2.imwrite(str(tmp_path / "2.png"), np.full((4, 4, 3), (0x01FF, 0x0600, 0x0700), np.uint16))
-    cv2.imwrite(str(tmp_path / "3.png"), np.full((4, 4, 4), (1, 2, 3, 0), np.uint8))
-    cv2.imwrite(str(tmp_path / "4.tiff"), np.full((1, 1), 0xFFFF, np.uint16))
-    source = source_spec(CameraConfig(url=str(tmp_path), pace="fast")).open(clock)
-
-    frames = [source.read().image for _ in range(4)]
-
-    assert [tuple(map(int, image[0, 0])) for image in frames] == [(9, 9, 9), (2, 6, 7), (1, 2, 3), (255, 255, 255)]
-    assert {(image.dtype, image.ndim) for image in frames} == {(np.dtype(np.uint8), 3)}
 
 
 @pytest.mark.parametrize(
