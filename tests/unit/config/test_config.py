@@ -268,6 +268,11 @@ def _bays(section: str, count: int) -> str:
             "[[bays]]\nname = 'a'\n\n[[bays]]\nname = 'b'\nunit_id = 2\nfan = 3\n",
             "g.toml:7: bays.1.fan = 3: unknown key (misspelt?); known here: " + ", ".join(BayConfig.model_fields),
         ),
+        (
+            "bays = [{ name = 'a' }, { name = 'b', unit_id = 2, fan = 3 }]\n",
+            "g.toml:1: bays.1.fan = 3: unknown key (misspelt?); known here: name, unit_id, camera,"
+            " vision, ranger, fusion, guidance, visit",
+        ),
         # Rules of our own, over one key and over several.
         (
             "[vision]\ngaussian_kernel_px = 4\n",
@@ -314,6 +319,14 @@ def _bays(section: str, count: int) -> str:
         (
             "[[bays]]\n[[bays]]\nname = 'b'\n",
             "g.toml:2: bays.1.unit_id: an earlier bay has the unit_id 1, too (allowed: >= 1, <= 247)",
+        ),
+        (
+            "[camera]\naffinity = []\n",
+            "g.toml:2: camera.affinity = []: Tuple should have at least 1 item after validation, not 0",
+        ),
+        (
+            "[vision]\naffinity = [0, -1]\n",
+            "g.toml:2: vision.affinity.1 = -1: Input should be greater than or equal to 0",
         ),
         # Where it was written: in a shared section (once for all bays), in a bay's own section, in an inline table.
         (

@@ -2,12 +2,13 @@
 
 import tomllib
 from contextlib import suppress
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.config import HmiConfig, parse
+from gateway.config import HmiConfig, load, parse
 from gateway.config.reference import flat
 from gateway.config.sections.hmi import host_name
 from gateway.errors import ConfigError
@@ -119,6 +120,11 @@ def test_no_hash_is_shown() -> None:
     assert shown["hmi.users[0].password_hash"] == '"***"'
     assert shown["hmi.users[0].name"] == '"anna"'
     assert DIGEST not in refusal(text.replace("technician", "admin"))
+
+
+def test_the_shipped_play_bay() -> None:
+    config = load(Path(__file__).parents[3] / "config" / "simulate.toml").hmi
+    assert (config.enabled, config.host, config.without_login) == (True, "127.0.0.1", "technician")
 
 
 @given(st.text(max_size=300))
