@@ -21,12 +21,13 @@ from tests.e2e.plc import Plc, Poll, mbpoll
 from tests.e2e.processes import Gateway, Row, command, survivors
 from tests.long import mostly_long
 
+# On a busy machine vision begins late: the truck waits for it.
 APPROACH = """
 seed = 7
-duration_s = 20
+duration_s = 35
 start = { distance_cm = 60 }
 legs = [
-  { distance_cm = 60, hold_s = 5 },
+  { distance_cm = 60, hold_s = 20 },
   { distance_cm = 27, speed_cm_s = 15, hold_s = 8 },
   { distance_cm = 60, speed_cm_s = 30, hold_s = 60 },
 ]
