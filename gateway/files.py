@@ -63,7 +63,8 @@ def replacing(path: Path, mode: int = 0o600, *, fresh: Path | None = None) -> It
             file.flush()
             os.fsync(fd)
         fresh.replace(path)
-    finally:
+    except BaseException:
         with suppress(OSError):
             fresh.unlink(missing_ok=True)
+        raise
     sync_folder(path.parent)

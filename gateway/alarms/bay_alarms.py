@@ -14,6 +14,7 @@ from gateway.core.readings import DEAD, EXPOSURE_MEANING, UNCONTROLLED, PictureF
 from gateway.core.state import MOVED_MEANING, FunctionCheck, Moved, Reason
 
 ECHO_DUE_SHARE = 0.625  # of the ranger's range: a truck whose marker looks nearer must give an echo
+ECHO_DUE_MM = 2500.0  # where the range is not known
 Condition = Callable[[BayInputs], bool]
 Detail = Callable[[BayInputs], str]
 
@@ -42,7 +43,8 @@ def _no_echo(inputs: BayInputs) -> bool:
     if inputs.state.range.quality not in (Quality.NO_ECHO, Quality.TOO_FAR):
         return False
     far_mm, max_range_mm = expected_mm(inputs), RANGERS.load(inputs.config.ranger.type).max_range_mm
-    return far_mm is not None and max_range_mm is not None and far_mm < ECHO_DUE_SHARE * max_range_mm
+    due_mm = ECHO_DUE_MM if max_range_mm is None else ECHO_DUE_SHARE * max_range_mm
+    return far_mm is not None and far_mm < due_mm
 
 
 def _disagree_detail(inputs: BayInputs) -> str:

@@ -24,7 +24,7 @@ from gateway.config.sections.fusion import (
 from gateway.config.sections.hmi import HmiConfig, HmiUser
 from gateway.config.sections.modbus import HandshakeConfig, ModbusConfig, TlsConfig
 from gateway.config.sections.mqtt import MqttConfig, MqttTls, SparkplugConfig
-from gateway.config.sections.ranger import RangerConfig
+from gateway.config.sections.ranger import RangerConfig, with_own_sections
 from gateway.config.sections.records import RecordsConfig
 from gateway.config.sections.vision import CameraConfig, CropConfig, Intrinsics, PictureConfig, VisionConfig
 from gateway.config.strict.errors import FaultsError, FieldError, faults_of
@@ -171,11 +171,16 @@ def parse(data: Mapping[str, Any], *, source: str = "config", text: str = "") ->
     raise FaultsError(faults)  # outside `except`: the checker's error quotes passwords, so it is not chained
 
 
+def _with_own_sections(table: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Before bays are merged: a bay's own value counts, wherever it is written."""
+    return {**table, "ranger": with_own_sections(table["ranger"])} if "ranger" in table else table
+
+
 def _with_shared_sections(data: Mapping[str, Any]) -> dict[str, Any]:
     """Push the shared sections down into every bay."""
     rest = {key: value for key, value in data.items() if key not in SHARED_SECTIONS}
     shared = {key: data[key] for key in SHARED_SECTIONS if key in data}
     bays = rest.get("bays", [{}])
     if isinstance(bays, list) and all(isinstance(bay, Mapping) for bay in bays):
-        rest["bays"] = [merge(shared, bay) for bay in bays]
+        rest["bays"] = [merge(_with_own_sections(shared), _with_own_sections(bay)) for bay in bays]
     return rest

@@ -29,7 +29,7 @@ class KeyChange:
 
 
 KEY_CHANGES: tuple[KeyChange, ...] = ()
-"""In the order of the versions. No key has been renamed or removed so far."""
+"""In the order of the versions. The keys of `[ranger.hcsr04]` are still read where they stood, in `[ranger]`."""
 
 
 def migrated(text: str, *, source: str, changes: Sequence[KeyChange] = KEY_CHANGES) -> tuple[str, list[str]]:

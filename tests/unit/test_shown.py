@@ -234,7 +234,6 @@ def _files_with(attribute: str, of: str = ".*") -> set[str]:
     return found
 
 
-@pytest.mark.long
 @pytest.mark.one_interpreter
 def test_only_the_control_task_reads_the_hub_s_state() -> None:
     assert _files_with("state", of="_*hub_*") == {"bay.py"}

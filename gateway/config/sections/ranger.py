@@ -1,5 +1,6 @@
 """`[ranger]`: the distance sensor on its port. Pure."""
 
+from collections.abc import Mapping
 from typing import Annotated, Any
 
 from pydantic import Field, ValidationError, field_validator, model_validator
@@ -22,6 +23,30 @@ class Hcsr04Config(Section):
     )
 
 
+def with_own_sections(ranger: Any) -> Any:
+    """A table `[ranger]` with the keys of `[ranger.hcsr04]` there: in 0.1.0 they stood in `[ranger]` itself. As it is
+    where that is not clear: RangerConfig reports it at the key that was written."""
+    former, own = _former_and_own(ranger)
+    if not former or former.keys() & own.keys() or _fault(former) is not None:
+        return ranger
+    return {key: value for key, value in ranger.items() if key not in former} | {"hcsr04": {**former, **own}}
+
+
+def _former_and_own(ranger: Any) -> tuple[dict[str, Any], Mapping[str, Any]]:
+    if not isinstance(ranger, Mapping) or not isinstance(own := ranger.get("hcsr04", {}), Mapping):
+        return {}, {}
+    return {key: ranger[key] for key in Hcsr04Config.model_fields if key in ranger}, own
+
+
+def _fault(former: Mapping[str, Any]) -> FieldError | None:
+    try:
+        Hcsr04Config.model_validate(former)
+    except ValidationError as error:
+        fault = error.errors()[0]
+        return FieldError(fault["msg"].removeprefix("Value error, "), *fault["loc"])
+    return None
+
+
 class RangerConfig(Section):
     """What every type has, and a section for each type that has keys of its own."""
 
@@ -42,23 +67,15 @@ class RangerConfig(Section):
 
     @model_validator(mode="before")
     @classmethod
-    def _keys_of_before(cls, given: Any) -> Any:
-        """The keys of `[ranger.hcsr04]` stood in `[ranger]` in 0.1.0: files and recordings of it are read."""
-        if not isinstance(given, dict):
-            return given
-        old = {key: given[key] for key in Hcsr04Config.model_fields if key in given}
-        own = given.get("hcsr04", {})
-        if not old or not isinstance(own, dict):
-            return given
-        if twice := old.keys() & own.keys():
+    def _former_keys(cls, given: Any) -> Any:
+        """Recordings have them, too."""
+        former, own = _former_and_own(given)
+        if twice := former.keys() & own.keys():
             key = min(twice)
             raise FieldError(f"ranger.hcsr04.{key} is given, too; keep that one", key)
-        try:
-            Hcsr04Config.model_validate(old)
-        except ValidationError as error:  # told of the key that stands in the file
-            fault = error.errors()[0]
-            raise FieldError(fault["msg"].removeprefix("Value error, "), *fault["loc"]) from None
-        return {key: value for key, value in given.items() if key not in old} | {"hcsr04": {**old, **own}}
+        if (fault := _fault(former)) is not None:
+            raise fault
+        return with_own_sections(given)
 
     @field_validator("median")
     @classmethod

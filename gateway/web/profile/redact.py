@@ -13,7 +13,8 @@ import tomlkit
 from pydantic.fields import FieldInfo
 from tomlkit.exceptions import TOMLKitError
 
-from gateway.config import BayConfig, GatewayConfig
+from gateway.config import BayConfig, GatewayConfig, RangerConfig
+from gateway.config.sections.ranger import Hcsr04Config
 from gateway.config.strict.errors import without_password
 from gateway.config.strict.section import inner_model
 from gateway.errors import ConfigError
@@ -81,7 +82,8 @@ def plainly(value: Mapping[str, Any], fields: Fields) -> dict[str, Any]:
 
 def _inside(info: FieldInfo) -> Fields:
     model = inner_model(info.annotation)
-    return {} if model is None else model.model_fields
+    former = Hcsr04Config.model_fields if model is RangerConfig else {}  # where they stood in 0.1.0
+    return {} if model is None else {**model.model_fields, **former}
 
 
 def _remark(line: str) -> str:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from gateway.config import SHARED_SECTIONS
+from gateway.config.sections.ranger import Hcsr04Config
 from gateway.errors import ConfigError
 from gateway.web.profile.toml_edit import with_item, with_keys, without
 
@@ -53,6 +54,8 @@ def edited(text: str, changes: Sequence[SettingChange], *, source: str) -> str:
             _check_value(change.path, change.value)
             for place, value in _steps(document, change):
                 text, document = made(text, document, place, value, source)
+                for former in _former(place, document):
+                    text, document = made(text, document, former, None, source)
         except ConfigError as error:
             raise ChangeError(change.path, str(error)) from error
     return text
@@ -149,6 +152,19 @@ def _steps(document: Mapping[str, Any], change: SettingChange) -> Iterator[tuple
         if value is None and len(path) == 2 and path[0] == "bays" and len(document["bays"]) == 1:
             raise ConfigError("bays: the last one can't be removed")
         yield place, value
+
+
+def _former(place: Place, document: Mapping[str, Any]) -> Iterator[Place]:
+    """Where a key of `[ranger.hcsr04]` that is set now stands as in 0.1.0, in `[ranger]` of the same level."""
+    at = next((n for n in range(1, len(place)) if place[n - 1 : n + 1] == ("ranger", "hcsr04")), None)
+    if at is None:
+        return
+    ranger: Any = document
+    for part in place[:at]:
+        ranger = ranger[part]
+    for key in Hcsr04Config.model_fields:
+        if key in ranger and key in ranger.get("hcsr04", {}):
+            yield (*place[:at], key)
 
 
 def _replaced(place: Place, old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[tuple[Place, Any]]:

@@ -465,6 +465,13 @@ def test_a_good_override_mends_a_fault_of_the_file(tmp_path: Path) -> None:
 def test_keys_of_the_hcsr04_may_stand_where_they_stood() -> None:
     old = parse({"ranger": {"temperature_c": 5, "hcsr04": {"temperature_tolerance_c": 9}}})
     assert old.bays[0].ranger.hcsr04 == Hcsr04Config(temperature_c=5, temperature_tolerance_c=9)
+    one, other = parse(
+        {
+            "ranger": {"temperature_c": 5},
+            "bays": [{"name": "a"}, {"name": "b", "unit_id": 2, "ranger": {"hcsr04": {"temperature_c": 6}}}],
+        }
+    ).bays
+    assert (one.ranger.hcsr04.temperature_c, other.ranger.hcsr04.temperature_c) == (5, 6)
     with pytest.raises(ConfigError, match=r"ranger\.temperature_c.*ranger\.hcsr04\.temperature_c is given, too"):
         parse({"ranger": {"temperature_c": 5, "hcsr04": {"temperature_c": 6}}})
     with pytest.raises(

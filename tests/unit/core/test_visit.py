@@ -140,7 +140,6 @@ def test_it_is_in_place_settle_s_after_it_stands() -> None:
         assert bench.run_until(lambda state: state.in_place).t_ns - stood_ns == pytest.approx(settle_s * 1e9, abs=2e7)
 
 
-@pytest.mark.mostly_long(short=3)
 @pytest.mark.parametrize(
     ("sensor", "quality"),
     [("vision", quality) for quality in (Quality.NO_TARGET, Quality.COASTED, *DEAD_ONES)]
@@ -474,7 +473,6 @@ PHASES: Mapping[str, Callable[[], Bench]] = {
 in_each_phase = pytest.mark.parametrize("phase", PHASES)
 
 
-@pytest.mark.mostly_long(short=3)
 @in_each_phase
 @pytest.mark.parametrize("sensor", ["vision", "range"])
 def test_a_sensor_that_dies_ends_everything_good_at_once(phase: str, sensor: str) -> None:
@@ -490,7 +488,6 @@ def test_a_sensor_that_dies_ends_everything_good_at_once(phase: str, sensor: str
             assert not state.visit.released
 
 
-@pytest.mark.mostly_long(short=3)
 @in_each_phase
 @pytest.mark.parametrize("sensor", ["vision", "range"])
 def test_after_a_sensor_was_dead_in_place_must_be_earned_by_both(phase: str, sensor: str) -> None:
@@ -1093,7 +1090,6 @@ def test_enable_is_asked_of_a_released_truck_as_of_any() -> None:
 # A technician at work.
 
 
-@pytest.mark.mostly_long(short=3)
 @in_each_phase
 @pytest.mark.parametrize("check", [FunctionCheck.MAY_MOVE_OFF, FunctionCheck.MAY_MOVE_KEPT], ids=lambda c: c.name)
 def test_a_function_check_ends_in_place_at_once_and_keeps_it_off(phase: str, check: FunctionCheck) -> None:

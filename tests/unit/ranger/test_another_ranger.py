@@ -2,11 +2,14 @@
 
 import asyncio
 import threading
+from dataclasses import replace
 from importlib.metadata import EntryPoint
 
 import pytest
 
 from gateway import config_check, registry
+from gateway.alarms.bay_alarms import BAY_ALARMS
+from gateway.alarms.definition import BayInputs
 from gateway.bay import BayControl
 from gateway.clock import SystemClock
 from gateway.config import BayConfig, GatewayConfig, RangerConfig, parse
@@ -160,6 +163,18 @@ def test_a_truck_arrives_by_the_camera_beyond_its_own_range(radius_px: float, mo
         for observation in (seen, RangeReading(now_ns, Quality.NO_ECHO), Tick()):
             state = interlock.step(state, observation, now_ns, rules)
     assert state.may_move is moves
+
+
+def test_where_its_range_is_not_known_an_echo_is_due_as_with_an_hcsr04(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(RANGERS._loaded, "laser", RangerType(LaserSession, LaserPort, check_laser))
+    bay = BayConfig(ranger=RangerConfig(type="laser", port="laser:1"))
+    rules = interlock.Rules.of(bay)
+    state = interlock.initial("bay1", 0, rules)
+    for reading in (VisionReading(1, Quality.GOOD, Circle(320, 240, 22.0)), RangeReading(1, Quality.NO_ECHO)):
+        state = interlock.step(state, reading, 1, rules)
+    (alarm,) = (alarm for alarm in BAY_ALARMS if alarm.id == "ranger_no_echo")
+    assert alarm.condition(BayInputs(state, bay))  # 54,000 / 22 = 2455 mm
+    assert not alarm.condition(BayInputs(replace(state, z_vision_mm=2600.0), bay))
 
 
 def test_a_distance_that_it_cannot_measure_is_a_fault() -> None:

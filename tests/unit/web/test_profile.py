@@ -198,6 +198,8 @@ def test_a_line_that_holds_the_change_and_a_password_shows_the_change() -> None:
 
 
 def test_what_the_schema_does_not_know_is_not_shown() -> None:
+    former = "[ranger]\ntemperature_c = 5.0\n"
+    assert redacted(former, source="p") == former
     assert redacted('[hmi]\nnew_secret = "hush"\n[vision]\ncoast_s = 0.5 # short\n', source="p") == (
         '[hmi]\nnew_secret = "***"\n[vision]\ncoast_s = 0.5 # short\n'
     )

@@ -173,6 +173,15 @@ def test_any_layout_takes_a_new_key(text: str, expected: str | None) -> None:
     assert after == (text.replace('comment"""\n', 'comment"""\na.b.x = 1\n') if expected is None else expected)
 
 
+def test_a_key_that_has_another_place_since_leaves_its_former_one() -> None:
+    text = (
+        '[ranger]\nport = "p"\ntemperature_c = 25.0 # of the hall\n\n[[bays]]\nname = "a"\nranger.temperature_c = 8\n'
+    )
+    assert changed(("ranger.hcsr04.temperature_c", 5), ("bays.a.ranger.hcsr04", {"temperature_c": 7}), text=text) == (
+        '[ranger]\nport = "p"\nhcsr04.temperature_c = 5\n\n[[bays]]\nname = "a"\nranger.hcsr04.temperature_c = 7\n'
+    )
+
+
 def test_lists_of_tables_are_addressed_by_name_and_places_become_paths() -> None:
     document = tomllib.loads(PLANT)
     assert by_name(document)["bays"]["b"]["vision"] == {"coast_s": 1, "method": "paper"}
