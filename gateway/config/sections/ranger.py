@@ -15,7 +15,7 @@ RANGERS = Registry("ranger", "gateway.rangers", {"hcsr04": "gateway.ranger.hcsr0
 
 
 class Hcsr04Config(Section):
-    """`[ranger.hcsr04]`: an ultrasonic sensor's distance depends on the air."""
+    """An ultrasonic sensor's distance depends on the air."""
 
     temperature_c: float = Field(20.0, ge=-40, le=85, description="of the air; used unless the ranger measures it")
     temperature_tolerance_c: float = Field(

@@ -33,7 +33,7 @@ export function Pages({ session, bay, current, alarms }) {
 }
 
 /** Chooses a bay. @param {{bays: string[], bay: string|null, choose: (name: string) => void}} at */
-export const BayChoice = ({ bays, bay, choose }) => html`<label class="small">bay <select value=${bay} onChange=${(event) => choose(event.target.value)}>
+export const BayChoice = ({ bays, bay, choose }) => html`<label class="small">bay <select aria-label="bay" value=${bay} onChange=${(event) => choose(event.target.value)}>
   ${bays.map((name) => html`<option translate="no" value=${name} selected=${name === bay}>${name}</option>`)}</select></label>`;
 
 /**
