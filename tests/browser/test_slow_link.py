@@ -88,7 +88,9 @@ def test_the_technicians_page_knows_nothing_when_the_web_process_has_died(
 ) -> None:
     page = visit(f"{bay.url}/tune/bay1", before=OLDEST)
     expect(decision(page)).to_have_text(KNOWN)
-    watches[0].excused = re.compile(f"{SERVER_GONE.pattern}|status of 40[34]")  # the next one has its own tokens and trials
+    watches[0].excused = re.compile(
+        f"{SERVER_GONE.pattern}|status of 40[34]"
+    )  # the next one has its own tokens and trials
     bay.process("gw-hmi").kill()
     expect(decision(page)).to_have_text(UNKNOWN)
     assert in_time(page)
