@@ -42,6 +42,13 @@ def plain_bytes(path: Path, most: int = -1) -> bytes:
         return file.read(most)
 
 
+def write_all(fd: int, data: bytes) -> None:
+    """All of it: waits for room, and continues a short write (a full disk), which fails then. Raises OSError."""
+    rest = memoryview(data)
+    while rest:
+        rest = rest[os.write(fd, rest) :]
+
+
 def write_file(path: Path, data: bytes) -> None:
     """On disk when it returns; see `replacing`. Its folder is made where it is missing. Raises OSError."""
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)

@@ -3,10 +3,10 @@
 A piece is its length, one byte of AnswerKind, and the content. Where the asker closes its end, the work is given up.
 """
 
-import os
 from enum import Enum
 
 from gateway.errors import GatewayError
+from gateway.files import write_all
 
 LENGTH_BYTES = 4  # before every piece
 
@@ -32,10 +32,3 @@ def write_piece(pipe: int, kind: AnswerKind, content: bytes) -> None:
     """Waits for room. Raises OSError where nobody reads."""
     write_all(pipe, (1 + len(content)).to_bytes(LENGTH_BYTES) + kind.value)
     write_all(pipe, content)
-
-
-def write_all(fd: int, data: bytes) -> None:
-    """Waits for room. Raises OSError where nobody reads."""
-    rest = memoryview(data)
-    while rest:
-        rest = rest[os.write(fd, rest) :]

@@ -1,4 +1,4 @@
-"""The files of one bay's recording: listed, written, brought to the disk. IO; may raise OSError."""
+"""The files of one bay's recording, by number. IO; may raise OSError."""
 
 import os
 from pathlib import Path
@@ -20,10 +20,3 @@ def files_in(folder: Path) -> list[StoredFile]:
     return sorted(
         (StoredFile(name, size, str(name) in pins) for name, size in found), key=lambda f: (f.name.number, f.name.kind)
     )
-
-
-def write_all(fd: int, data: bytes) -> None:
-    """All of it; a short write (a full disk) is continued, and fails then."""
-    rest = memoryview(data)
-    while rest:
-        rest = rest[os.write(fd, rest) :]

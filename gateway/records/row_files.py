@@ -16,8 +16,8 @@ from pathlib import Path
 import msgspec
 
 from gateway.errors import ProtocolError
-from gateway.files import sync_folder
-from gateway.records.files import files_in, write_all
+from gateway.files import sync_folder, write_all
+from gateway.records.files import files_in
 from gateway.records.index_rows import MINUTE_COLUMNS, Minute, MinuteRow, SegmentRows, VisitRow
 from gateway.records.names import ROWS, FileName
 from gateway.records.segment import MAGIC, MAX_RECORDS_BYTES, BlockKind, DamagedBytes, block, blocks

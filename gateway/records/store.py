@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gateway.durations import NS_PER_S
-from gateway.files import sync_folder
+from gateway.files import sync_folder, write_all
 from gateway.records import retention, row_files
-from gateway.records.files import files_in, write_all
+from gateway.records.files import files_in
 from gateway.records.names import PICTURES, PIN, SEGMENT, FileName
 from gateway.records.retention import RetentionLimits, StoredFile
 from gateway.records.segment import Head, head_block

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from gateway.errors import LinkError, ProtocolError
-from gateway.processes.answers import LENGTH_BYTES, AnswerKind, write_all
+from gateway.files import write_all
+from gateway.processes.answers import LENGTH_BYTES, AnswerKind
 from gateway.processes.channel import Channel, Failed
 from gateway.processes.codec import Codec
 from gateway.web.auth.refusals import RefusalError

@@ -25,26 +25,28 @@ class Hcsr04Config(Section):
 
 def with_own_sections(ranger: Any) -> Any:
     """A table `[ranger]` with the keys of `[ranger.hcsr04]` there: in 0.1.0 they stood in `[ranger]` itself. As it is
-    where that is not clear: RangerConfig reports it at the key that was written."""
-    former, own = _former_and_own(ranger)
-    if not former or former.keys() & own.keys() or _fault(former) is not None:
+    where that is not possible: RangerConfig reports it at the key that was written."""
+    try:
+        return _moved(ranger)
+    except FieldError:
         return ranger
-    return {key: value for key, value in ranger.items() if key not in former} | {"hcsr04": {**former, **own}}
 
 
-def _former_and_own(ranger: Any) -> tuple[dict[str, Any], Mapping[str, Any]]:
+def _moved(ranger: Any) -> Any:
+    """Raises FieldError for a key that is given twice, and for a value that is not allowed."""
     if not isinstance(ranger, Mapping) or not isinstance(own := ranger.get("hcsr04", {}), Mapping):
-        return {}, {}
-    return {key: ranger[key] for key in Hcsr04Config.model_fields if key in ranger}, own
-
-
-def _fault(former: Mapping[str, Any]) -> FieldError | None:
+        return ranger
+    former = {key: ranger[key] for key in Hcsr04Config.model_fields if key in ranger}
+    if twice := former.keys() & own.keys():
+        key = min(twice)
+        raise FieldError(f"ranger.hcsr04.{key} is given, too; keep that one", key)
     try:
         Hcsr04Config.model_validate(former)
     except ValidationError as error:
         fault = error.errors()[0]
-        return FieldError(fault["msg"].removeprefix("Value error, "), *fault["loc"])
-    return None
+        raise FieldError(fault["msg"].removeprefix("Value error, "), *fault["loc"]) from None
+    rest = {key: value for key, value in ranger.items() if key not in former}
+    return rest | {"hcsr04": {**former, **own}} if former else ranger
 
 
 class RangerConfig(Section):
@@ -69,13 +71,7 @@ class RangerConfig(Section):
     @classmethod
     def _former_keys(cls, given: Any) -> Any:
         """Recordings have them, too."""
-        former, own = _former_and_own(given)
-        if twice := former.keys() & own.keys():
-            key = min(twice)
-            raise FieldError(f"ranger.hcsr04.{key} is given, too; keep that one", key)
-        if (fault := _fault(former)) is not None:
-            raise fault
-        return with_own_sections(given)
+        return _moved(given)
 
     @field_validator("median")
     @classmethod

@@ -11,8 +11,9 @@ import pytest
 from hypothesis import given
 
 from gateway.core.visit_summary import VisitEnd, VisitSummary
+from gateway.files import write_all
 from gateway.records import row_files
-from gateway.records.files import files_in, write_all
+from gateway.records.files import files_in
 from gateway.records.index import Index
 from gateway.records.index_reader import IndexReader
 from gateway.records.index_rows import MINUTE_COLUMNS, Minute, MinuteRow
