@@ -6,13 +6,12 @@ from functools import partial
 
 from gateway.config import SHARED_SECTIONS, BayConfig, GatewayConfig, ModbusConfig, RangerConfig
 from gateway.config.strict.errors import ConfigFault, FaultsError, located
-from gateway.errors import ConfigError
+from gateway.errors import ConfigError, SettingError
 from gateway.files import device_at
 from gateway.net import tls
 from gateway.net.tls import TlsFiles
 from gateway.ranger.ranger_service import check_port, ranger_type
 from gateway.sinks import registry as sink_registry
-from gateway.sinks.contract import SettingError
 from gateway.vision.detect import registry as detection_methods
 from gateway.vision.source.specs import check_exposure, source_spec
 from gateway.web import languages
@@ -30,6 +29,8 @@ def check(config: GatewayConfig, *, source: str, text: str) -> None:
             part()
         except ConfigError as error:
             message = re.sub(r"^(modbus\.tls\.|camera\.url|camera\.exposure|ranger port)\b[:= ]*", "", str(error))
+            if isinstance(error, SettingError):  # it knows its key of the bay
+                place, message = (*place[:2], *error.place), error.fault
             fault = located(place, message, source=source, text=text, shared=SHARED_SECTIONS)
             if fault not in faults:  # a shared section is checked once per bay
                 faults.append(fault)

@@ -254,7 +254,7 @@ def of_the_configuration() -> set[str]:
 
     def described(part: object) -> Iterator[str]:
         if isinstance(part, dict):
-            for name in ("description", "x-unit"):
+            for name in ("description", "x-unit", "x-form"):
                 if isinstance(text := part.get(name), str):
                     yield text
             part = list(part.values())

@@ -27,6 +27,7 @@ from gateway.config.sections.mqtt import MqttConfig, MqttTls, SparkplugConfig
 from gateway.config.sections.ranger import RangerConfig, with_own_sections
 from gateway.config.sections.records import RecordsConfig
 from gateway.config.sections.vision import CameraConfig, CropConfig, Intrinsics, PictureConfig, VisionConfig
+from gateway.config.strict import forms
 from gateway.config.strict.errors import FaultsError, FieldError, faults_of
 from gateway.config.strict.section import Section
 from gateway.config.strict.toml_file import merge, read_toml
@@ -63,7 +64,7 @@ __all__ = [
     "parse",
 ]
 
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
+Name = Annotated[str, Field(pattern=forms.NAME)]
 SHARED_SECTIONS = ("camera", "vision", "ranger", "fusion", "guidance", "visit")
 
 

@@ -11,12 +11,15 @@ _PRIVATE = ("key", "tls_key", "key_file")
 
 def named_files(config: GatewayConfig) -> Iterator[tuple[str, str, bool]]:
     """Of each its key, the path as it is written, and whether it holds a private key or a password."""
-    for path, value in _leaves((), config.model_dump()):
-        key = path[-1]
+    for place, value in _leaves((), config.model_dump()):
+        key = place[-1]
         if not isinstance(value, str) or not value:
             continue
-        if key in _SERVED.get(path[:-1], ()) or (key.endswith("_file") and key != "outbox_file"):
-            yield ".".join(path), value, key in _PRIVATE or key.endswith("password_file")
+        if key in _SERVED.get(place[:-1], ()) or (key.endswith("_file") and key != "outbox_file"):
+            yield ".".join(place), value, key in _PRIVATE or key.endswith("password_file")
+    for path in dict.fromkeys(bay.camera.password_file for bay in config.bays):
+        if path is not None:
+            yield "camera.password_file", path, True
 
 
 def _leaves(path: tuple[str, ...], value: Any) -> Iterator[tuple[tuple[str, ...], Any]]:

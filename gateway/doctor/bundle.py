@@ -23,12 +23,12 @@ from gateway import __version__
 from gateway.config import GatewayConfig
 from gateway.config.strict.errors import is_secret, query_passwords
 from gateway.doctor.examine import findings
+from gateway.errors import SettingError
 from gateway.files import plain_bytes, replacing
+from gateway.passwords import one_line
 from gateway.records import recorder_service as records
 from gateway.records.names import PICTURES, PIN, SEGMENT, parsed
 from gateway.sinks import registry
-from gateway.sinks.contract import SettingError
-from gateway.sinks.credentials import one_line
 
 UNIT = "loading-gateway"
 JOURNAL_LINES, JOURNAL_S = 20_000, 20.0
@@ -65,6 +65,7 @@ def secrets_of(config: GatewayConfig) -> Iterator[bytes]:
         if is_secret(key) and not key.endswith(("_file", "_env")) and isinstance(value, str) and value:
             yield value.encode()
     sections = [] if config.mqtt is None else [("mqtt", config.mqtt.model_dump())]
+    sections += [("camera", bay.camera.model_dump()) for bay in config.bays]
     sections += [(f"sinks.{name}", dict(table)) for name, table in config.sinks.items()]
     for section, table in sections:
         for key, value in _named(table):

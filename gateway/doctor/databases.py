@@ -7,9 +7,8 @@ from gateway.config import GatewayConfig
 from gateway.config.strict.errors import without_password
 from gateway.doctor.brokers import in_time
 from gateway.doctor.finding import Finding, Verdict
-from gateway.errors import GatewayError
+from gateway.errors import GatewayError, SettingError
 from gateway.sinks import registry
-from gateway.sinks.contract import SettingError
 from gateway.sinks.postgresql.probe import probe
 from gateway.sinks.postgresql.settings import PostgresqlConfig
 from gateway.sinks.postgresql.sink import driver

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from gateway.clock import SystemClock
-from gateway.config import MqttConfig
+from gateway.config import CameraConfig, MqttConfig
 from gateway.doctor import brokers, devices, plc
 from gateway.doctor.finding import Verdict
 from gateway.errors import ConfigError, GatewayError
@@ -84,6 +84,7 @@ def answer(setup: DevicesSetup, question: DeviceQuestion, send: Callable[[Device
         case ListDevices():
             send(devices.found(config, Path(setup.devices), Path(setup.system)))
         case LookAtCamera(camera):
+            _refuse_stored("camera", camera)
             if user := devices.user_of_camera(config, camera.url, Path(setup.devices)):
                 send(_taken("camera", camera.url, user))
             else:
@@ -96,7 +97,7 @@ def answer(setup: DevicesSetup, question: DeviceQuestion, send: Callable[[Device
         case TryPlc(port):
             send(TriedParts(tuple(map(look.as_tried, plc.findings(config, port, clock)))))
         case TryBroker(mqtt):
-            _refuse_stored_passwords(mqtt)
+            _refuse_stored("mqtt", mqtt)
             asked = config if mqtt is None else config.model_copy(update={"mqtt": mqtt})
             send(TriedParts(tuple(map(look.as_tried, brokers.brokers(asked)))))
         case Examine():
@@ -104,11 +105,11 @@ def answer(setup: DevicesSetup, question: DeviceQuestion, send: Callable[[Device
                 send(TriedParts((look.as_tried(finding),)))
 
 
-def _refuse_stored_passwords(mqtt: MqttConfig | None) -> None:
+def _refuse_stored(name: str, section: MqttConfig | CameraConfig | None) -> None:
     """Here, too, and not only by the web process: it may be an intruder's. Raises GatewayError."""
-    for key in () if mqtt is None else type(mqtt).model_fields:
-        if key.endswith(STORED_PASSWORDS) and getattr(mqtt, key) is not None:
-            raise GatewayError(f"mqtt.{key}: only the broker of the file is tried with it: save it first")
+    for key in () if section is None else type(section).model_fields:
+        if key.endswith(STORED_PASSWORDS) and getattr(section, key) is not None:
+            raise GatewayError(f"{name}.{key}: only what is in the file is tried with it: save it first")
 
 
 def _taken(part: str, what: str, user: str) -> TriedParts:

@@ -6,8 +6,8 @@ from datetime import UTC, datetime, timedelta
 
 from gateway.config.sections.common import ClientTls
 from gateway.durations import NS_PER_S
+from gateway.errors import SettingError
 from gateway.net.tls import WARN_DAYS, ends, stamps
-from gateway.sinks.contract import SettingError
 from gateway.sinks.credentials import client_context
 
 log = logging.getLogger(__name__)

@@ -23,7 +23,7 @@ from gateway.config import GatewayConfig, Reconnect
 from gateway.config.strict.section import Section
 from gateway.core.events import Event
 from gateway.core.state import StateVector
-from gateway.errors import ConfigError
+from gateway.errors import SettingError  # noqa: F401 - sinks of others import it from here
 
 
 class EventQueue(Protocol):
@@ -166,16 +166,6 @@ class Sink(Protocol):
 
     async def close(self, timeout_s: float) -> object:
         """Deliver the final states and what is queued, beside a running `deliver` or without one, in `timeout_s`."""
-
-
-class SettingError(ConfigError):
-    """A value of the configuration that can't work. `place` is its key as a path, with the number
-    of an item of a list, `fault` what is wrong with it."""
-
-    def __init__(self, key: str, fault: str, value: str | None = None) -> None:
-        super().__init__(f"{key}: {fault}" if value is None else f'{key} = "{value}": {fault}')
-        self.place: tuple[str | int, ...] = tuple(int(part) if part.isdigit() else part for part in key.split("."))
-        self.fault = fault
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,9 +15,9 @@ from gateway.clock import Clock
 from gateway.config import GatewayConfig, reference
 from gateway.config.strict.errors import explain
 from gateway.config.strict.section import Section
-from gateway.errors import ConfigError
+from gateway.errors import ConfigError, SettingError
 from gateway.registry import Registry
-from gateway.sinks.contract import AlarmSource, Bays, SettingError, Sink, SinkContext, SinkType, no_alarms
+from gateway.sinks.contract import AlarmSource, Bays, Sink, SinkContext, SinkType, no_alarms
 from gateway.sinks.mqtt.publisher import MQTT
 from gateway.sinks.sparkplug.publisher import SPARKPLUG
 

@@ -5,6 +5,7 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from gateway.config.sections.common import MAX_DISTANCE_MM
+from gateway.config.strict import forms
 from gateway.config.strict.errors import FieldError
 from gateway.config.strict.section import Section
 
@@ -181,7 +182,7 @@ class RecipeConfig(Section):
     name: str = Field(min_length=1, max_length=64, description="for people")
     language: str | None = Field(
         None,
-        pattern="^[a-z]{2,3}$",
+        pattern=forms.LANGUAGE,
         description="of the driver's display, by its code (de); absent: as chosen at the display",
     )
     fusion: RecipeFusion = Field(default_factory=RecipeFusion)

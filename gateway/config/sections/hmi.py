@@ -7,6 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, model_validator
 
 from gateway.config.sections.common import is_loopback
+from gateway.config.strict import forms
 from gateway.config.strict.errors import FieldError
 from gateway.config.strict.section import Section
 
@@ -56,9 +57,7 @@ HostName = Annotated[str, AfterValidator(host_name)]
 class HmiUser(Section):
     """One who may log in. `gateway password` prints such a table."""
 
-    name: str = Field(
-        pattern=r"^[A-Za-z0-9._-]{1,64}$", description="as typed at login; letters, digits, `.`, `_`, `-`"
-    )
+    name: str = Field(pattern=forms.USER_NAME, description="as typed at login; letters, digits, `.`, `_`, `-`")
     role: Literal["viewer", "technician"] = Field(
         "viewer", description="a viewer sees everything and acknowledges alarms; a technician also tunes and saves"
     )
@@ -77,7 +76,7 @@ class HmiConfig(Section):
     users: tuple[HmiUser, ...] = Field((), max_length=64, description="who may log in")
     run_as: str | None = Field(
         None,
-        pattern=r"^[A-Za-z_][A-Za-z0-9_.-]{0,31}$",
+        pattern=forms.SYSTEM_USER,
         description="user that the web process becomes where the gateway runs as root; it must be able to read the "
         "program and the TLS files; absent: the gateway's own user",
     )

@@ -5,24 +5,25 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from gateway.config.sections.common import ClientTls, Reconnect
+from gateway.config.strict import forms
 from gateway.config.strict.errors import FieldError
 from gateway.config.strict.section import Section
 
-BrokerUrl = Annotated[str, Field(pattern=r"^(mqtts?|wss?)://")]
-Level = Annotated[str, Field(pattern=r"^[^#+/$\s\x00-\x1f][^#+/\x00-\x1f]{0,63}$")]
+BrokerUrl = Annotated[str, Field(pattern=forms.BROKER_URL)]
+Level = Annotated[str, Field(pattern=forms.TOPIC_LEVEL)]
 
 
 class SparkplugConfig(Section):
     """The gateway as a Sparkplug B 3.0 edge node, on a separate connection beside that of the plain topics."""
 
     group_id: str | None = Field(
-        None, pattern=r"^[^#+/\x00-\x1f]{1,128}$", description="first level after the namespace; default: `site`"
+        None, pattern=forms.SPARKPLUG_ID, description="first level after the namespace; default: `site`"
     )
     edge_node_id: str | None = Field(
-        None, pattern=r"^[^#+/\x00-\x1f]{1,128}$", description="unique in its group; default: `instance`"
+        None, pattern=forms.SPARKPLUG_ID, description="unique in its group; default: `instance`"
     )
     primary_host_id: str | None = Field(
-        None, pattern=r"^[^#+/\x00-\x1f]{1,128}$", description="births wait until this host is online; absent: for none"
+        None, pattern=forms.SPARKPLUG_ID, description="births wait until this host is online; absent: for none"
     )
     period_s: float = Field(0.5, ge=0.05, le=60, description="data at most so often; changes of stop at once")
     datatypes_in_data: bool = Field(
@@ -52,22 +53,22 @@ class MqttConfig(Section):
         le=86_400,
         description="while a broker other than the first of `urls` is connected: how often those before it are checked",
     )
-    root: str = Field("loading", pattern=r"^[^#+/\s][^#+\s]*$", description="first level of every topic")
+    root: str = Field("loading", pattern=forms.TOPIC_ROOT, description="first level of every topic")
     area: Level | None = Field(None, description="topic level after the site (ISA-95); default: none")
     line: Level | None = Field(None, description="topic level after the area, or the site; default: none")
     client_id: str | None = Field(None, max_length=64, description="default: gateway-<site>-<instance>")
     username: str | None = Field(None, min_length=1, max_length=1000, description="instead of one in the url")
     password_file: str | None = Field(None, min_length=1, description="file whose one line is the password")
     password_env: str | None = Field(
-        None, pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", description="environment variable that holds the password"
+        None, pattern=forms.VARIABLE, description="environment variable that holds the password"
     )
     proxy: str | None = Field(
-        None, pattern=r"^http://", description="HTTP proxy that connects to the broker (CONNECT): http://host:port"
+        None, pattern=forms.PROXY_URL, description="HTTP proxy that connects to the broker (CONNECT): http://host:port"
     )
     proxy_username: str | None = Field(None, min_length=1, max_length=1000, description="user at the proxy")
     proxy_password_file: str | None = Field(None, min_length=1, description="file whose one line is the password there")
     proxy_password_env: str | None = Field(
-        None, pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", description="environment variable that holds the password there"
+        None, pattern=forms.VARIABLE, description="environment variable that holds the password there"
     )
     protocol: Literal["auto", "5", "3.1.1"] = Field("auto", description="auto: MQTT 5, and 3.1.1 where 5 is refused")
     event_expiry_h: float = Field(
@@ -85,7 +86,7 @@ class MqttConfig(Section):
     )
     home_assistant: bool = Field(False, description="every bay appears in Home Assistant by itself (MQTT discovery)")
     home_assistant_prefix: str = Field(
-        "homeassistant", pattern=r"^[^#+/\s]+$", description="discovery prefix, as set in Home Assistant"
+        "homeassistant", pattern=forms.TOPIC_PREFIX, description="discovery prefix, as set in Home Assistant"
     )
     sparkplug: SparkplugConfig | None = Field(None, description="absent: no Sparkplug")
     tls: MqttTls | None = Field(None, description="certificates for mqtts://")

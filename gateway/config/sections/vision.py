@@ -144,6 +144,8 @@ class CameraConfig(Section):
         min_length=1,
         description="camera index, /dev/video*, video file, image folder, rtsp:// or http:// stream",
     )
+    username: str | None = Field(None, min_length=1, max_length=1000, description="of a stream, instead of in the url")
+    password_file: str | None = Field(None, min_length=1, description="file whose one line is the stream's password")
     width_px: int | None = Field(
         None,
         ge=16,

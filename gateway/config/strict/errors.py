@@ -9,6 +9,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
+from gateway.config.strict import forms
 from gateway.config.strict.section import bounds_of, inner_model
 from gateway.config.strict.toml_file import line_of
 from gateway.errors import ConfigError
@@ -72,7 +73,10 @@ def faults_of(
     found: list[ConfigFault] = []
     for fault in faults:
         place, value = fault["loc"], fault["input"]
+        form = forms.WORDS.get(fault.get("ctx", {}).get("pattern", ""))
         message = _MESSAGES.get(fault["type"], fault["msg"].removeprefix("Value error, "))
+        if form is not None:
+            message = f"should be {form}"
         cause = fault.get("ctx", {}).get("error")
         if isinstance(cause, FieldError):
             depth, inside = _follow(value, cause.place)

@@ -12,14 +12,30 @@ from gateway.errors import ConfigError
 def read_toml(path: Path) -> tuple[dict[str, Any], str]:
     """The document and its text. Raises ConfigError where there is no readable TOML."""
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
+        data = path.read_bytes()
+    except OSError as error:
         raise ConfigError(f"{path}: cannot read the configuration: {error}") from error
     try:
-        data = tomllib.loads(text)
+        text = data.decode("utf-8-sig").replace("\r\n", "\n")
+    except UnicodeDecodeError as error:
+        wide = data.startswith((b"\xff\xfe", b"\xfe\xff"))
+        line = 1 if wide else data.count(b"\n", 0, error.start) + 1
+        code = "UTF-16" if wide else f"the byte {data[error.start]:#04x} is of another code, as Latin-1"
+        raise ConfigError(f"{path}:{line}: not UTF-8 text: {code}; save the file as UTF-8") from None
+    return parsed(text, str(path)), text
+
+
+def parsed(text: str, source: str) -> dict[str, Any]:
+    """Raises ConfigError with the line and its key; never a value, which may be a password."""
+    try:
+        return tomllib.loads(text.removeprefix("\ufeff"))
     except (ValueError, RecursionError) as error:  # TOMLDecodeError, or numbers and nesting that Python refuses
-        raise ConfigError(f"{path}: not valid TOML: {error}") from error
-    return data, text
+        fault, lines = str(error), text.rstrip().split("\n")
+        at = re.search(r" \(at line (\d+), column \d+\)$", fault)
+        number = int(at[1]) if at else len(lines) if "end of document" in fault else 0  # 0: not known
+        key = _KEY.match(lines[number - 1]) if 0 < number <= len(lines) else None
+        where = (f":{number}" if number else "") + (f": {key[1]}" if key else "")
+        raise ConfigError(f"{source}{where}: not valid TOML: {fault[: at.start()] if at else fault}") from error
 
 
 def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:

@@ -10,9 +10,9 @@ from dataclasses import dataclass, field, replace
 from urllib.parse import unquote, urlsplit
 
 from gateway.config import MqttConfig
+from gateway.errors import SettingError
+from gateway.passwords import ESCAPED, MAX_BYTES, password
 from gateway.sinks.client_tls import ClientCertificates
-from gateway.sinks.contract import SettingError
-from gateway.sinks.credentials import MAX_BYTES, password
 
 DEFAULT_PORT = {"mqtt": 1883, "mqtts": 8883, "ws": 80, "wss": 443}
 PROXY_PORT = {"http": 3128}
@@ -81,12 +81,12 @@ def _parse(url: str, default_port: Mapping[str, int]) -> Broker:
         parts = urlsplit(url)
         scheme, host, port = parts.scheme, parts.hostname or "", parts.port
     except ValueError:  # its text may quote the password, as may its chained form
-        raise _UrlError("not a URL with a host and a port from 1 to 65535") from None
+        raise _UrlError(f"not a URL with a host and a port from 1 to 65535; {ESCAPED}") from None
     if scheme not in default_port:
         raise _UrlError(f"must begin with {' or '.join(f'{known}://' for known in default_port)}")
     web_socket = scheme in ("ws", "wss")
     if (parts.path not in ("", "/") and not web_socket) or parts.query or parts.fragment or "?" in url or "#" in url:
-        raise _UrlError("nothing may follow the port; write / ? # in a password as %2F %3F %23")
+        raise _UrlError(f"nothing may follow the port; {ESCAPED}")
     if not host or host.startswith(".") or re.search(r"[\s\x00-\x1f\x7f]", url):
         raise _UrlError("names no host, or contains blanks")
     if port == 0:

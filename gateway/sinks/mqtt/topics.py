@@ -9,7 +9,7 @@ import re
 from dataclasses import dataclass
 
 from gateway.config import MqttConfig
-from gateway.sinks.contract import SettingError
+from gateway.errors import SettingError
 
 MAX_ROOT_BYTES = 1000  # MQTT allows 65,535 bytes for a complete topic
 

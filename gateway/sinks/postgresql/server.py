@@ -8,8 +8,9 @@ import ssl
 from dataclasses import dataclass, field, replace
 from urllib.parse import unquote, urlsplit
 
-from gateway.sinks.contract import SettingError
-from gateway.sinks.credentials import client_context, password
+from gateway.errors import SettingError
+from gateway.passwords import ESCAPED, password
+from gateway.sinks.credentials import client_context
 from gateway.sinks.postgresql.settings import PostgresqlConfig
 
 SECTION = "sinks.postgresql"
@@ -65,10 +66,10 @@ def _parse(url: str) -> Server:
         texts = [unquote(text or "", errors="strict") for text in (host, parts.path[1:], parts.username)]
         secret = None if parts.password is None else unquote(parts.password, errors="strict")
     except ValueError:  # its text may quote the password, as may its chained form
-        raise _url_error("not a URL with a host and a port from 1 to 65535") from None
+        raise _url_error(f"not a URL with a host and a port from 1 to 65535; {ESCAPED}") from None
     host, database, user = texts
     if parts.query or parts.fragment or "?" in url or "#" in url:
-        raise _url_error("nothing may follow the database; write / ? # in a password as %2F %3F %23")
+        raise _url_error(f"nothing may follow the database; {ESCAPED}")
     if not host or not database or "/" in parts.path[1:]:
         raise _url_error("names no host or no database")
     if re.search(r"[\s\x00-\x1f\x7f]", url) or "\0" in "".join([*texts, secret or ""]):

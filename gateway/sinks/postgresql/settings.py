@@ -5,6 +5,7 @@ from typing import Self
 from pydantic import Field, model_validator
 
 from gateway.config.sections.common import ClientTls, Reconnect
+from gateway.config.strict import forms
 from gateway.config.strict.errors import FieldError
 from gateway.config.strict.section import Section
 
@@ -15,18 +16,16 @@ class PostgresqlTls(ClientTls):
 
 class PostgresqlConfig(Section):
     url: str = Field(
-        pattern=r"^postgres(ql)?://",
+        pattern=forms.POSTGRESQL_URL,
         description="postgresql://[user[:password]@]host[:port]/database; host may be the folder of a Unix socket, "
         "with / as %2F",
     )
     username: str | None = Field(None, min_length=1, max_length=63, description="instead of one in the url")
     password_file: str | None = Field(None, min_length=1, description="file whose one line is the password")
     password_env: str | None = Field(
-        None, pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", description="environment variable that holds the password"
+        None, pattern=forms.VARIABLE, description="environment variable that holds the password"
     )
-    schema_name: str = Field(
-        "loading", pattern=r"^[a-z_][a-z0-9_]{0,62}$", description="PostgreSQL schema that holds the tables"
-    )
+    schema_name: str = Field("loading", pattern=forms.SQL_NAME, description="PostgreSQL schema that holds the tables")
     create_tables: bool = Field(
         True, description="create what is missing; false: an administrator runs docs/scada/postgresql.sql"
     )

@@ -18,8 +18,8 @@ from gateway.config import GatewayConfig
 from gateway.core.events import Event
 from gateway.core.state import StateVector
 from gateway.durations import NS_PER_S
-from gateway.errors import LinkError
-from gateway.sinks.contract import LinkStatus, SettingError, SinkContext, SinkType
+from gateway.errors import LinkError, SettingError
+from gateway.sinks.contract import LinkStatus, SinkContext, SinkType
 from gateway.sinks.mqtt import payloads
 from gateway.sinks.mqtt.topics import Gateway, Topics
 from gateway.sinks.outbox.durable import limits, opened_outbox

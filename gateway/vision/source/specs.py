@@ -7,11 +7,12 @@ import re
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, cast
-from urllib.parse import urlsplit
+from urllib.parse import quote, urlsplit
 
 from gateway.clock import Clock
 from gateway.config import ControlsConfig
-from gateway.errors import ConfigError
+from gateway.errors import ConfigError, SettingError
+from gateway.passwords import ESCAPED, one_line
 from gateway.registry import Registry
 from gateway.vision.exposure.settings import ExposureRules
 from gateway.vision.source.contract import Needs, Source, SourceSpec
@@ -28,6 +29,7 @@ CAMERA_TYPES = Registry(
     dict.fromkeys(("rtsp", "rtsps", "http", "https"), "gateway.vision.source.specs:stream_spec"),
 )
 """By the scheme of `camera.url`: a function from `CameraConfig` to a `SourceSpec`. Raises ConfigError."""
+LOGIN_KEYS = "camera.username and camera.password_file"
 FOLDER_FPS = 10.0  # pace of an image folder unless configured
 
 
@@ -98,6 +100,31 @@ class FileSpec:
         return open_file(self, clock)
 
 
+def _with_login(config: "CameraConfig") -> str:
+    """The URL of a stream with user and password in it, as FFmpeg takes them. Raises ConfigError."""
+    url = config.url.strip()
+    scheme = url.partition("://")[0]
+    try:
+        parts = urlsplit(url)
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        raise ConfigError(f"camera.url: not a usable {scheme}:// address; {ESCAPED}, or use {LOGIN_KEYS}") from None
+    behind = parts.path + parts.query + parts.fragment
+    if "@" in behind and "@" not in parts.netloc and (port is not None or parts.fragment):
+        raise ConfigError(f"camera.url: has @ behind the host; {ESCAPED} and @ elsewhere as %40, or use {LOGIN_KEYS}")
+    if not host:
+        raise ConfigError(f"camera.url: {scheme}:// needs a host")
+    secret = None if config.password_file is None else one_line("camera.password_file", config.password_file)
+    if config.username is None and secret is not None:
+        raise SettingError("camera.username", "is missing; a password needs a user name")
+    if config.username is None:
+        return url
+    if "@" in parts.netloc:
+        raise SettingError("camera.username", "camera.url names a user, too; keep one of them")
+    login = quote(config.username, safe="") + ("" if secret is None else f":{quote(secret, safe='')}")
+    return url.replace("://", f"://{login}@", 1)
+
+
 def check_exposure(config: "CameraConfig") -> None:
     """Raises ConfigError where the exposure is to be controlled and the source is none that could be."""
     url = config.url.strip()
@@ -135,6 +162,8 @@ def source_spec(config: "CameraConfig") -> SourceSpec:
         )
     if "\0" in url:
         raise ConfigError("camera.url: a NUL is part of no address and no path")
+    if "://" not in url and (config.username or config.password_file):
+        raise SettingError("camera.username", "only a stream (rtsp://, http://) has users")
     by_arrival = config.frame_time == "arrival"
     number = re.fullmatch("[0-9]{1,9}", url)  # a longer one is a path
     if number or url.startswith("/dev/"):
@@ -167,16 +196,9 @@ def source_spec(config: "CameraConfig") -> SourceSpec:
 
 
 def stream_spec(config: "CameraConfig") -> StreamSpec:
-    """Of a stream's URL, which stays out of the messages: it may hold a password."""
-    url = config.url.strip()
+    """Of a stream's URL, which stays out of the messages: it may hold a password. Raises ConfigError."""
+    url = _with_login(config)
     scheme = url.partition("://")[0]
-    try:
-        parts = urlsplit(url)
-        host, _port = parts.hostname, parts.port
-    except ValueError as error:
-        raise ConfigError(f"camera.url: not a usable {scheme}:// address") from error
-    if not host:
-        raise ConfigError(f"camera.url: {scheme}:// needs a host")
     # FFmpeg gives up opening just before the deadline, because its reason is the better message. It must not give up
     # reading before the deadline: it then returns the frame it was holding back, which is old but looks new.
     has_times = scheme.lower().startswith("rtsp")

@@ -17,7 +17,7 @@ from gateway.config import SHARED_SECTIONS, BayConfig, GatewayConfig, VisionConf
 from gateway.config.live import changes
 from gateway.config.strict.errors import ConfigFault, FaultsError
 from gateway.config.strict.section import inner_model
-from gateway.config.strict.toml_file import merge
+from gateway.config.strict.toml_file import merge, parsed
 from gateway.core.plc import Writer
 from gateway.errors import ConfigError
 from gateway.sinks import registry as sink_registry
@@ -35,7 +35,7 @@ from gateway.web.ipc.messages import (
 )
 from gateway.web.profile import parameter_schema, profile, settings_model, stored_passwords
 from gateway.web.profile.redact import HIDDEN, Fields, plainly
-from gateway.web.profile.settings_edit import ChangeError, KeyPath, SettingChange, by_name, edited, parsed, path_of
+from gateway.web.profile.settings_edit import ChangeError, KeyPath, SettingChange, by_name, edited, path_of
 
 log = logging.getLogger(__name__)
 

@@ -11,11 +11,12 @@ from datetime import UTC, datetime
 from typing import Any
 
 from gateway.config import GatewayConfig, VisionConfig, parse
+from gateway.config.strict.toml_file import parsed
 from gateway.durations import NS_PER_S
 from gateway.errors import ConfigError
 from gateway.web.profile import parameter_schema as tuned
 from gateway.web.profile.redact import Fields, redacted
-from gateway.web.profile.settings_edit import Place, made, parsed
+from gateway.web.profile.settings_edit import Place, made
 from gateway.web.profile.toml_edit import with_keys
 
 MAX_PROFILE_CHARS = 64 * 1024

@@ -13,6 +13,7 @@ from typing import Any
 
 from gateway.config import SHARED_SECTIONS
 from gateway.config.sections.ranger import Hcsr04Config
+from gateway.config.strict.toml_file import parsed
 from gateway.errors import ConfigError
 from gateway.web.profile.toml_edit import with_item, with_keys, without
 
@@ -86,14 +87,6 @@ def path_of(place: Sequence[str | int], document: Mapping[str, Any]) -> KeyPath:
         identity = IDENTITY.get(str(place[depth - 1])) if depth and isinstance(part, int) else None
         path.append(str(tree.get(identity, part)) if identity and isinstance(tree, Mapping) else str(part))
     return tuple(path)
-
-
-def parsed(text: str, source: str) -> dict[str, Any]:
-    """Raises ConfigError."""
-    try:
-        return tomllib.loads(text.removeprefix("\ufeff"))
-    except (ValueError, RecursionError) as error:
-        raise ConfigError(f"{source}: not valid TOML: {error}") from error
 
 
 def _check_value(path: KeyPath, value: Any, depth: int = 0) -> None:

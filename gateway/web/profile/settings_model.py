@@ -12,6 +12,7 @@ from pydantic import BaseModel, create_model
 from pydantic.fields import FieldInfo
 
 from gateway.config import SHARED_SECTIONS, BayConfig, GatewayConfig
+from gateway.config.strict import forms
 from gateway.config.strict.section import Section, choices_of, inner_model
 from gateway.web.profile.settings_edit import IDENTITY
 
@@ -44,15 +45,27 @@ def _field(info: FieldInfo, description: str | None = None) -> Any:
 
 
 def schema(sinks: Sinks) -> dict[str, Any]:
-    """JSON Schema (2020-12) of the file. Beyond the standard: `x-unit`, `x-secret` (never sent to a browser), and
-    `x-named-by` of a list of tables, whose items are addressed by the value of that key."""
+    """JSON Schema (2020-12) of the file. Beyond the standard: `x-unit`, `x-form`, `x-secret` (never sent to a browser),
+    and `x-named-by` of a list of tables, whose items are addressed by the value of that key."""
     root = model_of(sinks)
     made = root.model_json_schema()
     for model in _models(root):
         part = made if model is root else made["$defs"][model.__name__]
         for name, info in model.model_fields.items():
             _described(part["properties"][name], name, info)
+    _with_forms(made)
     return made
+
+
+def _with_forms(node: Any) -> None:
+    """`x-form` beside each pattern: what is allowed, in words."""
+    if isinstance(node, dict):
+        if (words := forms.WORDS.get(node.get("pattern", ""))) is not None:
+            node["x-form"] = words
+        node = list(node.values())
+    if isinstance(node, list):
+        for inner in node:
+            _with_forms(inner)
 
 
 def _described(one: dict[str, Any], name: str, info: FieldInfo) -> None:

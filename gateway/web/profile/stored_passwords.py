@@ -23,9 +23,9 @@ class _Sent:
 
 def faults(before: Mapping[str, Any], after: Mapping[str, Any], typed: str) -> dict[KeyPath, str]:
     """By key of an address in `after`, why the change is refused. `typed`: all text of the requested changes."""
-    known = {sent for sent, _ in _sent(before, ())}
+    known = {sent for sent, _ in _sent(_complete(before), ())}
     found = {}
-    for sent, path in _sent(after, ()):
+    for sent, path in _sent(_complete(after), ()):
         key, value = sent.password
         if sent in known or (not key and (value in typed or not _kept(value, known))):
             continue
@@ -38,12 +38,25 @@ def faults(before: Mapping[str, Any], after: Mapping[str, Any], typed: str) -> d
     return found
 
 
+def _complete(document: Mapping[str, Any]) -> Mapping[str, Any]:
+    """With the keys for every bay in each bay's own table: a camera's password may be in one, its address in the
+    other."""
+    shared, bays = _table(document.get("camera")), _table(document.get("bays"))
+    each = {name: {"camera": {**shared, **_table(_table(bay).get("camera"))}} for name, bay in bays.items()}
+    return {**document, "bays": each}
+
+
+def _table(value: Any) -> Mapping[str, Any]:
+    return value if isinstance(value, Mapping) else {}
+
+
 def _kept(address: str, known: set[_Sent]) -> bool:
     return any(sent.password == ("", address) for sent in known)
 
 
 def _sent(table: Mapping[str, Any], path: KeyPath) -> Iterator[tuple[_Sent, KeyPath]]:
     proxy = table.get("proxy", "")
+    owner = path[-1:] if path[-1:] == ("camera",) else path  # of whichever bay
     for key, value in table.items():
         if isinstance(value, Mapping):
             yield from _sent(value, (*path, key))
@@ -52,11 +65,11 @@ def _sent(table: Mapping[str, Any], path: KeyPath) -> Iterator[tuple[_Sent, KeyP
             for name in (prefix.rstrip("_"), f"{prefix}url", f"{prefix}urls"):
                 for address in _texts(table.get(name)):
                     via = "" if prefix else str(proxy)
-                    yield _Sent(path, (key, str(value)), (_without_login(address), via)), (*path, name)
+                    yield _Sent(owner, (key, str(value)), (_without_login(address), via)), (*path, name)
         elif key in ("url", "urls"):
             for address in _texts(value):
                 if address != _without_login(address):
-                    yield _Sent(path, ("", address), (address, str(proxy))), (*path, key)
+                    yield _Sent(owner, ("", address), (address, str(proxy))), (*path, key)
 
 
 def _texts(value: Any) -> list[str]:

@@ -1,5 +1,6 @@
 """The requests about devices, and the settings in them, checked as the configuration's file is. Pure."""
 
+from collections.abc import Iterable
 from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -30,8 +31,9 @@ class LookBody(DeviceBody):
         return self
 
     def question(self) -> LookAtCamera | LookAtRanger:
-        """Raises ConfigError."""
+        """Raises ConfigError, also where a password of this machine would go to an address that was just typed."""
         if self.camera is not None:
+            _refuse_stored("camera", self.camera)
             return LookAtCamera(_section(_Camera, {"camera": self.camera}).camera)
         return LookAtRanger(_section(_Ranger, {"ranger": self.ranger}).ranger)
 
@@ -43,9 +45,7 @@ class BrokerBody(DeviceBody):
 
     def settings(self) -> MqttConfig | None:
         """Raises ConfigError, also where a password of this machine would go to an address that was just typed."""
-        for key in self.mqtt or ():
-            if key.endswith(STORED_PASSWORDS):
-                raise ConfigError(f"mqtt.{key}: only the broker of the file is tried with it: save it first")
+        _refuse_stored("mqtt", self.mqtt or ())
         return None if self.mqtt is None else _section(_Mqtt, {"mqtt": self.mqtt}).mqtt
 
 
@@ -63,6 +63,12 @@ class _Ranger(BaseModel):
 
 class _Mqtt(BaseModel):
     mqtt: MqttConfig
+
+
+def _refuse_stored(section: str, keys: Iterable[str]) -> None:
+    for key in keys:
+        if key.endswith(STORED_PASSWORDS):
+            raise ConfigError(f"{section}.{key}: only what is in the file is tried with it: save it first")
 
 
 Checked = TypeVar("Checked", bound=BaseModel)

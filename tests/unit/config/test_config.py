@@ -27,6 +27,7 @@ from gateway.config import (
     reference,
 )
 from gateway.config.sections.ranger import Hcsr04Config
+from gateway.config.strict import forms
 from gateway.config.strict.errors import explain, without_password
 from gateway.config.strict.section import Section, bounds_of, inner_model
 from gateway.config.strict.toml_file import merge
@@ -227,15 +228,15 @@ def _bays(section: str, count: int) -> str:
             "g.toml:2: modbus.word_order = \"BIG\": Input should be 'big' or 'little'",
         ),
         ("log_level = 'loud'", "g.toml:1: log_level = \"loud\": Input should be 'debug', 'info', 'warning' or 'error'"),
-        ('site = "a b"', "g.toml:1: site = \"a b\": String should match pattern '^[A-Za-z0-9_-]{1,64}$'"),
-        ('site = "a\\n"', "g.toml:1: site = \"a\\n\": String should match pattern '^[A-Za-z0-9_-]{1,64}$'"),
-        ("[mqtt]\nurl = 'http://x'", "g.toml:2: mqtt.url = \"http://x\": String should match pattern '^(mqtts?|wss?)://'"),
+        ('site = "a b"', f"g.toml:1: site = \"a b\": should be {forms.WORDS[forms.NAME]}"),
+        ('site = "a\\n"', f"g.toml:1: site = \"a\\n\": should be {forms.WORDS[forms.NAME]}"),
+        ("[mqtt]\nurl = 'http://x'", f"g.toml:2: mqtt.url = \"http://x\": should be {forms.WORDS[forms.BROKER_URL]}"),
         # Missing.
         ("[mqtt]\nroot = 'a'\n", "g.toml:1: mqtt.url: is missing; or urls, a list of several brokers"),
         ("[mqtt]\nurls = []\n", "g.toml:1: mqtt.url: is missing; or urls, a list of several brokers"),
         (
             "[mqtt]\nurls = ['mqtt://a', 'http://x']",
-            "g.toml:2: mqtt.urls.1 = \"http://x\": String should match pattern '^(mqtts?|wss?)://'",
+            "g.toml:2: mqtt.urls.1 = \"http://x\": should be an address that begins with mqtt://, mqtts://, ws:// or wss://",
         ),
         (
             "[mqtt]\nurl = 'mqtt://a'\nurls = ['mqtt://b']",
@@ -355,14 +356,14 @@ def _bays(section: str, count: int) -> str:
         *(
             (
                 "[[bays]]\nname = '!'\n" + _bays("", good_bays),
-                "g.toml:2: bays.0.name = \"!\": String should match pattern '^[A-Za-z0-9_-]{1,64}$'",
+                "g.toml:2: bays.0.name = \"!\": should be letters from A to Z, digits, _ and -, at most sixty-four",
             )
             for good_bays in (0, 3)
         ),
         # A value is shown as in the file.
         (
             'site = "S\u00fcd \\u0007"\n',
-            "g.toml:1: site = \"S\u00fcd \\u0007\": String should match pattern '^[A-Za-z0-9_-]{1,64}$'",
+            "g.toml:1: site = \"S\u00fcd \\u0007\": should be letters from A to Z, digits, _ and -, at most sixty-four",
         ),
     ],
 )  # fmt: skip
@@ -409,7 +410,7 @@ def test_a_long_value_is_cut() -> None:
     (line,) = errors(f"site = '{'x' * 5000}'\n")
 
     assert line.startswith('g.toml:1: site = "xxxx')
-    assert "xxx...: String should match" in line
+    assert "xxx...: should be letters" in line
     assert len(line) < 250
 
 
@@ -498,18 +499,20 @@ def test_a_byte_order_mark_is_no_fault(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "fault"),
     [
-        (b"[modbus\nport = 1\n", "not valid TOML: .*line 1"),
-        (b"a = 1\na = 2\n", "not valid TOML: .*line 2"),
-        (b"[camera]\nurl = \xff\n", "cannot read the configuration"),
-        (b"a = " + b"9" * 5000 + b"\n", "not valid TOML"),
-        (b"a = " + b"[" * 100_000 + b"\n", "not valid TOML"),
+        (b"[modbus\nport = 1\n", ":1: not valid TOML: Expected ']'"),
+        (b"a = 1\na = 2\n", ":2: a: not valid TOML: Cannot overwrite a value$"),
+        (b"[mqtt]\nurl = [1,\n\n", ":2: url: not valid TOML: Invalid value"),
+        (b"[camera]\nurl = \xff\n", ":2: not UTF-8 text: the byte 0xff is of another code, as Latin-1; save the"),
+        ("[camera]\n".encode("utf-16"), ":1: not UTF-8 text: UTF-16; save the file as UTF-8"),
+        (b"a = " + b"9" * 5000 + b"\n", ": not valid TOML"),
+        (b"a = " + b"[" * 100_000 + b"\n", ": not valid TOML"),
     ],
 )
 def test_what_is_no_toml_is_a_config_error(tmp_path: Path, content: bytes, fault: str) -> None:
     path = tmp_path / "bay.toml"
     path.write_bytes(content)
 
-    with pytest.raises(ConfigError, match=f"{re.escape(str(path))}: {fault}"):
+    with pytest.raises(ConfigError, match=f"{re.escape(str(path))}{fault}"):
         load(path)
 
 

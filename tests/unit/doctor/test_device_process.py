@@ -60,7 +60,10 @@ def test_a_broker_is_tried() -> None:
 def test_a_password_of_this_machine_goes_to_no_address_that_was_just_typed(key: str) -> None:
     """Whatever the web process asks for."""
     mqtt = MqttConfig(url="mqtt://127.0.0.1:1").model_copy(update={key: "HOME"})
-    assert asked(TryBroker(mqtt)) == [f"mqtt.{key}: only the broker of the file is tried with it: save it first"]
+    assert asked(TryBroker(mqtt)) == [f"mqtt.{key}: only what is in the file is tried with it: save it first"]
+    camera = CameraConfig(url="rtsp://127.0.0.1:1/", username="tom", password_file="/etc/hostname")
+    refused = "camera.password_file: only what is in the file is tried with it: save it first"
+    assert asked(LookAtCamera(camera)) == [refused]
 
 
 def test_a_device_that_a_bay_has_is_not_opened() -> None:

@@ -9,7 +9,7 @@ import pytest
 from pydantic import ValidationError
 
 from gateway.config import MqttConfig, MqttTls
-from gateway.sinks.contract import SettingError
+from gateway.errors import SettingError
 from gateway.sinks.mqtt.broker import Broker, Proxy, brokers_of, certificates_of
 
 SECRET = "p@ss/wörd"

@@ -21,10 +21,9 @@ from gateway.config import GatewayConfig, parse
 from gateway.core import fusion
 from gateway.core.events import Event, EventKind
 from gateway.core.state import Moved, Reason, Visit
-from gateway.errors import ConfigError, LinkError
+from gateway.errors import ConfigError, LinkError, SettingError
 from gateway.hub import Hub
 from gateway.sinks import registry
-from gateway.sinks.contract import SettingError
 from gateway.sinks.outbox.outbox import MemoryOutbox, OutboxEntry, OutboxLimits
 from gateway.sinks.postgresql import tables
 from gateway.sinks.postgresql.database import Database, RowsRefusedError
@@ -419,7 +418,7 @@ def faults(text: str) -> str:
         (f'url = "{URL}"\nport = 1', "sinks.postgresql: port = 1: unknown key (misspelt?); known here: url, username"),
         ("", "sinks.postgresql: url: is missing"),
         (f'url = "{URL}"\ntimeout_s = 0', "timeout_s = 0: Input should be greater than or equal to 0.5 (allowed"),
-        (f'url = "{URL}"\nschema_name = "A;"', 'schema_name = "A;": String should match pattern'),
+        (f'url = "{URL}"\nschema_name = "A;"', 'schema_name = "A;": should be small letters, digits and _'),
         ('url = "postgresql://u:secret@h:0/d"', "url: port 0 cannot be connected to"),
         (f'url = "{URL}"\n[sinks.postgresql.tls]\nca_file = "/no/such"', 'ca_file: No such file'),
         (f'url = "{URL}"\n[sinks.postgresql.tls]\ncert_file = "x"', "key_file: is missing"),

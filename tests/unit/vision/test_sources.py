@@ -115,12 +115,51 @@ def test_where_the_stamps_come_from(url: str, frame_time: Any, by_arrival: bool)
         ("rtsp://joe:secret@cam/\0", "a NUL is part of no address"),
         ("http://secret:word@host:99999/", "not a usable http:// address"),
         ("http://[::1/", "not a usable http:// address"),
+        (
+            "rtsp://joe:secret#1@cam/1",
+            r"not a usable rtsp:// address; write / \? # in a password as %2F %3F %23, or use",
+        ),
+        ("rtsp://joe:secret/1@cam/1", "not a usable rtsp:// address; write"),
+        ("rtsp://joe#secret@cam/1", "has @ behind the host; write"),
+        ("http://joe:1?secret@cam/1", r"has @ behind the host; write .* and @ elsewhere as %40"),
     ],
 )
 def test_what_could_never_work_is_a_configuration_error_without_the_password(url: str, words: str) -> None:
     with pytest.raises(ConfigError, match=words) as error:
         source_spec(CameraConfig(url=url))
     assert "secret" not in str(error.value)
+
+
+def test_user_and_password_as_keys_of_their_own(tmp_path: Path) -> None:
+    secret = tmp_path / "password"
+    secret.write_text("s#c/r?t@\n")
+    spec = source_spec(CameraConfig(url="rtsp://cam:554/1?a=b@c", username="jo:e", password_file=str(secret)))
+    assert isinstance(spec, StreamSpec)
+    assert spec.url == "rtsp://jo%3Ae:s%23c%2Fr%3Ft%40@cam:554/1?a=b@c"
+    assert spec.label == "rtsp://cam:554/1"
+    one = source_spec(CameraConfig(url="http://cam/", username="joe"))
+    assert isinstance(one, StreamSpec)
+    assert one.url == "http://joe@cam/"
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"url": "rtsp://cam/1", "password_file": "PW"}, "camera.username: is missing; a password needs a user name"),
+        ({"url": "rtsp://joe@cam/1", "username": "joe"}, "camera.username: camera.url names a user, too"),
+        (
+            {"url": "rtsp://cam/1", "username": "joe", "password_file": "none"},
+            r"camera\.password_file = .none.: No such",
+        ),
+        ({"url": "0", "username": "joe"}, "camera.username: only a stream"),
+        ({"url": "film.avi", "password_file": "PW"}, "camera.username: only a stream"),
+    ],
+)
+def test_keys_for_a_login_that_could_never_work(tmp_path: Path, values: dict[str, str], words: str) -> None:
+    (tmp_path / "PW").write_text("secret")
+    given = {key: str(tmp_path / "PW") if value == "PW" else value for key, value in values.items()}
+    with pytest.raises(ConfigError, match=words):
+        source_spec(CameraConfig(**given))
 
 
 def test_a_pace_slower_than_the_deadline_is_refused() -> None:

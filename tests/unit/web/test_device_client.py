@@ -30,7 +30,7 @@ from gateway.web.ipc.devices import (
     TryBroker,
 )
 from gateway.web.setup import device_client as module
-from gateway.web.setup.device_bodies import BrokerBody
+from gateway.web.setup.device_bodies import BrokerBody, LookBody
 from gateway.web.setup.device_client import DeviceClient
 from gateway.web.setup.device_routes import ADDRESSES
 from tests.unit.web.gateway_client import plant
@@ -227,5 +227,10 @@ def test_no_password_of_this_machine_goes_to_a_broker_that_was_just_typed(key: s
     made = BrokerBody(mqtt=typed).settings()
     assert made is not None
     assert made.url == "mqtt://tom@elsewhere"
-    with pytest.raises(ConfigError, match=f"mqtt.{key}: only the broker of the file is tried with it"):
+    with pytest.raises(ConfigError, match=f"mqtt.{key}: only what is in the file is tried with it"):
         BrokerBody(mqtt={**typed, key: "/etc/hostname"}).settings()
+
+
+def test_nor_to_a_camera_that_was_just_typed() -> None:
+    with pytest.raises(ConfigError, match=r"camera\.password_file: only what is in the file is tried with it"):
+        LookBody(camera={"url": "rtsp://elsewhere/", "password_file": "/etc/hostname"}).question()

@@ -56,3 +56,14 @@ def test_a_password_in_an_address_goes_through_no_new_proxy_unless_it_is_typed()
     assert why == "its password would be sent through another proxy than before: type the whole address anew"
     assert faults({"mqtt": INLINE}, after, "mqtt://me:s3cret@broker http://evil:3128") == {}
     assert faults({}, after, "") == {}
+
+
+def test_a_cameras_password_for_every_bay_goes_where_one_of_them_has_sent_it() -> None:
+    """It and the address may be in different tables."""
+    shared = {"camera": {"password_file": "/etc/pw"}}
+    before = {**shared, "bays": {"A": {"camera": {"url": "rtsp://cam/1"}}, "B": {"camera": {"url": "rtsp://cam/2"}}}}
+    moved = {**shared, "bays": {"A": {"camera": {"url": "rtsp://cam/1"}}, "B": {"camera": {"url": "rtsp://evil/2"}}}}
+    assert list(faults(before, moved, "rtsp://evil/2")) == [("bays", "B", "camera", "url")]
+    renamed = {**shared, "bays": {"C": {"camera": {"url": "rtsp://cam/2"}}, "D": {}}}
+    assert faults(before, renamed, "") == {}
+    assert faults(before, {**shared, "bays": {"A": {"camera": "?"}, "B": 1}}, "?") == {}

@@ -172,6 +172,7 @@ export function allowed(node) {
   if (low !== undefined && high !== undefined) parts.push(said('{0} to {1}', low, high));
   else if (low !== undefined) parts.push(said(node.minimum === undefined ? 'above {0}' : 'at least {0}', low));
   else if (high !== undefined) parts.push(said(node.maximum === undefined ? 'below {0}' : 'at most {0}', high));
+  if (node['x-form']) parts.push(t(node['x-form']));
   if (isArray(node) && node.minItems !== undefined && node.minItems === node.maxItems) parts.push(said('{0} values', node.minItems));
   return listed(parts, ', ');
 }
@@ -203,6 +204,6 @@ export function read(node, text) {
     }
   }
   if (node.minLength && bare.length < node.minLength) return { wrong: 'must not be empty' };
-  if (node.pattern && !new RegExp(node.pattern, 'u').test(bare)) return { wrong: said('has not the form {0}', node.pattern) };
+  if (node.pattern && !new RegExp(node.pattern, 'u').test(bare)) return { wrong: said('allowed: {0}', allowed(node)) };
   return { value: text };
 }
