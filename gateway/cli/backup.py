@@ -22,12 +22,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("archive", type=Path, metavar="FILE.tar.gz")
     parser.add_argument("--config", type=Path, default=CONFIG, metavar="CONFIG.toml", help=f"default: {CONFIG}")
     parser.add_argument("--no-secrets", action="store_true", help="without private keys, passwords and their hashes")
+    parser.add_argument("--overwrite", action="store_true", help="replace a file of this name, as for a daily backup")
     parser.add_argument("--records", action="store_true", help="with all recordings and kept pictures: may be large")
 
 
 def main(args: argparse.Namespace) -> int:
     from gateway.backup import archive
+    from gateway.errors import ConfigError
 
+    if args.archive.exists() and not args.overwrite:
+        raise ConfigError(f"{args.archive}: exists, and was left as it is: name another file, or give --overwrite")
     made = archive.write(args.config, args.archive, secrets=not args.no_secrets, records=args.records)
     for entry in made.files:
         print(f"{entry.kind.value:13} {entry.path}  {entry.bytes} bytes")

@@ -10,6 +10,7 @@ from urllib.parse import urlsplit
 from gateway.config import BayConfig, GatewayConfig
 from gateway.config.sections.common import is_loopback
 from gateway.ranger.ranger_service import ranger_type
+from gateway.vision.source.specs import names_file
 
 USUAL_FPS = 30.0  # of a camera whose rate nobody has set
 FOCAL_SHARE = 0.1  # two focal lengths of one camera that differ more are not both right
@@ -37,6 +38,8 @@ def _of_bay(bay: BayConfig) -> Iterator[str]:
     if fusion.cross_check is None and (fusion.decision == "plain" or not fusion.scale_tolerance):
         key = 'decision = "plain"' if fusion.decision == "plain" else "scale_tolerance = 0"
         yield f"fusion.{key} without [fusion.cross_check]: sensors that contradict each other go unnoticed"
+    if names_file(bay.camera) and not bay.camera.loop:
+        yield f"camera.url = {bay.camera.url}: a film or a folder, which ends as a lost camera, unless loop = true"
     if not bay.camera.frozen_s:
         yield "camera.frozen_s = 0: a camera that repeats one picture for ever goes unnoticed"
 

@@ -255,7 +255,7 @@ def test_every_frame_of_a_fast_film_is_reported_in_order_and_then_its_end(tmp_pa
         for n, reading in enumerate(film):
             assert reading.circle is not None
             assert reading.circle.u_px == pytest.approx(40 + 4 * n, abs=2)
-        assert bay.readings[end].detail == f"{path}: ended; it is not begun again (camera.loop)"
+        assert bay.readings[end].detail == f"{path}: ended; it begins again only with camera.loop = true"
         assert (bay.readings[end].stats.frames, bay.readings[end].stats.skipped) == (60, 0)
 
     play(story)

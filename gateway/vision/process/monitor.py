@@ -349,7 +349,7 @@ class ProcessMonitor:
         well_for_long = self._opened_ns and now_ns - self._opened_ns > self.camera.reconnect.max_s * NS_PER_S
         if self._film_begun:
             self._over = True
-            why += "; it is not begun again (camera.loop)"
+            why += "; it begins again only with camera.loop = true"
         self._end(why)
         self._count_out()
         self._link_is_down = True

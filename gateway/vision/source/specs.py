@@ -110,7 +110,8 @@ def _with_login(config: "CameraConfig") -> str:
     except ValueError:
         raise ConfigError(f"camera.url: not a usable {scheme}:// address; {ESCAPED}, or use {LOGIN_KEYS}") from None
     behind = parts.path + parts.query + parts.fragment
-    if "@" in behind and "@" not in parts.netloc and (port is not None or parts.fragment):
+    misread = "@" in behind and "@" not in parts.netloc and (port is not None or parts.fragment)
+    if misread and config.username is None:
         raise ConfigError(f"camera.url: has @ behind the host; {ESCAPED} and @ elsewhere as %40, or use {LOGIN_KEYS}")
     if not host:
         raise ConfigError(f"camera.url: {scheme}:// needs a host")
@@ -127,13 +128,17 @@ def _with_login(config: "CameraConfig") -> str:
 
 def check_exposure(config: "CameraConfig") -> None:
     """Raises ConfigError where the exposure is to be controlled and the source is none that could be."""
-    url = config.url.strip()
-    scheme = url.partition("://")[0].lower() if "://" in url else ""
+    scheme = config.url.strip().partition("://")[0].lower() if "://" in config.url else ""
     stream = scheme in ("rtsp", "rtsps", "http", "https")
-    is_file = not scheme and not re.fullmatch("[0-9]{1,9}", url) and not url.startswith("/dev/")
-    if config.exposure == "marker" and (stream or is_file):
+    if config.exposure == "marker" and (stream or names_file(config)):
         what = f"a stream ({scheme}://)" if stream else "a file"
         raise ConfigError(f'camera.exposure = "marker": {what} has no exposure time that the gateway could set')
+
+
+def names_file(config: "CameraConfig") -> bool:
+    """A film, a picture or a folder of them, and no camera."""
+    url = config.url.strip()
+    return "://" not in url and not re.fullmatch("[0-9]{1,9}", url) and not url.startswith("/dev/")
 
 
 def exposure_rules(config: "CameraConfig") -> ExposureRules | None:

@@ -94,7 +94,7 @@ def machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Machine:
 
 
 def kept(machine: Machine, *options: str) -> Manifest:
-    assert main(["backup", str(machine.archive), "--config", str(machine.config), *options]) == 0
+    assert main(["backup", str(machine.archive), "--config", str(machine.config), "--overwrite", *options]) == 0
     return archive.verify(machine.archive)
 
 
@@ -569,6 +569,18 @@ def described() -> Iterator[str]:
             title = line.split("`")[1].strip("[]")
         elif "| PEM" in line or "whose one line" in line:
             yield f"{title}.{line.split('`')[1]}"
+
+
+def test_no_file_is_overwritten_unless_that_is_wanted(machine: Machine, capsys: pytest.CaptureFixture[str]) -> None:
+    """It may be the configuration itself, named in the wrong place."""
+    before = machine.config.read_text()
+    assert main(["backup", str(machine.config), "--config", str(machine.config)]) == 2
+    assert f"{machine.config}: exists, and was left as it is" in capsys.readouterr().err
+    assert machine.config.read_text() == before
+    kept(machine)
+    first = machine.archive.stat().st_ino
+    kept(machine)
+    assert machine.archive.stat().st_ino != first
 
 
 def test_every_folder_that_a_configuration_can_name_is_known() -> None:

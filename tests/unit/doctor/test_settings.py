@@ -41,6 +41,7 @@ def test_the_shipped_files_make_sense(path: Path) -> None:
         ({"fusion": {"decision": "plain"}}, 'fusion.decision = "plain" without [fusion.cross_check]'),
         ({"fusion": {"scale_tolerance": 0}}, "fusion.scale_tolerance = 0 without [fusion.cross_check]"),
         ({"camera": {"frozen_s": 0}}, "camera.frozen_s = 0"),
+        ({"camera": {"url": "film.avi"}}, "camera.url = film.avi: a film or a folder, which ends as a lost camera"),
         ({"state_dir": ""}, 'state_dir = ""'),
         ({"mqtt": {"url": "mqtt://10.0.0.9", "username": "u", "password_file": "/f"}}, "the password travels unencr"),
     ],

@@ -846,7 +846,7 @@ def test_a_film_that_was_lost_after_its_first_frame_is_not_begun_again(lossless:
         Quality.GOOD,
         Quality.LINK_DOWN,
     ]
-    assert bench.readings[-1].detail == f"{why}; it is not begun again (camera.loop)"
+    assert bench.readings[-1].detail == f"{why}; it begins again only with camera.loop = true"
     assert bench.monitor.next_deadline_ns() is None
     for _ in range(100):
         assert bench.settle(60_000) == []
