@@ -39,7 +39,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--bays", type=int, metavar="N", help="so many bays, unit ids 1 to N (default: as in the settings, 1)"
     )
-    parser.add_argument("--modbus-port", type=int, metavar="PORT", help="default 5020; 0 picks a free one")
+    parser.add_argument(
+        "--modbus-port", type=int, metavar="PORT", help="default 5020 or, where that is taken, a free one"
+    )
     parser.add_argument(
         "--hmi-port", type=int, metavar="PORT", help="of the pages, default 8080 or, where that is taken, a free one"
     )

@@ -20,7 +20,6 @@ from gateway.cli.output import LossyOutput
 from gateway.cli.sim_json import Bay
 from gateway.clock import SystemClock
 from gateway.config import GatewayConfig
-from gateway.config.sections.hmi import HmiConfig
 from gateway.config.strict.errors import without_password
 from gateway.config.strict.section import Section, upper_bound_of
 from gateway.durations import NS_PER_S
@@ -161,13 +160,13 @@ def _settings(args: argparse.Namespace, *, first: bool) -> GatewayConfig:
     settings = config.load(args.config or run_loop.shipped("simulate.toml"), over)
     if args.trials:  # the paper's table is of the paper's own rule
         settings = settings.model_copy(update={"bays": tuple(_plain(bay) for bay in settings.bays)})
-    if (
-        args.config is None
-        and args.hmi_port is None
-        and settings.hmi.enabled
-        and not (first and _can_listen(settings.hmi))
-    ):
-        settings = settings.model_copy(update={"hmi": settings.hmi.model_copy(update={"port": 0})})
+    if args.config is not None:
+        return settings
+    hmi, modbus = settings.hmi, settings.modbus
+    if args.hmi_port is None and hmi.enabled and not (first and _can_listen("hmi", hmi.host, hmi.port)):
+        settings = settings.model_copy(update={"hmi": hmi.model_copy(update={"port": 0})})
+    if args.modbus_port is None and not _can_listen("modbus", modbus.host, modbus.port):
+        settings = settings.model_copy(update={"modbus": modbus.model_copy(update={"port": 0})})
     return settings
 
 
@@ -177,10 +176,10 @@ def _plain(bay: config.BayConfig) -> config.BayConfig:
     return bay.model_copy(update={"fusion": bay.fusion.model_copy(update={"decision": "plain"})})
 
 
-def _can_listen(hmi: HmiConfig) -> bool:
-    """Is the usual port free? Beside another simulation the pages take any other."""
+def _can_listen(what: str, host: str, port: int) -> bool:
+    """Is the usual port free? Beside another simulation, or another program, any other is taken."""
     try:
-        with listening("hmi", hmi.host, hmi.port):
+        with listening(what, host, port):
             return True
     except LinkError:
         return False
@@ -344,9 +343,11 @@ class _Simulation:
         name = f"{self._args.trials} trials" if self._args.trials else (self._args.scenario or "approach")
         units = f"unit id {self._bays[0].unit_id}" + (f" to {self._bays[-1].unit_id}" if len(self._bays) > 1 else "")
         pages = f"the pages: {now.hmi_url}\n" if now.hmi_url else ""
+        other = self._args.modbus_port is None and not self._settings.modbus.port
+        taken = " (the usual port is taken)" if other else ""
         self._header = (
             f"{pages}simulated bay: {name}, seed {self._scenario.seed}, speed {self._args.speed:g}\n"
-            f"Modbus TCP on {now.modbus_host}:{now.modbus_port}, {units}; "
+            f"Modbus TCP on {now.modbus_host}:{now.modbus_port}{taken}, {units}; "
             + (f"MQTT {broker}" if broker else "no broker given (--mqtt-url), so none is used")
             + "\nCtrl-C ends"
         )

@@ -4,6 +4,9 @@ import json
 import os
 import re
 import signal
+import subprocess
+import sys
+import time
 from contextlib import ExitStack
 from itertools import groupby
 from pathlib import Path
@@ -378,6 +381,19 @@ def test_simulations_that_start_at_the_same_moment_do_not_meet() -> None:
         assert len({row["hmi"] for row in rows} - {None}) == 3
         assert [gateway.end() for gateway in gateways] == [0, 0, 0]
         assert [gateway.stderr for gateway in gateways] == ["", "", ""]
+
+
+@pytest.mark.parametrize("library", ["pydantic_core", "uvloop"])
+def test_ctrl_c_while_it_starts_ends_it_without_a_traceback(library: str) -> None:
+    """While libraries are imported, and soon after; a terminal sends the signal to all processes of its group."""
+    line = [sys.executable, "-m", "gateway", "simulate", "--modbus-port", "0", "--hmi-port", "0"]
+    with subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True) as process:
+        while library not in Path(f"/proc/{process.pid}/maps").read_text():
+            time.sleep(0.005)
+        os.killpg(process.pid, signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+    assert b"Traceback" not in out + err, err.decode()
+    assert process.returncode in (0, 130)
 
 
 def test_what_is_printed_for_people_begins_with_the_addresses() -> None:

@@ -1,9 +1,14 @@
 """What a simulation makes of its settings and scenario can be sent to other processes, where it is checked again."""
 
+import argparse
+import socket
+
 import pytest
 
-from gateway.cli.simulation import _at_speed, _variant
+from gateway.cli import simulate
+from gateway.cli.simulation import _at_speed, _settings, _variant
 from gateway.config import BayConfig, CameraConfig, GatewayConfig
+from gateway.errors import LinkError
 from gateway.processes.codec import Codec, record_of, record_packed
 from gateway.sim.scenario import Scenario
 
@@ -24,3 +29,21 @@ def test_the_trucks_of_many_bays_are_scenarios_too() -> None:
     other = _variant(last, "bay7", 6, 64)
     assert other.seed == 6
     assert record_of(Scenario, record_packed(other)) == other
+
+
+@pytest.mark.parametrize(
+    ("options", "ports"), [([], (0, 0)), (["--modbus-port", "5021"], (5021, 0)), (["--hmi-port", "8081"], (0, 8081))]
+)
+def test_where_the_usual_ports_are_taken_free_ones_are_used(
+    options: list[str], ports: tuple[int, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Unless somebody has said which: that one is waited for."""
+
+    def taken(*_: object) -> socket.socket:
+        raise LinkError("another program listens there already")
+
+    monkeypatch.setattr("gateway.cli.simulation.listening", taken)
+    parser = argparse.ArgumentParser()
+    simulate.configure(parser)
+    found = _settings(parser.parse_args(options), first=True)
+    assert (found.modbus.port, found.hmi.port) == ports
