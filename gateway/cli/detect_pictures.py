@@ -65,7 +65,7 @@ class DetectionRun:
         try:
             for picture in inputs.read(path):
                 self._check_size(picture)
-                found = self._find(registry.given(self._params, picture.image, picture.deep), self._next_ns())
+                found = self._find(registry.given(self._params, picture.pixels), self._next_ns())
                 row = _row(path, picture, found, known_lens=self._params.intrinsics is not None)
                 if self._fps is not None:
                     row["tracking"] = found.tracking.name.lower()
@@ -86,7 +86,7 @@ class DetectionRun:
 
     def _check_size(self, picture: InputPicture) -> None:
         """Raises InputError for a picture that the intrinsics do not hold for."""
-        lens, (height, width) = self._params.intrinsics, picture.image.shape[:2]
+        lens, (height, width) = self._params.intrinsics, picture.pixels.shape[:2]
         if lens is not None and (lens.width_px, lens.height_px) not in ((None, None), (width, height)):
             raise inputs.InputError(
                 f"{width} x {height} px; vision.intrinsics hold for {lens.width_px} x {lens.height_px} px"
@@ -130,7 +130,7 @@ def _row(path: Path, picture: InputPicture, found: Detection, *, known_lens: boo
     row["rejected"] = [_circle(rejection.circle) | {"why": rejection.why} for rejection in found.rejected]
     if known_lens:
         row["x_n"], row["y_n"] = found.x_n, found.y_n
-    row["width"], row["height"] = picture.image.shape[1], picture.image.shape[0]
+    row["width"], row["height"] = picture.pixels.shape[1], picture.pixels.shape[0]
     row["ms"] = {stage: round(ns / 1e6, 3) for stage, ns in found.stage_ns}
     row["ms"]["total"] = round(total_ns(found.stage_ns) / 1e6, 3)
     return row

@@ -62,8 +62,8 @@ class _CameraFigures:
 
     def _seen(self, frame: Frame) -> CameraSeen:
         look, vision = self.look, self._bay.vision
-        found = self._detect(registry.given(vision, frame.image, frame.deep), frame.t_capture_ns).circle
-        height_px, width_px = frame.image.shape[:2]
+        found = self._detect(registry.given(vision, frame.pixels), frame.t_capture_ns).circle
+        height_px, width_px = frame.pixels.shape[:2]
         problem, remedy = sensors.frames_advice(look, self._bay.camera.fps) if len(look.arrived_ns) > 1 else ("", "")
         verdict = Verdict.WARNING if problem else Verdict.OK
         return CameraSeen(

@@ -155,7 +155,7 @@ def read(
         now_ns = clock.now_ns()
         if until_ns is None:
             look.first_ns, until_ns = now_ns, now_ns + round(seconds * NS_PER_S)
-            look.delivered_px = (frame.image.shape[1], frame.image.shape[0])
+            look.delivered_px = (frame.pixels.shape[1], frame.pixels.shape[0])
         look.arrived_ns.append(now_ns)
         look.read += 1
         look.damaged += frame.damaged
@@ -169,7 +169,7 @@ def _search(frames: Iterable[Frame], bay: BayConfig, clock: Clock, look: CameraL
     detect = DetectorSpec(bay.vision).build(clock.now_ns)
     for frame in frames:
         begun_s = _processor_s()
-        found = detect(registry.given(bay.vision, frame.image, frame.deep), frame.t_capture_ns)
+        found = detect(registry.given(bay.vision, frame.pixels), frame.t_capture_ns)
         look.detector_s.append(_processor_s() - begun_s)
         if found.circle is not None:
             look.radius_px.append(found.circle.radius_px)

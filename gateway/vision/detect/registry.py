@@ -7,12 +7,13 @@ from gateway.config import VisionConfig
 from gateway.config.sections.vision import DETECTION_METHODS
 from gateway.core.detection import Detection
 from gateway.vision.detect.method import Detector, Method, NowNs
+from gateway.vision.pixels import bgr8
 from gateway.vision.track.follower import Follower
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from gateway.vision.pixels import DeepImage, Image
+    from gateway.vision.pixels import Image, Picture
 
 
 def method(name: str) -> Method:
@@ -38,9 +39,9 @@ def once(params: VisionConfig, now_ns: NowNs = lambda: 0) -> Detector:
     return (made.once or made.detector)(params, now_ns)
 
 
-def given(params: VisionConfig, image: "Image", deep: "DeepImage | None") -> "Image":
-    """What the method is given of a picture: all its bits where there are more than 8 and it takes them."""
-    return cast("Image", deep) if deep is not None and method(params.method).deep else image
+def given(params: VisionConfig, pixels: "Picture") -> "Image":
+    """What the method is given of a picture: all its bits where it takes more than 8."""
+    return cast("Image", pixels) if method(params.method).deep else bgr8(pixels)
 
 
 def rejection_meanings() -> dict[str, str]:

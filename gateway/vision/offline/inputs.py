@@ -3,8 +3,8 @@
 Conversions of a picture, so that a number can be traced back to its pixel:
 - grey is repeated into three channels, so it has no red in it; a palette is resolved;
 - alpha is dropped: the stored colours count, as with `cv2.imread`, also where they are transparent;
-- 16 bit per channel becomes round(value / 257), full scale to full scale: 12 bits stored in 16 stay dark; all 16 bits
-  are kept beside it (`Picture.deep`) for methods that use them;
+- 16 bit per channel becomes round(value / 257), full scale to full scale: 12 bits stored in 16 stay dark; methods that
+  use all 16 bits are given them (`InputPicture.pixels`);
 - an EXIF orientation is applied, so that u and v are those of the picture as every viewer shows it;
 - animations and multi-page files give every frame, counted from 0, like a video.
 
@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.errors import ConfigError, GatewayError
-from gateway.vision.pixels import PICTURE_SUFFIXES, DeepImage, Image, bgr8, deep_of, natural_key
+from gateway.vision.pixels import PICTURE_SUFFIXES, Image, Picture, bgr, bgr8, natural_key
 from gateway.vision.source import ffmpeg
 
 log = logging.getLogger(__name__)
@@ -58,9 +58,13 @@ class InputError(GatewayError):
 class InputPicture:
     """One decoded picture; `frame` counts from 0 in files that hold several, and is None in those that hold one."""
 
-    image: Image
+    pixels: Picture
     frame: int | None = None
-    deep: DeepImage | None = None  # the same with more than 8 bits, where the file has them
+
+    @property
+    def image(self) -> Image:
+        """In 8 bits; made anew of more of them."""
+        return bgr8(self.pixels)
 
 
 def expand(arguments: Sequence[str]) -> list[Path]:
@@ -110,12 +114,12 @@ def read(path: Path) -> Iterator[InputPicture]:
     elif _holds_several(data):
         yield from _frames(data)
     else:
-        yield _picture(_decoded(data))
+        yield InputPicture(_colours(_decoded(data)))
 
 
 def decode(data: bytes) -> Image:
     """The (first) picture in a file's bytes, by the rules of the module. Raises InputError."""
-    return _image(_decoded(data))
+    return bgr8(_colours(_decoded(data)))
 
 
 def _decoded(data: bytes) -> NDArray[Any]:
@@ -129,16 +133,12 @@ def _decoded(data: bytes) -> NDArray[Any]:
     return picture
 
 
-def _picture(picture: NDArray[Any], frame: int | None = None) -> InputPicture:
-    return InputPicture(_image(picture), frame, deep_of(picture))
-
-
-def _image(picture: NDArray[Any]) -> Image:
+def _colours(picture: NDArray[Any]) -> Picture:
     height, width = picture.shape[:2]
     if height * width > MAX_PIXELS:
         raise InputError(f"{width} x {height} px is more than {MAX_PIXELS} pixels")
     try:
-        return bgr8(picture)
+        return bgr(picture)
     except ValueError as error:
         raise InputError(str(error)) from error
 
@@ -157,11 +157,11 @@ def _frames(data: bytes) -> Iterator[InputPicture]:
     first = _decoded(data)
     batch = max(1, _BATCH_PIXELS // (first.shape[0] * first.shape[1]))
     if not _decode_batch(data, 1, 1):
-        yield _picture(first)
+        yield InputPicture(_colours(first))
         return
     start = 0
     while frames := _decode_batch(data, start, batch):
-        yield from (_picture(frame, start + i) for i, frame in enumerate(frames))
+        yield from (InputPicture(_colours(frame), start + i) for i, frame in enumerate(frames))
         start += len(frames)
 
 
@@ -201,7 +201,7 @@ def _video(path: Path) -> Iterator[InputPicture]:
             if damaged:
                 log.warning("%s: %d frames from %d on can't be decoded; skipped", path, damaged, frame)
             frame += damaged
-            yield InputPicture(_image(image), frame)
+            yield InputPicture(_colours(image), frame)
             frame += 1
     except cv2.error as error:
         raise InputError(_reason(error)) from error

@@ -18,7 +18,6 @@ import cv2
 import numpy as np
 
 from gateway.clock import Clock
-from gateway.config import VisionConfig
 from gateway.core.detection import Detection
 from gateway.errors import ConfigError, GatewayError, LinkError
 from gateway.processes import sandbox, seccomp
@@ -28,7 +27,7 @@ from gateway.vision.detect import registry
 from gateway.vision.detect.method import Detector, RadiusLimited, Summing, TimedPicture
 from gateway.vision.detect.radii import MarkerRadii
 from gateway.vision.picture.measure import PictureMeter
-from gateway.vision.pixels import DeepImage, Image
+from gateway.vision.pixels import Image, Picture, bgr8
 from gateway.vision.process.exposure_loop import ExposureLoop
 from gateway.vision.source.checks import FrameChecks
 from gateway.vision.source.contract import Controlled, Needs, Source, SourceSpec
@@ -84,7 +83,7 @@ def run(channel: Channel[FromVision, MarkerRadii | ControlsRequest], job: Vision
         if frame is None:
             continue
         progress.work_begins(frame.seq, frame.t_capture_ns, clock.now_ns())
-        detection, since_ns = detected(detect, sums, job.detector.vision, frame, recent)
+        detection, since_ns = detected(detect, sums, frame, recent)
         marker = detection.circle is not None or detection.predicted is not None
         picture = meter.measure(frame.image, frame.t_capture_ns, marker=marker)
         settings = None if exposure is None else exposure.state
@@ -99,13 +98,14 @@ def run(channel: Channel[FromVision, MarkerRadii | ControlsRequest], job: Vision
 
 @dataclass(frozen=True, slots=True)
 class CheckedFrame:
-    """A frame that has passed the checks. `changed_ns`: when each tile of it last changed."""
+    """A frame that has passed the checks. `changed_ns`: when each tile of it last changed. `searched`: what the method
+    is given of it (`registry.given`)."""
 
     image: Image
     seq: int
     t_capture_ns: int
     changed_ns: Changes
-    deep: DeepImage | None = None
+    searched: Image
 
 
 class NewestFrame:
@@ -167,7 +167,7 @@ class RecentFrames:
 
 
 def detected(
-    detect: Detector, sums: Summing | None, params: VisionConfig, frame: CheckedFrame, recent: RecentFrames
+    detect: Detector, sums: Summing | None, frame: CheckedFrame, recent: RecentFrames
 ) -> tuple[Detection, int]:
     """What is found in a frame, or in the sum of it and those before, and how old that is: capture time, ns.
 
@@ -176,8 +176,8 @@ def detected(
     kept = [frame]
     if sums is not None:
         kept = recent.until(frame)
-        sums.recent([TimedPicture(registry.given(params, f.image, f.deep), f.t_capture_ns) for f in kept])
-    detection = detect(registry.given(params, frame.image, frame.deep), frame.t_capture_ns)
+        sums.recent([TimedPicture(f.searched, f.t_capture_ns) for f in kept])
+    detection = detect(frame.searched, frame.t_capture_ns)
     if sums is not None:
         recent.keep(sums.keeps(frame.t_capture_ns))
     oldest = kept[-min(detection.frames, len(kept))]
@@ -241,7 +241,7 @@ class CaptureThread:
             discarded += 1 + source.read().damaged
         checks = FrameChecks(spec.label, job.rules, self._progress.size_px(), may_repeat=source.may_repeat)
         seq, opened = job.first_seq - 1, False
-        last: Image | DeepImage | None = None
+        last: Picture | None = None
         while True:
             frame = source.read()
             if last is not None and np.may_share_memory(last, frame.pixels):
@@ -255,20 +255,20 @@ class CaptureThread:
             passed = checks.passed(frame)
             if passed is None:
                 continue
-            image = passed.used.image.view()
+            pixels = passed.used.pixels.view()
+            pixels.flags.writeable = False
+            searched = registry.given(job.detector.vision, pixels)
+            image = bgr8(searched)
             image.flags.writeable = False
-            deep = None if passed.used.deep is None else passed.used.deep.view()
-            if deep is not None:
-                deep.flags.writeable = False
             seq += 1 + frame.damaged  # those, too, are frames without a result
             if not opened:
                 opened = True
-                height, width = frame.image.shape[:2]
+                height, width = frame.pixels.shape[:2]
                 self._progress.set_size_px(width, height)
                 self._channel.send(Opened(source.lossless, source.finite))  # before the detector can fail on the frame
                 if self._exposure is not None:
                     self._exposure.take_over(source, spec.label)  # now: some cameras begin each stream with their own
-            checked = CheckedFrame(image, seq, frame.t_capture_ns, passed.changed_ns, deep)
+            checked = CheckedFrame(image, seq, frame.t_capture_ns, passed.changed_ns, searched)
             if self._recent is not None:
                 self._recent.add(checked)
             self._newest.put(checked, wait=source.lossless)

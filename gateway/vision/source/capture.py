@@ -10,7 +10,7 @@ from gateway.clock import Clock, suspended_ns
 from gateway.durations import NS_PER_S
 from gateway.errors import LinkError
 from gateway.vision.exposure.settings import ExposureRules
-from gateway.vision.pixels import bgr8, deep_of
+from gateway.vision.pixels import bgr
 from gateway.vision.source import ffmpeg, raw, v4l2_controls, v4l2_exposure
 from gateway.vision.source.contract import Frame, Source
 from gateway.vision.source.frame_time import ArrivalTime, BufferTime, FrameTime, PresentationTime
@@ -60,8 +60,7 @@ class CaptureSource(Source):
         ok, image = self._capture.retrieve()
         if not ok or image is None:
             raise ValueError("its frames could not be decoded")
-        decoded = self._decoded(image)
-        return Frame(bgr8(decoded), t_capture_ns, deep_of(decoded))
+        return Frame(bgr(self._decoded(image)), t_capture_ns)
 
     def _decoded(self, image: NDArray[Any]) -> NDArray[Any]:
         """What the driver handed over, as colours or grey. Raises ValueError where it can't be that."""

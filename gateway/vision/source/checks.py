@@ -48,7 +48,7 @@ class FrameChecks:
 
     def passed(self, frame: Frame) -> PassedFrame | None:
         """What is used of a delivered frame; None: not to be shown yet. Raises LinkError."""
-        height, width = frame.image.shape[:2]
+        height, width = frame.pixels.shape[:2]
         self._check_size((width, height))
         frame = self._rules.framing.used(frame)
         if self._frozen is not None:

@@ -4,13 +4,13 @@ A source lives in the capture thread of the vision process: it may block, and wh
 All frames are checked there (`checks`): their size, and that the picture is new.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum, auto
 from typing import Protocol, runtime_checkable
 
 from gateway.clock import Clock
 from gateway.vision.exposure.settings import Exposure, ExposureLimits, ExposureRules
-from gateway.vision.pixels import DeepImage, Image
+from gateway.vision.pixels import Image, Picture, bgr8
 from gateway.vision.source.v4l2_controls import CameraControls
 
 
@@ -19,15 +19,15 @@ class Frame:
     """One picture and the time it was taken, as far as its source reports it. The source never writes it again: it is
     processed in place while further ones are read."""
 
-    image: Image
+    pixels: Picture  # (H, W, 3), BGR; the data type says what is white: uint8, or uint16 of more than 8 bits
     t_capture_ns: int
-    deep: DeepImage | None = None  # the same with more than 8 bits, where the camera gives them
-    damaged: int = 0  # frames since the one before that could not be decoded, and were skipped
+    # Frames since the one before that could not be decoded, and were skipped.
+    damaged: int = field(default=0, kw_only=True)
 
     @property
-    def pixels(self) -> Image | DeepImage:
-        """All that the source gave."""
-        return self.image if self.deep is None else self.deep
+    def image(self) -> Image:
+        """In 8 bits; made anew of more of them."""
+        return bgr8(self.pixels)
 
 
 class ExposureControls(Protocol):

@@ -96,7 +96,7 @@ class FolderSource(Source):
             self._given += 1
             if self._pace:
                 self._pace.wait()
-            return Frame(picture.image, self._clock.now_ns(), picture.deep)
+            return Frame(picture.pixels, self._clock.now_ns())
 
     def _begin_again(self) -> None:
         if self._given == 0:

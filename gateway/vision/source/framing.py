@@ -5,16 +5,15 @@ rotation is one copy.
 """
 
 from dataclasses import dataclass, replace
-from typing import TypeVar, cast
+from typing import cast
 
 from gateway.config import CameraConfig
 from gateway.errors import LinkError
-from gateway.vision.pixels import DeepImage, Image
+from gateway.vision.pixels import Picture
 from gateway.vision.source.contract import Frame
 
 SizePx = tuple[int, int]
 """Width and height, px."""
-Picture = TypeVar("Picture", Image, DeepImage)
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,18 +44,12 @@ class Framing:
 
     def used(self, frame: Frame) -> Frame:
         """What is used of a frame whose size has been checked."""
-        if self.crop is None and not self.rotation_deg:
-            return frame
-        return replace(
-            frame, image=self._used(frame.image), deep=None if frame.deep is None else self._used(frame.deep)
-        )
-
-    def _used(self, picture: Picture) -> Picture:
+        pixels = frame.pixels
         if self.crop is not None:
             x, y, width, height = self.crop
-            picture = picture[y : y + height, x : x + width]
-        if not self.rotation_deg:
-            return picture
-        import cv2  # noqa: PLC0415 - OpenCV stays out of the main process
+            pixels = pixels[y : y + height, x : x + width]
+        if self.rotation_deg:
+            import cv2  # noqa: PLC0415 - OpenCV stays out of the main process
 
-        return cast("Picture", cv2.rotate(picture, self.rotation_deg // 90 - 1))  # ROTATE_90_CLOCKWISE is 0
+            pixels = cast("Picture", cv2.rotate(pixels, self.rotation_deg // 90 - 1))  # ROTATE_90_CLOCKWISE is 0
+        return replace(frame, pixels=pixels)

@@ -16,7 +16,7 @@ from gateway.errors import ConfigError, LinkError
 from gateway.vision.detect import registry
 from gateway.vision.detect.robust.detect import detect
 from gateway.vision.offline import inputs
-from gateway.vision.pixels import DeepImage, Image, bgr8, deep_of, grey_levels
+from gateway.vision.pixels import DeepImage, Image, bgr, bgr8, grey_levels
 from gateway.vision.source import raw
 from gateway.vision.source.capture import CameraSource
 from gateway.vision.source.checks import FrameChecks, FrameRules
@@ -65,12 +65,11 @@ def test_the_data_type_says_what_is_white() -> None:
 
 def test_all_16_bits_are_kept_of_colours_only() -> None:
     colours = np.arange(24, dtype=np.uint16).reshape(2, 3, 4)
-    kept = deep_of(colours)
-    assert kept is not None
-    assert kept.tolist() == colours[:, :, :3].tolist()
-    assert deep_of(colours.astype(np.uint8)) is None
-    assert deep_of(colours[:, :, 0]) is None
-    assert deep_of(colours[:, :, :1]) is None
+    assert bgr(colours).dtype == np.uint16
+    assert bgr(colours).tolist() == colours[:, :, :3].tolist()
+    for eight in (colours.astype(np.uint8), colours[:, :, 0], colours[:, :, :1]):
+        assert bgr(eight).dtype == np.uint8
+        assert bgr(eight).shape == (2, 3, 3)
 
 
 # In the detector.
@@ -120,15 +119,16 @@ def test_a_marker_of_five_grey_levels_is_measured_with_all_bits() -> None:
 def test_deep_frames_are_followed() -> None:
     follow = registry.detector(VisionConfig(tracking=True))
     for number in range(10):
-        found = follow(registry.given(PARAMS, scene(), deep(scene())), 33_000_000 * number)
+        found = follow(registry.given(PARAMS, deep(scene())), 33_000_000 * number)
         assert found.tracking is Tracking.MEASURED
 
 
 def test_a_method_without_more_bits_is_given_eight() -> None:
     image = scene()
-    assert registry.given(VisionConfig(method="paper"), image, deep(image)) is image
-    assert registry.given(PARAMS, image, deep(image)).dtype == np.uint16
-    assert registry.given(PARAMS, image, None) is image
+    paper = VisionConfig(method="paper")
+    assert registry.given(paper, deep(image)).tolist() == image.tolist()
+    assert registry.given(PARAMS, deep(image)).dtype == np.uint16
+    assert registry.given(PARAMS, image) is registry.given(paper, image) is image
 
 
 # From files.
@@ -144,13 +144,11 @@ def test_a_folder_of_png16_gives_all_bits_and_their_view(tmp_path: Path) -> None
 
     of16, of8 = source.read(), source.read()
 
-    assert of16.deep is not None
-    assert of16.deep.tolist() == picture.tolist()
+    assert of16.pixels.dtype == np.uint16
+    assert of16.pixels.tolist() == picture.tolist()
     assert of16.image.tolist() == bgr8(picture).tolist()
-    assert of16.pixels is of16.deep
-    assert of8.deep is None
-    assert of8.pixels is of8.image
-    assert next(inputs.read(tmp_path / "1.png")).deep is not None
+    assert of8.image is of8.pixels
+    assert next(inputs.read(tmp_path / "1.png")).pixels.dtype == np.uint16
 
 
 def test_frames_that_differ_below_8_bits_are_new() -> None:
@@ -161,7 +159,7 @@ def test_frames_that_differ_below_8_bits_are_new() -> None:
     verdicts = []
     for number in range(5):
         bits = (257 * image.astype(np.int64) + noise.integers(-60, 60, image.shape)).astype(np.uint16)
-        verdicts.append(checks.passed(Frame(bgr8(bits), 1000 + number, bits)))
+        verdicts.append(checks.passed(Frame(bits, 1000 + number)))
         assert bgr8(bits).tolist() == image.tolist()
     assert verdicts[0] is None
     assert verdicts[-1] is not None
@@ -232,7 +230,7 @@ def test_the_mosaic_is_filled_in(mosaic: str) -> None:
 def test_grey_samples_stay_grey() -> None:
     made = raw.picture(np.array([[0, 4095], [4095, 0]], "<u2"), (2, 2), GREY12)
     assert made.tolist() == [[0, 65535], [65535, 0]]
-    assert deep_of(made) is None
+    assert bgr(made).dtype == np.uint8
 
 
 def test_the_four_characters_are_those_of_the_kernel() -> None:
@@ -277,8 +275,7 @@ def test_a_camera_of_12_bits_is_asked_for_them_and_gives_them(monkeypatch: pytes
     assert asked == {cv2.CAP_PROP_FOURCC: cv2.VideoWriter.fourcc(*"BA12"), cv2.CAP_PROP_CONVERT_RGB: 0}
 
     frame = camera.read()
-    assert frame.deep is not None
-    assert frame.deep[6, 8].tolist() == pytest.approx([48200] * 3, abs=20)  # half of the light
+    assert frame.pixels[6, 8].tolist() == pytest.approx([48200] * 3, abs=20)  # half of the light
     assert frame.image[6, 8].tolist() == [188] * 3
 
     mosaic = np.zeros((1, 100), np.uint8)

@@ -284,7 +284,7 @@ def test_deep_frames_are_summed_with_all_their_bits() -> None:
 def checked(frames: Sequence[Image], first_ns: int = PERIOD_NS) -> list[CheckedFrame]:
     times = [first_ns + PERIOD_NS * n for n in range(len(frames))]
     return [
-        CheckedFrame(image, n + 1, t_ns, np.full(TILES, t_ns, np.int64))
+        CheckedFrame(image, n + 1, t_ns, np.full(TILES, t_ns, np.int64), image)
         for n, (image, t_ns) in enumerate(zip(frames, times, strict=True))
     ]
 
@@ -294,7 +294,7 @@ def followed(frames: Sequence[CheckedFrame]) -> list[tuple[Detection, int]]:
     assert isinstance(detect, Summing)
     for frame in frames:
         recent.add(frame)
-        found.append(detected(detect, detect, PARAMS, frame, recent))
+        found.append(detected(detect, detect, frame, recent))
     return found
 
 
@@ -321,7 +321,7 @@ def test_a_part_of_a_sum_that_repeats_itself_is_older_still() -> None:
     recent.keep(4)
     for frame in frames:
         recent.add(frame)
-    found, since_ns = detected(detect, detect, PARAMS, frames[-1], recent)
+    found, since_ns = detected(detect, detect, frames[-1], recent)
     assert (found.frames, since_ns) == (4, 7)
 
 

@@ -36,12 +36,10 @@ def coloured(levels: NDArray[Any], kind: type[np.uint8 | np.uint16] = np.uint8) 
     ],
 )
 def test_a_rotation_is_clockwise_in_8_bits_and_in_more(rotation_deg: int, expected: list[list[int]]) -> None:
-    frame = Frame(coloured(LETTERS), 7, coloured(1000 * LETTERS, np.uint16))
-    used = Framing(None, rotation_deg).used(frame)
-    assert used.image[:, :, 1].tolist() == expected
-    assert used.deep is not None
-    assert (used.deep[:, :, 2] // 1000).tolist() == expected
-    assert used.t_capture_ns == 7
+    for white, kind in ((1, np.uint8), (1000, np.uint16)):
+        used = Framing(None, rotation_deg).used(Frame(coloured(white * LETTERS, kind), 7))
+        assert (used.pixels[:, :, 1] // white).tolist() == expected
+        assert used.t_capture_ns == 7
     assert Framing(None, rotation_deg).size_px((3, 2)) == (len(expected[0]), len(expected))
 
 

@@ -49,6 +49,7 @@ class FewFrames:
     one_buffer: bool = False
     lossless: bool = False
     damaged: int = 0  # before each frame
+    samples: str = "uint8"
     label: str = "few"
 
     def open(self, clock: Clock) -> Source:
@@ -67,7 +68,7 @@ class _Few(Source):
         if not self._left:
             raise LinkError("few: ended")
         self._left -= 1
-        image = self._buffer if self._spec.one_buffer else np.zeros((4, 4, 3), np.uint8)
+        image = self._buffer if self._spec.one_buffer else np.zeros((4, 4, 3), self._spec.samples)
         return Frame(image, self._clock.now_ns() + self._spec.ahead_ns, damaged=self._spec.damaged)
 
     def close(self) -> None:
@@ -98,9 +99,9 @@ def ring() -> Iterator[RingSpec]:
     spec.close()
 
 
-def captured(spec: FewFrames, ring: RingSpec) -> list[Any]:
+def captured(spec: FewFrames, ring: RingSpec, method: str = "robust") -> list[Any]:
     """What happens in the capture thread, in order."""
-    detector = DetectorSpec(VisionConfig())
+    detector = DetectorSpec(VisionConfig(method=method))
     job = VisionJob(1, SourceRecord.of(spec), detector, CLOCK, ring, FrameRules(), first_seq=5)
     diary, progress = Diary(), ProgressPage(ring, writable=True)
     CaptureThread(cast("Any", diary), job, progress, cast("NewestFrame", diary)).run()
@@ -153,6 +154,15 @@ def test_a_source_that_writes_into_a_frame_which_it_has_handed_over_is_refused(r
     _, first, lost = captured(FewFrames(3, one_buffer=True), ring)
     assert first.seq == 5
     assert lost == SourceLost("few: it has written into a frame that it had handed over; each needs its own array")
+
+
+@pytest.mark.parametrize(("method", "samples"), [("robust", "uint16"), ("paper", "uint8")])
+def test_a_frame_of_16_bits_is_searched_in_as_many_as_the_method_takes_and_shown_in_8(
+    method: str, samples: str, ring: RingSpec
+) -> None:
+    _, frame, _ = captured(FewFrames(1, samples="uint16"), ring, method)
+    assert (frame.searched.dtype, frame.image.dtype) == (samples, "uint8")
+    assert not frame.searched.flags.writeable
 
 
 def test_every_frame_of_a_source_that_wants_it_is_looked_at_before_its_end_is_reported(ring: RingSpec) -> None:
