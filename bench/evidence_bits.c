@@ -30,10 +30,9 @@ static void evidence(FILE *file, const int64_t *head, const EvidenceTables *tabl
     }
 }
 
-static void votes(FILE *file, const Constants *constants)
+static void votes(FILE *file)
 {
     VoteTask *task = part(file);
-    task->constants = constants;
     task->size = part(file), task->largest = part(file), task->gx = part(file), task->gy = part(file), task->radii = part(file);
     int count = gateway_votes(task, calloc(1, (size_t)vote_room(task)));
     printf("votes");
@@ -42,10 +41,9 @@ static void votes(FILE *file, const Constants *constants)
     printf("\n");
 }
 
-static void blobs(FILE *file, const Constants *constants)
+static void blobs(FILE *file)
 {
     BlobTask *task = part(file);
-    task->constants = constants;
     task->red = part(file);
     gateway_blobs(task, calloc(1, (size_t)blob_room(task)));
     printf("blobs");
@@ -57,10 +55,9 @@ static void blobs(FILE *file, const Constants *constants)
     printf("\n");
 }
 
-static void regions(FILE *file, const Constants *constants)
+static void regions(FILE *file)
 {
     RegionTask *task = part(file);
-    task->constants = constants;
     task->picture.pixels = part(file), task->log = part(file);
     const Box *boxes = calloc(1, (size_t)region_room(task));
     int64_t count = gateway_red_regions(task, (void *)boxes);
@@ -79,16 +76,15 @@ int main(int count, char **words)
     EvidenceTables *tables = part(file);
     tables->cos = part(file), tables->sin = part(file), tables->log = part(file);
     tables->wide = part(file), tables->close = part(file), tables->rings = part(file), tables->triples = part(file);
-    tables->constants = part(file);
     for (int64_t *head; (head = part(file));) {
         if (head[0] == EVIDENCE)
             evidence(file, head, tables, work);
         else if (head[0] == VOTES)
-            votes(file, tables->constants);
+            votes(file);
         else if (head[0] == BLOB_TASK)
-            blobs(file, tables->constants);
+            blobs(file);
         else
-            regions(file, tables->constants);
+            regions(file);
     }
     return 0;
 }

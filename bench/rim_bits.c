@@ -23,7 +23,6 @@ int main(int count, char **words)
     }
     tables->lab.linear = part(file);
     tables->lab.root = part(file);
-    tables->constants = part(file);
     int64_t *keys = part(file);
     Profile *profiles = part(file);
     for (Task *task; (task = part(file));) {

@@ -17,9 +17,9 @@ import numpy as np
 
 from bench.scene import BEYOND, RECIPES, draw
 from gateway.core.detection import Ellipse
-from gateway.vision.compiled.build import EXACT, HERE, sizes
+from gateway.vision.compiled.build import EXACT, HERE, numbers
 from gateway.vision.compiled.sizes import COARSE_RAYS, FALL_RAYS, LEAST_RAYS, MOST_RAYS, RAYS_STEP
-from gateway.vision.detect.robust import constants, rim_coarse
+from gateway.vision.detect.robust import rim_coarse
 from gateway.vision.detect.robust.kernel import lab, rim_kernel
 from gateway.vision.detect.robust.refinement import DOUBT, load
 
@@ -42,7 +42,7 @@ def asked(pictures: int) -> bytes:
     parts.append(rim_coarse.edge_filter().tobytes())
     for rays, inverses in rim_coarse.subsets():
         parts += [rays.astype(np.int32).tobytes(), inverses.tobytes()]
-    parts += [lab.linear().tobytes(), lab.root().tobytes(), constants.passed().tobytes()]
+    parts += [lab.linear().tobytes(), lab.root().tobytes()]
     tasks: list[bytes] = []
     for recipe in (*RECIPES, *BEYOND):
         for number in range(pictures):
@@ -62,7 +62,7 @@ def asked(pictures: int) -> bytes:
 def answers(main: Path, compiler: str, run: str, flags: list[str], tasks: Path) -> list[str]:
     """What the program of `main` and the kernels prints, line by line."""
     program = tasks.with_name("program")
-    options = ["-O3", "-std=c11", *EXACT, *sizes(), *flags, f"-I{HERE}", f"-I{ROOM}"]
+    options = ["-O3", "-std=c11", *EXACT, *numbers(), *flags, f"-I{HERE}", f"-I{ROOM}"]
     subprocess.run(
         [*shlex.split(compiler), *options, "-o", program, main, *sorted(ROOM.glob("*.c")), "-lm"], check=True
     )

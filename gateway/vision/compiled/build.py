@@ -17,7 +17,7 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 SOURCES = tuple(sorted(HERE.parent.rglob("*.[ch]")))
-SIZES = HERE / "sizes.py"
+NUMBERS = (HERE / "sizes.py", HERE.parent / "detect" / "robust" / "constants.py")
 UNITS = tuple(source for source in SOURCES if source.suffix == ".c")
 LIBRARY = HERE / "_kernels.so"
 # A sum has one order, and a product is rounded before it is added to: the same bits from every compiler and processor.
@@ -28,13 +28,14 @@ TIMEOUT_S = 300.0
 
 
 def source_sum() -> int:
-    """CRC-32 of the sources and sizes; the library carries the one it was built from."""
-    return zlib.crc32(b"".join([*(source.read_bytes() for source in SOURCES), *map(str.encode, sizes())]))
+    """CRC-32 of the sources and numbers; the library carries the one it was built from."""
+    return zlib.crc32(b"".join([*(source.read_bytes() for source in SOURCES), *map(str.encode, numbers())]))
 
 
-def sizes() -> tuple[str, ...]:
-    """The compiler's definitions of `sizes.py`."""
-    return tuple(f"-D{name}={value}" for name, value in runpy.run_path(str(SIZES)).items() if name.isupper())
+def numbers() -> tuple[str, ...]:
+    """The compiler's definitions of what C and NumPy share, so that it stands once."""
+    shared = (item for file in NUMBERS for item in runpy.run_path(str(file)).items())
+    return tuple(f"-D{name}={value!r}" for name, value in shared if name.isupper())
 
 
 def compiler() -> list[str] | None:
@@ -52,7 +53,16 @@ def build(library: Path = LIBRARY) -> str:
     if words is None:
         return "there is no C compiler (cc, gcc or clang)"
     fresh = library.with_suffix(f".{os.getpid()}.tmp")
-    command = [*words, *FLAGS, *sizes(), f"-DGATEWAY_SOURCE={source_sum()}u", "-o", str(fresh), *map(str, UNITS), "-lm"]
+    command = [
+        *words,
+        *FLAGS,
+        *numbers(),
+        f"-DGATEWAY_SOURCE={source_sum()}u",
+        "-o",
+        str(fresh),
+        *map(str, UNITS),
+        "-lm",
+    ]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
         if done.returncode:

@@ -1,6 +1,7 @@
 """Sizes of the compiled loops' arrays and strides: the one place for C, where they are compiled in, and for NumPy.
 
 A library that was built with others is stale (`build.source_sum`). Whole numbers only; standard library only.
+The robust method's other numbers are in `gateway.vision.detect.robust.constants`.
 """
 
 # The paper's method.

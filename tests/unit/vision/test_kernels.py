@@ -134,7 +134,7 @@ def test_a_kernel_that_gives_anything_else_is_not_used(
     right = getattr(kernel, attribute)
     monkeypatch.setattr(kernel, attribute, lambda *arguments: wrong(right(*arguments)))
     assert load(library) is None
-    assert f"{owner} does not agree" in caplog.text
+    assert f"{owner} does not agree with gateway.vision.detect." in caplog.text
 
 
 @pytest.mark.parametrize(

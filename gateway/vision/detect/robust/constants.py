@@ -1,11 +1,8 @@
 """The numbers of the robust method that its reference in NumPy and its compiled loops both use: they stand here only.
 
-The kernels are handed them when they are loaded (`passed`), so one that is changed here is changed in both. The order
-is that of `kernel/constants.h`. What sizes an array or a stride is in `gateway.vision.compiled.sizes`.
+They are compiled in: a library that was built with others is stale (`gateway.vision.compiled.build`). What sizes an
+array or a stride is in `gateway.vision.compiled.sizes`. Standard library only.
 """
-
-import numpy as np
-from numpy.typing import NDArray
 
 # Rim, coarse (`rim_coarse`).
 TIE = 1e-7  # grey levels: of slopes that differ by no more the first is taken, whatever the order of a sum
@@ -64,8 +61,3 @@ LEAST_RED = 0.15  # log(R/G): a marker behind much dust still has this
 AS_RED = 0.5  # what appears is new if it is at least so red, compared with what is followed
 FULL_REDNESS = 2.0  # log units, less the veil: red paint; more is only darker
 SMALLEST_REGION_PX = 12  # area of a red spot in the sparse picture that counts: a disc of radius 2
-
-
-def passed() -> NDArray[np.float64]:
-    """For the kernels: all of the above, in order."""
-    return np.array([value for name, value in globals().items() if name.isupper()], np.float64)

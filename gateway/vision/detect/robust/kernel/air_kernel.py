@@ -3,7 +3,6 @@
 import ctypes
 import struct
 
-from gateway.vision.detect.robust import constants
 from gateway.vision.pixels import Image
 
 _PICTURE = struct.Struct("=5q")
@@ -14,10 +13,8 @@ class AirKernel:
 
     def __init__(self, library: ctypes.CDLL) -> None:
         self._call = library.gateway_air_is_clear
-        self._call.argtypes = [ctypes.c_char_p, ctypes.c_void_p]
+        self._call.argtypes = [ctypes.c_char_p]
         self._call.restype = ctypes.c_int
-        self._constants = constants.passed()
-        self._constants_at = self._constants.ctypes.data
 
     def is_clear(self, picture: Image, every: int = 1) -> bool:
         """Whether `veil.estimate` finds no veil in every so many pixels of a picture whose pixels lie side by side.
@@ -28,4 +25,4 @@ class AirKernel:
         stride = picture.strides[0]
         at = picture.__array_interface__["data"][0]
         described = _PICTURE.pack(at, every * stride, 3 * every, -(-height // every), -(-width // every))
-        return bool(self._call(described, self._constants_at))
+        return bool(self._call(described))

@@ -2,7 +2,6 @@
 #ifndef GATEWAY_BLOBS_H
 #define GATEWAY_BLOBS_H
 
-#include "constants.h"
 #include "median.h"
 
 typedef struct {
@@ -16,7 +15,6 @@ typedef struct { /* `candidate_kernel.BlobTask` */
     int64_t height, width, factor;
     double shares[THRESHOLDS]; /* between the median and the largest redness, growing */
     double smallest, largest; /* radius, px of the full frame */
-    const Constants *constants;
     int64_t counts[THRESHOLDS];
     Blob blobs[THRESHOLDS][BLOBS]; /* the largest first; equally large ones row by row */
 } BlobTask;
@@ -84,7 +82,7 @@ static void blob_ended(BlobTask *t, int k, const Part *part, int32_t bottom)
     float width = (float)(part->right - part->left), height = (float)(bottom - part->top);
     float radius = 0.5f * sqrtf(width * height) * (float)t->factor, fill = (float)part->area / (width * height);
     float longer = width > height ? width : height, shorter = width > height ? height : width;
-    if (!(radius >= (float)t->smallest && radius <= (float)t->largest && fill > (float)t->constants->least_fill && longer < (float)t->constants->most_longer * shorter))
+    if (!(radius >= (float)t->smallest && radius <= (float)t->largest && fill > (float)LEAST_FILL && longer < (float)MOST_LONGER * shorter))
         return;
     Blob *kept = t->blobs[k];
     int64_t at = t->counts[k];
@@ -142,7 +140,7 @@ static void found_blobs(BlobTask *t, void *work)
         rows[k] = (Row){.runs = runs + 2 * k * most_runs, .above = runs + (2 * k + 1) * most_runs,
                         .parts = parts + 4 * k * most_runs, .spare = parts + (4 * k + 2) * most_runs};
     }
-    if (top - middle < t->constants->least_spread)
+    if (top - middle < LEAST_SPREAD)
         return;
     for (int32_t y = 0; y <= (int32_t)t->height; y++) {
         int before = 0;

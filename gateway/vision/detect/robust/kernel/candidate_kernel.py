@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.vision.compiled.sizes import BLOBS, PEAKS, THRESHOLDS
-from gateway.vision.detect.robust import constants
 from gateway.vision.detect.robust.redness import LOG, Plane
 from gateway.vision.pixels import Image
 
@@ -21,7 +20,6 @@ class VoteTask(ctypes.Structure):
         ("radii", _Pointer),
         ("radius_count", _Int),
         *((name, _Real) for name in ("outer", "middle")),
-        ("constants", _Pointer),
         ("peaks", _Real * (4 * PEAKS)),
     )
 
@@ -40,7 +38,6 @@ class BlobTask(ctypes.Structure):
         *((name, _Int) for name in ("height", "width", "factor")),
         ("shares", _Real * THRESHOLDS),
         *((name, _Real) for name in ("smallest", "largest")),
-        ("constants", _Pointer),
         ("counts", _Int * THRESHOLDS),
         ("blobs", _Blob * BLOBS * THRESHOLDS),
     )
@@ -62,8 +59,6 @@ class CandidateKernel:
             room.restype = _Int
         self._votes.restype, self._blobs.restype = ctypes.c_int, None
         self._log = np.ascontiguousarray(LOG)
-        self._constants = constants.passed()
-        self._constants_at = self._constants.ctypes.data
         self._rooms: list[NDArray[np.uint8]] = []
 
     def redness(self, picture: Image) -> Plane:
@@ -85,7 +80,7 @@ class CandidateKernel:
         size, largest, gx, gy = planes
         task = VoteTask(
             size.ctypes.data, largest.ctypes.data, gx.ctypes.data, gy.ctypes.data, *size.shape, radii.ctypes.data,
-            radii.size, *blur, self._constants_at,
+            radii.size, *blur,
         )  # fmt: skip
         at = ctypes.addressof(task)
         room = self._room(self._vote_room(at))
@@ -100,9 +95,7 @@ class CandidateKernel:
         self, red: Plane, shares: Sequence[float], factor: int, radii_px: tuple[float, float]
     ) -> list[tuple[float, float, int, int, float, float]]:
         """Left, top, width, height, radius (px of the full frame) and fill of the largest round ones, by threshold."""
-        task = BlobTask(
-            red.ctypes.data, *red.shape, factor, (_Real * THRESHOLDS)(*shares), *radii_px, self._constants_at
-        )
+        task = BlobTask(red.ctypes.data, *red.shape, factor, (_Real * THRESHOLDS)(*shares), *radii_px)
         at = ctypes.addressof(task)
         room = self._room(self._blob_room(at))
         self._blobs(at, room.ctypes.data)

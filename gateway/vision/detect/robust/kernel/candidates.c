@@ -41,7 +41,7 @@ void gateway_redness(const Picture *picture, const float *log, float *red)
     }
 }
 
-int gateway_air_is_clear(const Sparse *picture, const Constants *constants) { return air_is_clear(picture, constants); }
+int gateway_air_is_clear(const Sparse *picture) { return air_is_clear(picture); }
 
 int64_t gateway_region_room(const RegionTask *task) { return region_room(task); }
 

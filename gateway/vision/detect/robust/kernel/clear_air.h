@@ -3,7 +3,6 @@
 #define GATEWAY_CLEAR_AIR_H
 
 #include "bilinear.h"
-#include "constants.h"
 
 typedef struct { /* `air_kernel._PICTURE`: pixels that lie so many bytes apart */
     const uint8_t *pixels;
@@ -31,13 +30,13 @@ INLINE void least_sums(const uint8_t *plane, int64_t h, int64_t w, int64_t top, 
 }
 
 /* 1: `veil.estimate` finds none; 0: it has to be asked. For MOST_VEIL_SIDE px a side at most. */
-static int air_is_clear(const Sparse *p, const Constants *constants)
+static int air_is_clear(const Sparse *p)
 {
     uint8_t planes[CHANNELS][MOST_VEIL_SIDE * MOST_VEIL_SIDE];
     int counts[CHANNELS][256] = {{0}};
     int16_t sums[CHANNELS][MOST_VEIL_SIDE];
-    float bright = (float)constants->bright, darkest_air = (float)constants->darkest_airlight;
-    float most_green = (float)constants->most_green, no_veil = (float)constants->no_veil;
+    float bright = (float)BRIGHT, darkest_air = (float)DARKEST_AIRLIGHT;
+    float most_green = (float)MOST_GREEN, no_veil = (float)NO_VEIL;
     float air[CHANNELS], local[VEIL_CELLS][VEIL_CELLS];
     int64_t h = p->height, w = p->width, longer = h > w ? h : w;
     if (h < 8 || w < 8)
@@ -89,7 +88,7 @@ static int air_is_clear(const Sparse *p, const Constants *constants)
                     near = local[y][x] < near ? local[y][x] : near;
             veiled += near > no_veil;
         }
-    return veiled < constants->least_part * (rows * columns);
+    return veiled < LEAST_PART * (rows * columns);
 }
 
 #endif

@@ -24,11 +24,9 @@ typedef struct {
 INLINE double rounded_tenth(double value) { return nearbyint(value * 10) / 10; }
 
 /* The offset (px) of the steepest change on every ray and its weight; the blur (px). */
-static double steepest(const Rays *rays, const double *filter, double step, const Constants *constants, Coarse *c)
+static double steepest(const Rays *rays, const double *filter, double step, Coarse *c)
 {
     enum { N = COARSE_RAYS };
-    int reach = (int)constants->filter_reach, blind = (int)constants->blind;
-    double tie = constants->tie, sigma = constants->filter_sigma;
     static const double every[N] = {[0 ... N - 1] = 1};
     const double *seen = rays->inside_count ? rays->inside : every;
     double length[N];
@@ -68,8 +66,8 @@ static double steepest(const Rays *rays, const double *filter, double step, cons
             c->along[s][i] = sum;
         }
     memset(c->slope, 0, sizeof c->slope);
-    for (int s = blind; s < COARSE_STEPS - blind; s++) {
-        int from = s - reach < 0 ? 0 : s - reach, to = s + reach >= COARSE_STEPS ? COARSE_STEPS - 1 : s + reach;
+    for (int s = BLIND; s < COARSE_STEPS - BLIND; s++) {
+        int from = s - FILTER_REACH < 0 ? 0 : s - FILTER_REACH, to = s + FILTER_REACH >= COARSE_STEPS ? COARSE_STEPS - 1 : s + FILTER_REACH;
         for (int j = from; j <= to; j++)
             for (int i = 0; i < N; i++)
                 c->slope[s][i] += filter[s * COARSE_STEPS + j] * c->along[j][i];
@@ -81,7 +79,7 @@ static double steepest(const Rays *rays, const double *filter, double step, cons
             c->top[i] = most(c->top[i], c->slope[s][i]);
     for (int i = 0; i < N; i++) {
         int peak = 0;
-        while (c->slope[peak][i] < c->top[i] - tie)
+        while (c->slope[peak][i] < c->top[i] - TIE)
             peak++;
         double top = c->slope[peak][i];
         double before = c->slope[(peak + COARSE_STEPS - 1) % COARSE_STEPS][i], after = c->slope[(peak + 1) % COARSE_STEPS][i];
@@ -94,7 +92,7 @@ static double steepest(const Rays *rays, const double *filter, double step, cons
         c->weight[i] = rays->inside[i] > 0 && c->top[i] > 0.3 * usual ? least(c->top[i] / usual, 1.5) : 0;
         ratio[i] = c->top[i] / c->bend[i];
     }
-    double variance = (quantile(ratio, c->weight, N, 0.5, c->room) - sigma * sigma) * step * step;
+    double variance = (quantile(ratio, c->weight, N, 0.5, c->room) - FILTER_SIGMA * FILTER_SIGMA) * step * step;
     return within(0.8, rounded_tenth((step <= 1 ? 1 : 0.4) * sqrt(most(variance, 0))), 3);
 }
 
@@ -128,22 +126,22 @@ static int judged(const Subsets *kinds, const double *design, double tolerance, 
 
 /* 0 without enough edges; else the outline and the guess at the blur are overwritten. */
 static int coarsely(Rays *rays, const double *table, const double *filter, const Subsets *subsets, double step,
-                    const Constants *constants, Outline *outline, double *sigma, Coarse *c, Fit *fit)
+                    Outline *outline, double *sigma, Coarse *c, Fit *fit)
 {
     double tolerance = most(most(0.8, 0.01 * mean_of(outline)), 0.5 * step);
-    FitOptions options = {.smallest_scale = 0.1, .largest_scale = tolerance, .doubt = 4, .rounds = 2, .constants = constants};
+    FitOptions options = {.smallest_scale = 0.1, .largest_scale = tolerance, .doubt = 4, .rounds = 2};
     int usable = 0, first = 0;
-    *sigma = steepest(rays, filter, step, constants, c);
+    *sigma = steepest(rays, filter, step, c);
     for (int i = 0; i < COARSE_RAYS; i++)
         usable += c->weight[i] > 0;
-    if (usable < constants->fewest_edges)
+    if (usable < FEWEST_EDGES)
         return 0;
     designed(outline, table, rays->support, COARSE_RAYS, fit->design);
     int count = judged(subsets, fit->design, tolerance, c);
     double lowest = c->cost[0];
     for (int n = 1; n < count; n++)
         lowest = least(lowest, c->cost[n]);
-    while (!(c->cost[first] <= lowest + constants->tie))
+    while (!(c->cost[first] <= lowest + TIE))
         first++;
     if (!fitted(outline, c->shift, c->weight, COARSE_RAYS, c->changes[first], &options, fit))
         return 0;

@@ -28,18 +28,18 @@ static int agreed_circle(const Points *p, const EvidenceTables *t, double tolera
             worth[i] = most(1 - gap * gap, 0);
         }
         double sum = dot(worth, p->weight, RADIAL);
-        if (sum > best + t->constants->same_worth) /* the first of equally good ones, whatever the order of the sums */
+        if (sum > best + SAME_WORTH) /* the first of equally good ones, whatever the order of the sums */
             best = sum, *circle = (Shape){u, v, radius, radius, 1, 0};
     }
     return best > 0;
 }
 
 /* `ellipses._axes`, without an angle: its cosine and sine. 0 for what is no ellipse. */
-INLINE int axes_of(const double *solution, const Constants *constants, Shape *s)
+INLINE int axes_of(const double *solution, Shape *s)
 {
     double a = 0.5 + solution[0], b = solution[1], c = 0.5 - solution[0], d = solution[2], e = solution[3], f = solution[4];
     double bottom = 4 * a * c - b * b;
-    if (!(bottom > constants->least_bottom))
+    if (!(bottom > LEAST_BOTTOM))
         return 0;
     s->u = (b * e - 2 * c * d) / bottom, s->v = (b * d - 2 * a * e) / bottom;
     double rest = -(f + 0.5 * (d * s->u + e * s->v)), spread = length_of(a - c, b);
@@ -47,7 +47,7 @@ INLINE int axes_of(const double *solution, const Constants *constants, Shape *s)
         return 0;
     s->along = sqrt(2 * rest / most(1 - spread, 1e-9)), s->across = sqrt(2 * rest / (1 + spread));
     s->cos = 1, s->sin = 0;
-    if (spread > constants->circular) { /* half of the angle of (c - a, -b), from 0 to pi */
+    if (spread > CIRCULAR) { /* half of the angle of (c - a, -b), from 0 to pi */
         double cos2 = (c - a) / spread, sin2 = -b / spread;
         if (cos2 < 0) {
             s->sin = sqrt((1 - cos2) / 2);
@@ -63,19 +63,18 @@ INLINE int axes_of(const double *solution, const Constants *constants, Shape *s)
 }
 
 /* `ellipses._conics`: 0 where the points don't suffice. */
-static int conic_through(const Points *p, const double *trust, const Constants *constants, Shape *s)
+static int conic_through(const Points *p, const double *trust, Shape *s)
 {
     double row[5][RADIAL], weighted[RADIAL], right[RADIAL], x[RADIAL], y[RADIAL], normal[25], solution[5];
     double sum = total(trust, RADIAL), u = dot(trust, p->u, RADIAL) / sum, v = dot(trust, p->v, RADIAL) / sum;
-    double least_trust = constants->least_trust;
     int usable = 0;
     for (int i = 0; i < RADIAL; i++) {
         x[i] = p->u[i] - u, y[i] = p->v[i] - v;
         right[i] = x[i] * x[i] + y[i] * y[i];
-        usable += trust[i] > least_trust;
+        usable += trust[i] > LEAST_TRUST;
     }
     double scale = sqrt(dot(trust, right, RADIAL) / sum);
-    if (usable < constants->fewest_points || !(scale > 1e-3))
+    if (usable < FEWEST_POINTS || !(scale > 1e-3))
         return 0;
     double shrunk = 1 / scale;
     for (int i = 0; i < RADIAL; i++) {
@@ -93,7 +92,7 @@ static int conic_through(const Points *p, const double *trust, const Constants *
         normal[6 * r] += 1e-9;
         solution[r] = dot(weighted, right, RADIAL);
     }
-    if (!solved(normal, solution, 5, 1, DBL_MIN) || !axes_of(solution, constants, s))
+    if (!solved(normal, solution, 5, 1, DBL_MIN) || !axes_of(solution, s))
         return 0;
     s->u = u + scale * s->u, s->v = v + scale * s->v;
     s->along *= scale, s->across *= scale;
@@ -101,10 +100,10 @@ static int conic_through(const Points *p, const double *trust, const Constants *
 }
 
 /* `ellipses.ellipses_by_weights`: from `s`; 0 where there is none. */
-static int ellipse_near(const Points *p, double tolerance, const Constants *constants, Shape *s)
+static int ellipse_near(const Points *p, double tolerance, Shape *s)
 {
     double trust[RADIAL];
-    for (int turn = 0; turn < constants->ellipse_rounds; turn++) {
+    for (int turn = 0; turn < ELLIPSE_ROUNDS; turn++) {
         for (int i = 0; i < RADIAL; i++) {
             double du = p->u[i] - s->u, dv = p->v[i] - s->v;
             double share = length_of((du * s->cos + dv * s->sin) / s->along, (dv * s->cos - du * s->sin) / s->across);
@@ -112,7 +111,7 @@ static int ellipse_near(const Points *p, double tolerance, const Constants *cons
             gap = most(1 - gap * gap, 0);
             trust[i] = p->weight[i] * (gap * gap);
         }
-        if (!conic_through(p, trust, constants, s))
+        if (!conic_through(p, trust, s))
             return 0;
     }
     return 1;

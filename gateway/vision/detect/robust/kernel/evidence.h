@@ -113,7 +113,7 @@ static int rim_round(const Level *level, Shape *shape, const EvidenceTables *t, 
     for (int turn = 0; turn < 2; turn++) {
         Shape before = *shape;
         edges_on_rays(level, shape, t->close, (int)t->close_count, t, fused, w);
-        if (!ellipse_near(&w->points, 0.14 * before.across + 0.7, t->constants, shape))
+        if (!ellipse_near(&w->points, 0.14 * before.across + 0.7, shape))
             return 0;
         if (!(shape->across > 0.3 * before.across && shape->along < 3 * before.along))
             return 0;
@@ -149,7 +149,7 @@ INLINE int at_place(const int *counts, int place)
 }
 
 /* Medians of the colour inside, and how bright the darkest part of all is. 0 where nothing inside is in the picture. */
-static int colours_of(const RingSamples *r, int disc, int count, const Constants *constants, EvidenceRow *row)
+static int colours_of(const RingSamples *r, int disc, int count, EvidenceRow *row)
 {
     int counts[CHANNELS][256] = {{0}}, darkest[256] = {0}, inside = 0, all = 0;
     for (int s = 0; s < count; s++)
@@ -164,10 +164,10 @@ static int colours_of(const RingSamples *r, int disc, int count, const Constants
         return 0;
     for (int c = 0; c < CHANNELS; c++)
         row->colour[c] = (at_place(counts[c], (inside - 1) / 2) + at_place(counts[c], inside / 2)) / 2.0;
-    double place = (all - 1) * constants->darkest, share = place - floor(place);
+    double place = (all - 1) * DARKEST, share = place - floor(place);
     double low = at_place(darkest, (int)place), apart = at_place(darkest, least(place + 1, all - 1)) - low;
     double dark = share < 0.5 ? low + apart * share : low + apart - apart * (1 - share);
-    row->haze = least(dark / constants->full_veil, constants->most_haze);
+    row->haze = least(dark / FULL_VEIL, MOST_HAZE);
     return 1;
 }
 
@@ -175,8 +175,7 @@ static int colours_of(const RingSamples *r, int disc, int count, const Constants
 static int measured_on(const Level *level, const Shape *shape, const EvidenceTables *t, int fused, EvidenceWork *w, EvidenceRow *row)
 {
     RingSamples *r = &w->rings;
-    float edge_step = (float)t->constants->edge_step, shown_from = (float)t->constants->shown;
-    int white_from = (int)t->constants->white;
+    float edge_step = (float)EDGE_STEP, shown_from = (float)SHOWN;
     int n = (int)t->disc, m = n + (int)t->inside, count = m + (int)t->inside, seen = 0, leaks = 0, visible = 0, empty = 0;
     int64_t red_area = 0, area = 0;
     float within[RADIAL], beyond[RADIAL], next[RADIAL], gap[RADIAL], steps[RADIAL];
@@ -188,7 +187,7 @@ static int measured_on(const Level *level, const Shape *shape, const EvidenceTab
             used[i] &= r->seen[s][i];
         seen += used[i];
     }
-    if (seen < RADIAL / 6 || !colours_of(r, n, count, t->constants, row))
+    if (seen < RADIAL / 6 || !colours_of(r, n, count, row))
         return 0;
     ray_medians(r->red + n, m - n, within);
     ray_medians(r->red + m, count - m, beyond);
@@ -220,7 +219,7 @@ static int measured_on(const Level *level, const Shape *shape, const EvidenceTab
     }
     for (int s = 0; s < n; s++)
         for (int i = 0; i < RADIAL; i++) {
-            int white = r->bgr[s][0][i] >= white_from && r->bgr[s][1][i] >= white_from && r->bgr[s][2][i] >= white_from;
+            int white = r->bgr[s][0][i] >= WHITE && r->bgr[s][1][i] >= WHITE && r->bgr[s][2][i] >= WHITE;
             int counts = r->seen[s][i] & !white;
             area += (s + 1) * counts;
             red_area += (s + 1) * (counts & (r->red[s][i] > red_from));
@@ -234,10 +233,10 @@ static int measured_on(const Level *level, const Shape *shape, const EvidenceTab
 }
 
 /* On which level something of this radius is measured, px of the full frame. */
-INLINE const Level *level_for(const Level *levels, int64_t count, double radius, double evidence_radius)
+INLINE const Level *level_for(const Level *levels, int64_t count, double radius)
 {
     int octave;
-    frexp(most(radius / evidence_radius / (double)levels->factor, 1e-9), &octave);
+    frexp(most(radius / EVIDENCE_RADIUS_PX / (double)levels->factor, 1e-9), &octave);
     return levels + (octave < 1 ? 0 : octave > count ? count - 1 : octave - 1);
 }
 
@@ -247,7 +246,7 @@ static void gathered_evidence(const Level *levels, int64_t level_count, Evidence
 {
     for (int64_t k = 0; k < count; k++) {
         Shape *s = &rows[k].shape;
-        const Level *level = level_for(levels, level_count, s->across, t->constants->evidence_radius_px);
+        const Level *level = level_for(levels, level_count, s->across);
         double factor = (double)level->factor, middle = (factor - 1) / 2;
         s->u = (s->u - middle) / factor, s->v = (s->v - middle) / factor;
         s->along /= factor, s->across /= factor;

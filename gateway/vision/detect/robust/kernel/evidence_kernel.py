@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.core.detection import Ellipse
-from gateway.vision.detect.robust import constants, ellipses, evidence, radial_sampling, redness
+from gateway.vision.detect.robust import ellipses, evidence, radial_sampling, redness
 from gateway.vision.detect.robust.candidates import Seed
 from gateway.vision.detect.robust.evidence import Evidence
 from gateway.vision.detect.robust.kernel.rim_kernel import opencv_fuses
@@ -22,11 +22,10 @@ _SHAPE = struct.Struct("=6d")
 _ROW = struct.Struct("=20d")
 _FIELDS = ("cos", "sin", "log", "wide", "close", "rings", "triples")
 _COUNTS = ("wide_count", "close_count", "triple_count", "disc", "inside", "fused")
-_LAST = "constants"
 
 
 class _Tables(ctypes.Structure):
-    _fields_ = (*((name, _Pointer) for name in _FIELDS), *((name, _Int) for name in _COUNTS), (_LAST, _Pointer))
+    _fields_ = (*((name, _Pointer) for name in _FIELDS), *((name, _Int) for name in _COUNTS))
 
 
 class EvidenceKernel:
@@ -91,7 +90,7 @@ class EvidenceKernel:
             fused=opencv_fuses(),
         )
         shared = (radial_sampling.COS, radial_sampling.SIN, redness.LOG, evidence.WIDE, evidence.CLOSE, evidence.RINGS)
-        for name, values in zip((*_FIELDS, _LAST), (*shared, triples, constants.passed()), strict=True):
+        for name, values in zip(_FIELDS, (*shared, triples), strict=True):
             lasting = np.ascontiguousarray(values)
             self.kept.append(lasting)
             setattr(tables, name, lasting.ctypes.data)

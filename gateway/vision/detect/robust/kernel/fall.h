@@ -10,7 +10,7 @@ static double fall(const Task *task, const Tables *tables, Work *w, int fused)
     Rays *rays = &w->rays;
     double apart = (double)(float)task->search_px, offsets[2] = {-apart, apart}, falls[FALL_RAYS], seen[FALL_RAYS];
     int count = 0;
-    if (!sane(&task->outline, &task->picture, tables->constants) ||
+    if (!sane(&task->outline, &task->picture) ||
         !sampled(&task->picture, &task->outline, tables->directions[FALL_RAYS / RAYS_STEP], FALL_RAYS, offsets, 2, task->search_px,
                  &tables->lab, fused, rays))
         return 0;

@@ -2,13 +2,11 @@
 #ifndef GATEWAY_FIT_H
 #define GATEWAY_FIT_H
 
-#include "constants.h"
 #include "rays.h"
 
 typedef struct {
     double smallest_scale, largest_scale, doubt;
     int rounds;
-    const Constants *constants;
 } FitOptions;
 
 typedef struct {
@@ -42,14 +40,14 @@ static void answered(const double *design, const double *change, const double *o
 }
 
 /* `support._scale` of the residuals' sizes, of usable rays that the last round did not reject. */
-INLINE double scale_of(const double *residuals, const double *weights, int count, double cut, double quantile_40, double *room)
+INLINE double scale_of(const double *residuals, const double *weights, int count, double cut, double *room)
 {
     ptrdiff_t n = 0;
     for (int i = 0; i < count; i++) {
         room[n] = fabs(residuals[i]);
         n += (weights[i] > 0) & (room[n] < cut);
     }
-    return n ? nth(room, n, (ptrdiff_t)(0.4 * (double)n), room + MOST_RAYS + 1) / quantile_40 : 0;
+    return n ? nth(room, n, (ptrdiff_t)(0.4 * (double)n), room + MOST_RAYS + 1) / QUANTILE_40 : 0;
 }
 
 /* `support._toward_circle` */
@@ -105,18 +103,17 @@ static int fitted(const Outline *o, const double *offsets, const double *weights
                   const FitOptions *options, Fit *fit)
 {
     double information[25], solution[5], matrix[25], cut = INFINITY;
-    const Constants *constants = options->constants;
     int usable = 0;
     for (int i = 0; i < count; i++)
         usable += weights[i] > 0;
-    if (usable < constants->fewest_edges)
+    if (usable < FEWEST_EDGES)
         return 0;
-    double ridge = constants->fit_ridge * total(weights, count);
+    double ridge = FIT_RIDGE * total(weights, count);
     answered(fit->design, change, offsets, count, fit->moves, fit->residuals);
     for (int turn = 0; turn < options->rounds; turn++) {
         if (turn < 2) {
-            double scale = scale_of(fit->residuals, weights, count, cut, constants->quantile_40, fit->room);
-            cut = constants->tukey * least(most(scale, options->smallest_scale), options->largest_scale);
+            double scale = scale_of(fit->residuals, weights, count, cut, fit->room);
+            cut = TUKEY * least(most(scale, options->smallest_scale), options->largest_scale);
         }
         double inverse = 1 / cut;
         for (int i = 0; i < count; i++) {

@@ -16,7 +16,6 @@ typedef struct { /* `rim_kernel._Tables` */
     Lab lab;
     double opponent_unit; /* grey levels a unit of a* */
     int64_t fused; /* whether OpenCV multiplies and adds at once */
-    const Constants *constants;
 } Tables;
 
 typedef struct { /* `rim_kernel._Task`: what is asked, how far it has come, and the result */
@@ -42,9 +41,9 @@ typedef struct {
     };
 } Work;
 
-INLINE int sane(const Outline *o, const Picture *p, const Constants *constants)
+INLINE int sane(const Outline *o, const Picture *p)
 {
-    if (!real(o) || minor_of(o) < constants->smallest_axis_px || major_of(o) > constants->largest_axis_px)
+    if (!real(o) || minor_of(o) < SMALLEST_AXIS_PX || major_of(o) > LARGEST_AXIS_PX)
         return 0;
     double reach = major_of(o);
     return -reach < o->u && o->u < (double)p->width + reach && -reach < o->v && o->v < (double)p->height + reach;
@@ -58,7 +57,7 @@ INLINE const Profile *profile_of(const Task *task, const int64_t *key)
     return NULL;
 }
 
-INLINE int reported(const Rays *rays, Work *w, double sigma, double least_visible, Task *task)
+INLINE int reported(const Rays *rays, Work *w, double sigma, Task *task)
 {
     int count = rays->count, inliers = 0;
     double squares = 0, height[MOST_RAYS];
@@ -68,7 +67,7 @@ INLINE int reported(const Rays *rays, Work *w, double sigma, double least_visibl
         squares += in ? w->fit.residuals[i] * w->fit.residuals[i] : 0;
         height[i] = sqrt(w->edges.own[i]);
     }
-    if ((double)inliers / count < least_visible)
+    if ((double)inliers / count < LEAST_VISIBLE)
         return NONE;
     task->rms_px = sqrt(squares / inliers);
     task->contrast = quantile(height, w->fit.weights, count, 0.5, w->edges.room);
@@ -82,7 +81,6 @@ INLINE int reported(const Rays *rays, Work *w, double sigma, double least_visibl
 static int round_of(Task *task, const Tables *tables, Work *w, int fused)
 {
     Outline *o = &task->outline;
-    const Constants *constants = tables->constants;
     double sigma = task->sigma, room = 0.75 * minor_of(o);
     double even = RAYS_STEP * nearbyint(2 * PI * mean_of(o) / RAYS_STEP);
     int full = (int)least(most(LEAST_RAYS, even), MOST_RAYS), first = (int)task->first_rays;
@@ -110,26 +108,25 @@ static int round_of(Task *task, const Tables *tables, Work *w, int fused)
         offsets[i] = w->edges.shift[i] + most(along, 0) * (h * h * h * bend);
     }
     FitOptions options = {.smallest_scale = 0.03, .largest_scale = most(0.6, 0.01 * mean_of(o)),
-                          .doubt = count == full ? task->doubt : 0, .rounds = 3, .constants = constants};
+                          .doubt = count == full ? task->doubt : 0, .rounds = 3};
     designed(o, table, w->rays.support, count, w->fit.design);
-    if (!fitted(o, offsets, w->edges.weight, count, change, &options, &w->fit) || !sane(&w->fit.outline, &task->picture, constants))
+    if (!fitted(o, offsets, w->edges.weight, count, change, &options, &w->fit) || !sane(&w->fit.outline, &task->picture))
         return NONE;
     *o = w->fit.outline;
     task->sigma = least(most(rounded_tenth(sqrt(most(blur[0], 0))), 0.5), most(0.3 * minor_of(o), 1));
     double grown = task->sigma - sigma;
-    int still = w->fit.step_px < constants->still_sigmas * task->sigma && -0.3 * task->sigma <= grown && grown <= 0.4 * task->sigma;
-    if (count == full && (still || task->turn + 1 >= constants->rounds))
-        return reported(&w->rays, w, task->sigma, constants->least_visible, task);
-    return ++task->turn < constants->rounds ? -1 : NONE;
+    int still = w->fit.step_px < STILL_SIGMAS * task->sigma && -0.3 * task->sigma <= grown && grown <= 0.4 * task->sigma;
+    if (count == full && (still || task->turn + 1 >= ROUNDS))
+        return reported(&w->rays, w, task->sigma, task);
+    return ++task->turn < ROUNDS ? -1 : NONE;
 }
 
 static int refined(Task *task, const Tables *tables, Work *w, int fused)
 {
     Outline *o = &task->outline;
-    const Constants *constants = tables->constants;
     w->rays.unit = task->opponent ? tables->opponent_unit : 1;
     double reach = task->search_px < 0 ? most(4, minor_of(o) / 6) : task->search_px;
-    if (!sane(o, &task->picture, constants))
+    if (!sane(o, &task->picture))
         return NONE;
     if (reach > 0) {
         double offsets[COARSE_STEPS], step = least(reach, 0.8 * minor_of(o)) / HALF_STEPS;
@@ -137,8 +134,8 @@ static int refined(Task *task, const Tables *tables, Work *w, int fused)
             offsets[s] = (double)(float)((s - HALF_STEPS) * step);
         if (!sampled(&task->picture, o, tables->coarse, COARSE_RAYS, offsets, COARSE_STEPS, 0, task->opponent ? &tables->lab : NULL,
                      fused, &w->rays) ||
-            !coarsely(&w->rays, tables->coarse, tables->filter, tables->subsets, step, constants, o, &task->sigma, &w->coarse, &w->fit) ||
-            !sane(o, &task->picture, constants))
+            !coarsely(&w->rays, tables->coarse, tables->filter, tables->subsets, step, o, &task->sigma, &w->coarse, &w->fit) ||
+            !sane(o, &task->picture))
             return NONE;
         task->search_px = 0; /* what is left to do where a profile is missing */
     }

@@ -5,7 +5,6 @@ import ctypes
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.vision.detect.robust import constants
 from gateway.vision.detect.robust.redness import LOG
 from gateway.vision.pixels import Image
 
@@ -16,7 +15,7 @@ class RegionTask(ctypes.Structure):
     _fields_ = (
         *((name, _Int) for name in ("pixels", "stride", "height", "width")),
         *((name, _Int) for name in ("step", "u", "v", "inner", "outer")),
-        *((name, _Pointer) for name in ("log", "constants")),
+        ("log", _Pointer),
         ("faint", _Int),
     )
 
@@ -30,8 +29,6 @@ class RegionKernel:
         self._room_of.argtypes = [_Pointer]
         self._call.restype = self._room_of.restype = _Int
         self._log = np.ascontiguousarray(LOG)
-        self._constants = constants.passed()
-        self._constants_at = self._constants.ctypes.data
         self._rooms: list[NDArray[np.int32]] = []
 
     def regions(
@@ -51,7 +48,6 @@ class RegionKernel:
             inner_px,
             outer_px,
             self._log.ctypes.data,
-            self._constants_at,
         )
         where = ctypes.addressof(task)
         room = self._room(self._room_of(where))

@@ -9,7 +9,6 @@ typedef struct { /* `region_kernel.RegionTask`; px of the sparse picture: every 
     Picture picture;
     int64_t step, u, v, inner, outer; /* of what is followed: its centre, the radius that is surely it, and its whole one */
     const float *log;
-    const Constants *constants;
     int64_t faint; /* there is anything red at all */
 } RegionTask;
 
@@ -23,7 +22,7 @@ INLINE int64_t sparse_side(int64_t side, int64_t step) { return (side - step / 2
 INLINE int64_t region_room(const RegionTask *t)
 {
     int64_t pixels = sparse_side(t->picture.height, t->step) * sparse_side(t->picture.width, t->step);
-    return 2 * pixels * (int64_t)sizeof(float) + (pixels / (int64_t)t->constants->smallest_region_px + 1) * (int64_t)sizeof(Box) +
+    return 2 * pixels * (int64_t)sizeof(float) + (pixels / SMALLEST_REGION_PX + 1) * (int64_t)sizeof(Box) +
            (t->picture.width + 2) * (int64_t)sizeof(double);
 }
 
@@ -76,17 +75,15 @@ static int64_t region_taken(float *red, int64_t h, int64_t w, float bar, int32_t
 static int64_t red_regions(RegionTask *t, void *work)
 {
     const Picture *p = &t->picture;
-    const Constants *constants = t->constants;
-    int64_t smallest = (int64_t)constants->smallest_region_px;
     int64_t step = t->step, h = sparse_side(p->height, step), w = sparse_side(p->width, step), longer = h > w ? h : w;
     int64_t every = (longer + MOST_VEIL_SIDE - 1) / MOST_VEIL_SIDE, faint = 0, inside = 0, count = 0;
     const uint8_t *first = p->pixels + step / 2 * p->stride + 3 * (step / 2);
     Sparse coarse = {first, every * step * p->stride, 3 * every * step, (h + every - 1) / every, (w + every - 1) / every};
     Box *boxes = work;
-    double *down = (double *)(void *)(boxes + h * w / smallest + 1);
+    double *down = (double *)(void *)(boxes + h * w / SMALLEST_REGION_PX + 1);
     float *red = (float *)(void *)(down + w + 2), *blurred = red + h * w;
     double sum = 0;
-    if (h < 2 || w < 2 || !air_is_clear(&coarse, constants))
+    if (h < 2 || w < 2 || !air_is_clear(&coarse))
         return -1;
     for (int64_t y = 0; y < h; y++) {
         const uint8_t *from = first + y * step * p->stride;
@@ -99,8 +96,8 @@ static int64_t red_regions(RegionTask *t, void *work)
         for (int64_t x = disc_row(t, y, t->inner, w, &last); x < last; x++, inside++)
             sum += (double)blurred[y * w + x];
     }
-    double redness = inside ? sum / (double)inside : 0, bar = constants->as_red * least(constants->full_redness, redness);
-    float least_red = (float)constants->least_red, as_red = (float)most(constants->least_red, bar);
+    double redness = inside ? sum / (double)inside : 0, bar = AS_RED * least(FULL_REDNESS, redness);
+    float least_red = (float)LEAST_RED, as_red = (float)most(LEAST_RED, bar);
     for (int64_t y = 0; y < h; y++) {
         int64_t last;
         for (int64_t x = disc_row(t, y, t->outer, w, &last); x < last; x++)
@@ -108,10 +105,10 @@ static int64_t red_regions(RegionTask *t, void *work)
         for (int64_t x = 0; x < w; x++)
             faint += blurred[y * w + x] > least_red;
     }
-    t->faint = faint >= smallest;
+    t->faint = faint >= SMALLEST_REGION_PX;
     for (int64_t at = 0; at < h * w; at++)
         if (blurred[at] > as_red)
-            count += region_taken(blurred, h, w, as_red, (int32_t)at, (int32_t *)(void *)red, boxes + count) >= smallest;
+            count += region_taken(blurred, h, w, as_red, (int32_t)at, (int32_t *)(void *)red, boxes + count) >= SMALLEST_REGION_PX;
     return count;
 }
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from gateway.core.detection import Ellipse
 from gateway.vision.compiled.sizes import COARSE_RAYS, FALL_RAYS, LEAST_RAYS, MOST_RAYS, PROFILE_STEPS, RAYS_STEP
-from gateway.vision.detect.robust import constants, normal_profiles, rim_coarse, rim_fine
+from gateway.vision.detect.robust import normal_profiles, rim_coarse, rim_fine
 from gateway.vision.detect.robust.conic import SupportEllipse, from_ellipse, to_ellipse
 from gateway.vision.detect.robust.kernel import lab
 from gateway.vision.detect.robust.rim import Rim
@@ -49,7 +49,6 @@ class _Tables(ctypes.Structure):
         ("lab", _Lab),
         ("opponent_unit", _Real),
         ("fused", _Int),
-        ("constants", _Pointer),
     )
 
 
@@ -154,7 +153,6 @@ class RimKernel:
         tables.lab = _Lab(self._at(lab.linear()), self._at(lab.root()), x, y)
         tables.opponent_unit = normal_profiles.OPPONENT
         tables.fused = opencv_fuses()
-        tables.constants = self._at(constants.passed())
         return tables
 
     def _at(self, values: NDArray[np.generic]) -> int:

@@ -3,7 +3,6 @@
 #define GATEWAY_RING_SAMPLES_H
 
 #include "bilinear.h"
-#include "constants.h"
 
 enum { MOST_SHARES = 32 }; /* samples on a ray */
 
@@ -15,7 +14,6 @@ typedef struct { /* `evidence_kernel`: what Python computes once */
     int64_t wide_count, close_count, triple_count;
     int64_t disc, inside; /* of `rings`: so many within the disc, then so many inside the rim; the rest outside */
     int64_t fused; /* whether OpenCV multiplies and adds at once */
-    const Constants *constants;
 } EvidenceTables;
 
 typedef struct {

@@ -4,7 +4,6 @@
 
 #include <stdint.h>
 
-#include "constants.h"
 #include "median.h"
 
 #define TWO_PI 6.283185307179586f
@@ -15,7 +14,6 @@ typedef struct { /* `candidate_kernel.VoteTask` */
     const float *radii;
     int64_t radius_count;
     double outer, middle; /* of the blur of the votes */
-    const Constants *constants;
     double peaks[PEAKS][4]; /* row, column, number of the radius, votes */
 } VoteTask;
 
@@ -32,7 +30,7 @@ typedef struct {
 
 static void ridges(const VoteTask *t, VotingEdges *e, float *strength)
 {
-    float least_gradient = (float)t->constants->least_gradient, ridge_share = (float)t->constants->ridge_share;
+    float least_gradient = (float)LEAST_GRADIENT, ridge_share = (float)RIDGE_SHARE;
     int count = 0;
     for (int64_t y = 0; y < t->height; y++) {
         const float *size = t->size + y * t->width, *largest = t->largest + y * t->width;
@@ -103,7 +101,7 @@ INLINE int is_peak(const float *best, int32_t rows, int32_t columns, int32_t row
 /* The best peaks, in order of their votes to five digits, then row by row; how many. */
 static int peaks_of(VoteTask *t, const float *best, const uint8_t *which, int32_t rows, int32_t columns)
 {
-    float least_vote = (float)t->constants->least_vote, same_vote = (float)t->constants->same_vote;
+    float least_vote = (float)LEAST_VOTE, same_vote = (float)SAME_VOTE;
     int count = 0;
     double order[PEAKS + 1];
     for (int32_t row = 0; row < rows; row++)
@@ -139,7 +137,7 @@ static int voted(VoteTask *t, void *work)
     VotingEdges e = {0, edges, edges + pixels, edges + 2 * pixels, edges + 3 * pixels, edges + 4 * pixels, (int32_t *)(edges + 5 * pixels)};
     float outer = (float)t->outer, middle = (float)t->middle;
     ridges(t, &e, e.weight);
-    if (e.count < t->constants->fewest_voters)
+    if (e.count < FEWEST_VOTERS)
         return 0;
     float usual = median_of(e.weight, e.count, (float *)e.cell);
     for (int i = 0; i < e.count; i++)
