@@ -9,14 +9,35 @@ TIE = 1e-7  # grey levels: of slopes that differ by no more the first is taken, 
 FILTER_SIGMA = 1.2  # of the edge filter, in steps along the ray
 FILTER_REACH = 4  # steps
 BLIND = 3  # steps at either end of a ray
+LEAST_SLOPE, MOST_SLOPE = 0.3, 1.5  # of the usual one: less is no edge, more does not weigh more
+COARSE_STEP_PX, SHARP = 1.0, 0.4  # wider steps can't distinguish sharp from soft: so much of the blur is believed
+LEAST_BLUR_PX, MOST_BLUR_PX = 0.8, 3.0
+AGREED_PX, AGREED_SHARE, AGREED_STEPS = 0.8, 0.01, 0.5  # an edge so near the rim agrees: px, of its size, steps
+COARSE_SCALE_PX, COARSE_DOUBT, COARSE_ROUNDS = 0.1, 4.0, 2  # of the fit
 
 # Rim, fit (`support`).
 TUKEY = 4.0  # some 90 % efficient for Gaussian residuals
-QUANTILE_40 = 0.5244  # of the absolute values of a standard Gaussian
+SCALE_QUANTILE, QUANTILE_SIGMAS = 0.4, 0.5244  # of the absolute values of a standard Gaussian
+SCALED_ROUNDS = 2  # then the rim no longer moves, and further rounds only settle the weights
 FIT_RIDGE = 1e-6  # share of the weight: only keeps the equations solvable
 FEWEST_EDGES = 8
 
 # Rim, fine (`rim_fine`, `rim`).
+REACH_PX, REACH_PART, FARTHEST = 4.0, 6.0, 0.8  # of the coarse stage: a sixth of the semi-minor axis; at most
+ROOM = 0.75  # of the semi-minor axis: a ray reaches no farther inside
+STEP_PX, STEP_SIGMAS, LEAST_STEPS = 0.75, 0.6, 4  # along a ray; in the room there are so many, at least
+RAY_SIGMAS, RAY_PX, SHORTEST_RAY_PX = 2.5, 1.0, 3.0  # to either side
+FRAME_PX = 2.0  # and the blur: so far from the frame's edge an edge is inside
+FINE_SCALE_PX, LARGEST_SCALE_PX, LARGEST_SCALE, FINE_ROUNDS = 0.03, 0.6, 0.01, 3  # of the fit
+SHARPEST_PX, SOFTEST, SOFTEST_PX = 0.5, 0.3, 1.0  # of the blur; of the semi-minor axis, or px
+SHRUNK, GROWN = 0.3, 0.4  # of the blur: a guess that was so far off is measured with again
+NOISE_FLOOR, QUIET_QUANTILE, QUIET = 0.1, 0.35, 1.4  # grey levels squared; the quietest rays; of their noise: plain
+CLEAR, LEAST_CLEAR = 0.1, 0.05  # of the usual power: a ray counts; of the neighbours that do
+MOST_VARIANCE = 3.0  # of the blur's, more or less
+STRANGE, STRANGE_GREY2 = 0.4, 200.0  # so far off the median colour inside, squared: of the power, and grey levels
+MOST_POWER, LEAST_POWER = 2.0, 9.0  # of the usual one; grey levels squared
+SHIFT_SIGMAS, SHIFT_PX = 1.5, 1.0  # farther off is another edge
+BLUR_RIDGE, BLUR_WAVE_RIDGE = 1e-6, 1e-3  # a blur that is the same in all directions, where too little is seen
 STILL_SIGMAS = 0.15  # of the blur: the step's shift is linear so far, smaller moves need no further round
 LEAST_VISIBLE = 0.15  # of the entire rim's rays: fewer are not a rim
 ROUNDS = 4  # at most
@@ -25,6 +46,13 @@ LARGEST_AXIS_PX = 20_000.0
 
 # Evidence (`evidence`).
 EVIDENCE_RADIUS_PX = 14.0  # radius, px of its level, from which on a candidate is measured
+SEED_PX, SEED_SHARE = 0.5, 0.08  # an edge so near agrees with a seed's circle: px, and of its radius
+SEED_SMALLEST, SEED_LARGEST = 0.4, 2.0  # of the seed's radius
+NEAR_PX, NEAR_SHARE, NEAR_ROUNDS = 0.7, 0.14, 2  # the same for an ellipse, which is fitted so many times
+NEAR_SMALLEST, NEAR_LARGEST = 0.3, 3.0
+LEAST_FALL, MOST_FALL, LEAST_USUAL = 0.25, 1.5, 0.02  # of redness on a ray, of the usual one; that, log units
+SIGMAS = 1.48  # of a Gaussian, a median of absolute values
+FEWEST_RAYS = 8  # in the picture
 EDGE_STEP = 0.3  # of the usual change of colour across the rim: so much is an edge, between two reds, too
 WHITE = 248  # grey level of the darkest channel
 SHOWN = 0.4  # of the usual contrast: a ray with so much shows the rim

@@ -54,12 +54,13 @@ def gather_plain(levels: Sequence[PyramidLevel], seeds: Sequence[Seed]) -> list[
     start = _to_levels(levels, which, round_ones)
     radius = start[:, 2]
     points, weight = _edges(sample_rays(levels, which, start, WIDE), WIDE, start)
-    circle = ellipses.circles_by_consensus(points, weight, 0.08 * radius + 0.5)
+    circle = ellipses.circles_by_consensus(points, weight, constants.SEED_SHARE * radius + constants.SEED_PX)
     near = np.hypot(circle[:, 0] - start[:, 0], circle[:, 1] - start[:, 1]) < radius
-    near &= (circle[:, 2] > 0.4 * radius) & (circle[:, 2] < 2 * radius)  # false for NaN
+    near &= circle[:, 2] > constants.SEED_SMALLEST * radius  # false for NaN
+    near &= circle[:, 2] < constants.SEED_LARGEST * radius
     shapes = np.stack([*circle.T, circle[:, 2], np.zeros(len(seeds))], axis=1)
     shapes[~near] = np.nan
-    for _ in range(2):
+    for _ in range(constants.NEAR_ROUNDS):
         shapes = _closer(levels, which, shapes)
     return measure(levels, which, shapes)
 
@@ -91,8 +92,10 @@ def _closer(levels: Sequence[PyramidLevel], which: NDArray[np.intp], shapes: Sha
     if good.any():
         old = shapes[good]
         points, weight = _edges(sample_rays(levels, which[good], old, CLOSE), CLOSE, old)
-        new = ellipses.ellipses_by_weights(points, weight, old, 0.14 * old[:, 3] + 0.7)
-        new[~(new[:, 3] > 0.3 * old[:, 3]) | ~(new[:, 2] < 3 * old[:, 2])] = np.nan
+        reach_px = constants.NEAR_SHARE * old[:, 3] + constants.NEAR_PX
+        new = ellipses.ellipses_by_weights(points, weight, old, reach_px)
+        new[~(new[:, 3] > constants.NEAR_SMALLEST * old[:, 3])] = np.nan
+        new[~(new[:, 2] < constants.NEAR_LARGEST * old[:, 2])] = np.nan
         result[good] = new
     return result
 
@@ -106,8 +109,8 @@ def _edges(rays: RaySamples, shares: Plane, shapes: Shapes) -> tuple[ellipses.Fl
     shift = np.clip(0.5 * (left - right) / bend, -0.5, 0.5)
     share = shares[at[..., 0]] + shift * (shares[1] - shares[0])
     usual = masked_median(height, height > 0)[:, None]
-    weight = np.clip(height / (usual + 1e-6), 0, 1.5)
-    weight = np.where((weight > 0.25) & (usual > 0.02), weight, 0)
+    weight = np.clip(height / (usual + 1e-6), 0, constants.MOST_FALL)
+    weight = np.where((weight > constants.LEAST_FALL) & (usual > constants.LEAST_USUAL), weight, 0)
     u, v, along, across, turn = (column[:, None] for column in shapes.T)
     cos, sin = np.cos(turn), np.sin(turn)
     x, y = along * COS * share, across * SIN * share
@@ -150,7 +153,7 @@ def measure(levels: Sequence[PyramidLevel], which: NDArray[np.intp], shapes: Sha
     edged = np.asarray(steps > constants.EDGE_STEP * masked_median(steps, shown)[:, None], np.bool_)
     leak = used & red_within & red_beyond & ~edged
     seen = shown | (used & red_within & red_beyond & edged)
-    noise = 1.48 * masked_median(np.abs(gap - contrast[:, None]), shown)
+    noise = constants.SIGMAS * masked_median(np.abs(gap - contrast[:, None]), shown)
     red_enough = rays.red[..., :n] > red_from[..., None]
     inner_redness = masked_median(within, used & red_within)
     hollow = (red_enough[..., CORE_FIRST : CORE_LAST + 1].mean(axis=2) < 0.5).mean(axis=1)
@@ -162,7 +165,7 @@ def measure(levels: Sequence[PyramidLevel], which: NDArray[np.intp], shapes: Sha
     red_area, area = ((part.sum(axis=1) * np.arange(1, n + 1)).sum(axis=1) for part in (red_enough & counts, counts))
     fill = red_area / np.maximum(area, 1)
     for row, k in enumerate(good):
-        if np.count_nonzero(used[row]) < RAYS // 6 or not rays.seen[row, :, :n].any():
+        if np.count_nonzero(used[row]) < constants.FEWEST_RAYS or not rays.seen[row, :, :n].any():
             continue
         colour = np.median(rays.bgr[row, :, :n][rays.seen[row, :, :n]], axis=0)
         factor = levels[which[k]].factor

@@ -27,7 +27,7 @@ from gateway.core.detection import Ellipse
 from gateway.vision.compiled import library as compiled
 from gateway.vision.compiled.build import LIBRARY
 from gateway.vision.compiled.sizes import FALL_RAYS, MOST_RAYS
-from gateway.vision.detect.robust import rim_coarse, rim_fine
+from gateway.vision.detect.robust import constants, rim_coarse, rim_fine
 from gateway.vision.detect.robust.conic import from_ellipse
 from gateway.vision.detect.robust.kernel.rim_kernel import RimKernel
 from gateway.vision.detect.robust.normal_profiles import sample
@@ -80,10 +80,10 @@ def refine_plain(
     outline = from_ellipse(seed)
     if not sane(outline, image):
         return None
-    reach = max(4.0, outline.minor_px / 6) if search_px is None else search_px
+    reach = max(constants.REACH_PX, outline.minor_px / constants.REACH_PART) if search_px is None else search_px
     if not reach > 0:
         return rim_fine.fine(image, outline, 1.0, rim_fine.FEW_RAYS, doubt, opponent)
-    rough = rim_coarse.coarse(image, outline, min(reach, 0.8 * outline.minor_px), opponent)
+    rough = rim_coarse.coarse(image, outline, min(reach, constants.FARTHEST * outline.minor_px), opponent)
     if rough is None or not sane(rough.outline, image):
         return None
     return rim_fine.fine(image, rough.outline, rough.sigma_px, MOST_RAYS, doubt, opponent)

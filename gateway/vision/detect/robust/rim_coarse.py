@@ -84,7 +84,7 @@ def coarse(image: Colours, outline: SupportEllipse, reach: float, opponent: bool
     if np.count_nonzero(weight) < constants.FEWEST_EDGES:
         return None
     changes = (_hypotheses() @ shift).reshape(-1, 5)
-    tolerance = max(0.8, 0.01 * outline.mean_px, 0.5 * step)
+    tolerance = max(constants.AGREED_PX, constants.AGREED_SHARE * outline.mean_px, constants.AGREED_STEPS * step)
     misfit = changes @ support.design(outline, rays.support)
     misfit -= shift
     misfit *= 1.0 / tolerance
@@ -97,10 +97,10 @@ def coarse(image: Colours, outline: SupportEllipse, reach: float, opponent: bool
         shift,
         weight,
         changes[int((cost <= cost.min() + constants.TIE).argmax())],
-        smallest_scale_px=0.1,
+        smallest_scale_px=constants.COARSE_SCALE_PX,
         largest_scale_px=tolerance,
-        rounds=2,
-        doubt=4.0,
+        rounds=constants.COARSE_ROUNDS,
+        doubt=constants.COARSE_DOUBT,
     )
     return None if found is None else Rough(found.outline, sigma)
 
@@ -126,9 +126,11 @@ def _steepest(rays: Rays, step: float) -> tuple[Floats, Floats, float]:
     shift = (peak - HALF_STEPS + np.clip(0.5 * (after - before) / bend, -0.5, 0.5)) * step
     seen = np.sort(top[rays.inside])
     usual = max(float(seen[len(seen) // 2]) if len(seen) else 0.0, 1.0)
-    weight = np.where(rays.inside & (top > 0.3 * usual), np.minimum(top / usual, 1.5), 0.0)
+    steep = rays.inside & (top > constants.LEAST_SLOPE * usual)
+    weight = np.where(steep, np.minimum(top / usual, constants.MOST_SLOPE), 0.0)
     # Round its peak the answer to a blurred step is a Gaussian: of the blur's variance and the filter's together.
     variance = (quantile(top[weight > 0] / bend[weight > 0], 0.5) - constants.FILTER_SIGMA**2) * step * step
-    wide = 1.0 if step <= 1.0 else 0.4  # wide steps can't distinguish sharp from soft
-    sigma = min(max(round(wide * sqrt(max(variance, 0.0)), 1), 0.8), 3.0)
+    share = 1.0 if step <= constants.COARSE_STEP_PX else constants.SHARP
+    blur = round(share * sqrt(max(variance, 0.0)), 1)
+    sigma = min(max(blur, constants.LEAST_BLUR_PX), constants.MOST_BLUR_PX)
     return shift, weight, sigma

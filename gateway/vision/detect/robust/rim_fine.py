@@ -22,7 +22,6 @@ from gateway.vision.pixels import Colours
 FEW_RAYS = 128  # where a first fine round only brings the rim near
 _AT_REST = np.zeros(5)
 _QUARTER_TURN = np.array((1.0, -1.0, -1.0))  # from the variance across the rim to that along it
-_RIDGE = np.diag((1e-6, 1e-3, 1e-3))  # a blur that is the same in all directions, where too little is seen
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,11 +40,12 @@ def fine(image: Colours, outline: SupportEllipse, sigma: float, first: int, doub
     for turn in range(constants.ROUNDS):
         full_rays = min(max(LEAST_RAYS, RAYS_STEP * round(2 * pi * outline.mean_px / RAYS_STEP)), MOST_RAYS)
         count = full_rays if turn else min(first, full_rays)
-        room = 0.75 * outline.minor_px
-        step = min(max(0.75, 0.6 * sigma), room / 4)
-        half_steps = ceil(min(max(2.5 * sigma + 1.0, 3.0), room) / step)
+        room = constants.ROOM * outline.minor_px
+        step = min(max(constants.STEP_PX, constants.STEP_SIGMAS * sigma), room / constants.LEAST_STEPS)
+        length_px = max(constants.RAY_SIGMAS * sigma + constants.RAY_PX, constants.SHORTEST_RAY_PX)
+        half_steps = ceil(min(length_px, room) / step)
         seen = profile(round(10 * sigma), half_steps, round(100 * step))
-        rays = sample(image, outline, count, seen.offsets_px, min(2.0 + sigma, room), opponent)
+        rays = sample(image, outline, count, seen.offsets_px, min(constants.FRAME_PX + sigma, room), opponent)
         if rays is None:
             return None
         edges = _measure(rays, seen, sigma)
@@ -58,16 +58,18 @@ def fine(image: Colours, outline: SupportEllipse, sigma: float, first: int, doub
             edges.shift_px + inward,
             edges.weight,
             _AT_REST,
-            smallest_scale_px=0.03,
-            largest_scale_px=max(0.6, 0.01 * outline.mean_px),
-            rounds=3,
+            smallest_scale_px=constants.FINE_SCALE_PX,
+            largest_scale_px=max(constants.LARGEST_SCALE_PX, constants.LARGEST_SCALE * outline.mean_px),
+            rounds=constants.FINE_ROUNDS,
             doubt=doubt if count == full_rays else 0.0,
         )
         if found is None or not sane(found.outline, image):
             return None
         outline = found.outline
-        was, sigma = sigma, min(max(round(sqrt(max(blur[0], 0.0)), 1), 0.5), max(0.3 * outline.minor_px, 1.0))
-        still = found.step_px < constants.STILL_SIGMAS * sigma and -0.3 * sigma <= sigma - was <= 0.4 * sigma
+        softest_px = max(constants.SOFTEST * outline.minor_px, constants.SOFTEST_PX)
+        was, sigma = sigma, min(max(round(sqrt(max(blur[0], 0.0)), 1), constants.SHARPEST_PX), softest_px)
+        alike = -constants.SHRUNK * sigma <= sigma - was <= constants.GROWN * sigma
+        still = alike and found.step_px < constants.STILL_SIGMAS * sigma
         if count == full_rays and (still or turn == constants.ROUNDS - 1):
             return _rim(rays, edges, found, sigma)
     return None
@@ -84,24 +86,26 @@ def _measure(rays: Rays, seen: Profile, sigma: float) -> _Edges:
     found = seen.filters @ colours
     unexplained = np.einsum("ij,ij->j", colours, colours) - np.einsum("ij,ij->j", found, seen.gram @ found)
     level, height, moved, spread = np.ascontiguousarray(found.reshape(4, count, channels).transpose(0, 2, 1))
-    noise = unexplained.reshape(count, channels).sum(axis=1) / (channels * (steps - 4)) + 0.1
+    noise = unexplained.reshape(count, channels).sum(axis=1) / (channels * (steps - 4)) + constants.NOISE_FLOOR
     own = (height * height).sum(axis=0)
     inside = rays.inside
     usual = max(quantile(own[inside], 0.5), 1.0)
-    quiet = quantile(noise[inside], 0.35)
-    clear = (inside & (own > 0.1 * usual)).astype(np.float64)
+    quiet = quantile(noise[inside], constants.QUIET_QUANTILE)
+    clear = (inside & (own > constants.CLEAR * usual)).astype(np.float64)
     smooth = neighbours(count)
     blended = (np.concatenate([height * clear, clear[np.newaxis]]) @ smooth) @ smooth.T
-    usually = blended[:channels] / np.maximum(blended[channels], 0.05)
+    usually = blended[:channels] / np.maximum(blended[channels], constants.LEAST_CLEAR)
     power = np.maximum((usually * usually).sum(axis=0), 1.0)
     shift = (moved * usually).sum(axis=0) / power
-    variance = sigma * sigma + np.clip((spread * usually).sum(axis=0) / power, -sigma * sigma, 3 * sigma * sigma)
+    more = np.clip((spread * usually).sum(axis=0) / power, -sigma * sigma, constants.MOST_VARIANCE * sigma * sigma)
     inner = level + height
-    strange = (np.square(inner - _middle(inner, inside)).sum(axis=0)) / (0.4 * power + 200.0)
-    weight = np.minimum(power / usual, 2.0) / (1.0 + strange * strange)
-    weight *= np.minimum(1.4 * quiet / noise, 1.0) ** 4  # specks, and what else is not a plain step
-    weight[(clear == 0) | (own < 9.0) | (np.abs(shift) > 1.5 * sigma + 1.0)] = 0.0
-    return _Edges(shift, np.sqrt(own), variance, weight)
+    strange = np.square(inner - _middle(inner, inside)).sum(axis=0)
+    strange /= constants.STRANGE * power + constants.STRANGE_GREY2
+    weight = np.minimum(power / usual, constants.MOST_POWER) / (1.0 + strange * strange)
+    weight *= np.minimum(constants.QUIET * quiet / noise, 1.0) ** 4  # specks, and what else is not a plain step
+    far = np.abs(shift) > constants.SHIFT_SIGMAS * sigma + constants.SHIFT_PX
+    weight[(clear == 0) | (own < constants.LEAST_POWER) | far] = 0.0
+    return _Edges(shift, np.sqrt(own), sigma * sigma + more, weight)
 
 
 def _middle(planes: Floats, inside: NDArray[np.bool_]) -> Floats:
@@ -126,7 +130,8 @@ def _blur(edges: _Edges) -> Floats:
     """(3,): variance of the blur across the rim by the direction of the normal: constant, cos 2 phi, sin 2 phi."""
     waves = directions(len(edges.weight)).waves
     weighted = waves * edges.weight
-    information = weighted @ waves.T + _RIDGE * (float(edges.weight.sum()) + 1e-9)
+    ridge = np.diag((constants.BLUR_RIDGE, constants.BLUR_WAVE_RIDGE, constants.BLUR_WAVE_RIDGE))
+    information = weighted @ waves.T + ridge * (float(edges.weight.sum()) + 1e-9)
     _, fitted = cv2.solve(information, (weighted @ edges.variance_px2)[:, np.newaxis], flags=cv2.DECOMP_CHOLESKY)
     return np.asarray(fitted, np.float64).ravel()
 

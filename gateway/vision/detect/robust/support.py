@@ -60,7 +60,7 @@ def fit(
     ridge = constants.FIT_RIDGE * float(weights.sum())
     cut = inf
     for turn in range(rounds):
-        if turn < 2:  # then it no longer moves, and the last rounds only settle the weights
+        if turn < constants.SCALED_ROUNDS:
             scale = min(max(_scale(np.abs(residuals[usable]), cut), smallest_scale_px), largest_scale_px)
             cut = constants.TUKEY * scale
         heft = residuals * (1.0 / cut)
@@ -92,13 +92,13 @@ def fit(
 def _scale(sizes: Floats, cut: float) -> float:
     """Robust sigma of residuals from their absolute values, of those only that the last round did not reject.
 
-    The 40 % quantile rather than the median: half as sensitive to the third of the rim that may be hidden.
+    A quantile of 40 % rather than the median: half as sensitive to the third of the rim that may be hidden.
     """
     sizes = sizes[sizes < cut]
     if not len(sizes):
         return 0.0
-    at = int(0.4 * len(sizes))
-    return float(np.partition(sizes, at)[at]) / constants.QUANTILE_40
+    at = int(constants.SCALE_QUANTILE * len(sizes))
+    return float(np.partition(sizes, at)[at]) / constants.QUANTILE_SIGMAS
 
 
 def _toward_circle(

@@ -89,11 +89,11 @@ static double steepest(const Rays *rays, const double *filter, double step, Coar
     }
     double usual = most(quantile(c->top, rays->inside, N, 0.5, c->room), 1), ratio[N];
     for (int i = 0; i < N; i++) {
-        c->weight[i] = rays->inside[i] > 0 && c->top[i] > 0.3 * usual ? least(c->top[i] / usual, 1.5) : 0;
+        c->weight[i] = rays->inside[i] > 0 && c->top[i] > LEAST_SLOPE * usual ? least(c->top[i] / usual, MOST_SLOPE) : 0;
         ratio[i] = c->top[i] / c->bend[i];
     }
     double variance = (quantile(ratio, c->weight, N, 0.5, c->room) - FILTER_SIGMA * FILTER_SIGMA) * step * step;
-    return within(0.8, rounded_tenth((step <= 1 ? 1 : 0.4) * sqrt(most(variance, 0))), 3);
+    return within(LEAST_BLUR_PX, rounded_tenth((step <= COARSE_STEP_PX ? 1 : SHARP) * sqrt(most(variance, 0))), MOST_BLUR_PX);
 }
 
 /* The changes of the ellipse by the subsets, and how badly the rays fit each: `cost`. How many there are. */
@@ -128,8 +128,9 @@ static int judged(const Subsets *kinds, const double *design, double tolerance, 
 static int coarsely(Rays *rays, const double *table, const double *filter, const Subsets *subsets, double step,
                     Outline *outline, double *sigma, Coarse *c, Fit *fit)
 {
-    double tolerance = most(most(0.8, 0.01 * mean_of(outline)), 0.5 * step);
-    FitOptions options = {.smallest_scale = 0.1, .largest_scale = tolerance, .doubt = 4, .rounds = 2};
+    double tolerance = most(most(AGREED_PX, AGREED_SHARE * mean_of(outline)), AGREED_STEPS * step);
+    FitOptions options = {.smallest_scale = COARSE_SCALE_PX, .largest_scale = tolerance,
+                          .doubt = COARSE_DOUBT, .rounds = COARSE_ROUNDS};
     int usable = 0, first = 0;
     *sigma = steepest(rays, filter, step, c);
     for (int i = 0; i < COARSE_RAYS; i++)

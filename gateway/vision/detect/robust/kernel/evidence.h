@@ -92,9 +92,9 @@ static void edges_on_rays(const Level *level, const Shape *shape, const float *s
     float usual = marked_median(height, rising, w), spacing = shares[1] - shares[0];
     for (int i = 0; i < RADIAL; i++) {
         float weight = height[i] / (usual + 1e-6f), share = shares[at[i]] + shift[i] * spacing;
-        weight = weight < 0 ? 0 : weight > 1.5f ? 1.5f : weight;
+        weight = weight < 0 ? 0 : weight > (float)MOST_FALL ? (float)MOST_FALL : weight;
         double x = shape->along * (double)t->cos[i] * (double)share, y = shape->across * (double)t->sin[i] * (double)share;
-        w->points.weight[i] = weight > 0.25f && usual > 0.02f ? (double)weight : 0;
+        w->points.weight[i] = weight > (float)LEAST_FALL && usual > (float)LEAST_USUAL ? (double)weight : 0;
         w->points.u[i] = shape->u + x * shape->cos - y * shape->sin;
         w->points.v[i] = shape->v + x * shape->sin + y * shape->cos;
     }
@@ -105,17 +105,18 @@ static int rim_round(const Level *level, Shape *shape, const EvidenceTables *t, 
 {
     Shape circle, seed = *shape;
     edges_on_rays(level, shape, t->wide, (int)t->wide_count, t, fused, w);
-    if (!agreed_circle(&w->points, t, 0.08 * seed.along + 0.5, &circle))
+    if (!agreed_circle(&w->points, t, SEED_SHARE * seed.along + SEED_PX, &circle))
         return 0;
-    if (!(length_of(circle.u - seed.u, circle.v - seed.v) < seed.along && circle.along > 0.4 * seed.along && circle.along < 2 * seed.along))
+    if (!(length_of(circle.u - seed.u, circle.v - seed.v) < seed.along && circle.along > SEED_SMALLEST * seed.along &&
+          circle.along < SEED_LARGEST * seed.along))
         return 0;
     *shape = circle;
-    for (int turn = 0; turn < 2; turn++) {
+    for (int turn = 0; turn < NEAR_ROUNDS; turn++) {
         Shape before = *shape;
         edges_on_rays(level, shape, t->close, (int)t->close_count, t, fused, w);
-        if (!ellipse_near(&w->points, 0.14 * before.across + 0.7, shape))
+        if (!ellipse_near(&w->points, NEAR_SHARE * before.across + NEAR_PX, shape))
             return 0;
-        if (!(shape->across > 0.3 * before.across && shape->along < 3 * before.along))
+        if (!(shape->across > NEAR_SMALLEST * before.across && shape->along < NEAR_LARGEST * before.along))
             return 0;
     }
     return 1;
@@ -187,7 +188,7 @@ static int measured_on(const Level *level, const Shape *shape, const EvidenceTab
             used[i] &= r->seen[s][i];
         seen += used[i];
     }
-    if (seen < RADIAL / 6 || !colours_of(r, n, count, row))
+    if (seen < FEWEST_RAYS || !colours_of(r, n, count, row))
         return 0;
     ray_medians(r->red + n, m - n, within);
     ray_medians(r->red + m, count - m, beyond);
@@ -225,7 +226,7 @@ static int measured_on(const Level *level, const Shape *shape, const EvidenceTab
             red_area += (s + 1) * (counts & (r->red[s][i] > red_from));
         }
     row->coverage = (double)visible / seen, row->leak = (double)leaks / seen, row->visible = (double)visible / RADIAL;
-    row->contrast = (double)contrast, row->noise = (double)(1.48f * marked_median(gap, shown, w));
+    row->contrast = (double)contrast, row->noise = (double)((float)SIGMAS * marked_median(gap, shown, w));
     row->rise = (double)(even_median(r->red, CORE_END, w) - around);
     row->fill = (double)red_area / (double)(area ? area : 1);
     row->hollow = (double)empty / RADIAL;

@@ -50,7 +50,7 @@ static void filtered(const Rays *rays, const Profile *profile, Edges *e)
         }
     }
     for (int i = 0; i < count; i++)
-        e->noise[i] = e->noise[i] / (rays->channels * (steps - 4)) + 0.1;
+        e->noise[i] = e->noise[i] / (rays->channels * (steps - 4)) + NOISE_FLOOR;
 }
 
 /* `rim_fine._measure` */
@@ -65,10 +65,11 @@ static void measured(const Rays *rays, const Profile *profile, const double *tab
     for (int c = 0; c < channels; c++)
         for (int i = 0; i < count; i++)
             e->own[i] += e->height[c][i] * e->height[c][i];
-    double usual = most(quantile(e->own, inside, count, 0.5, e->room), 1), quiet = quantile(e->noise, inside, count, 0.35, e->room);
+    double usual = most(quantile(e->own, inside, count, 0.5, e->room), 1);
+    double quiet = quantile(e->noise, inside, count, QUIET_QUANTILE, e->room);
     double *clear = e->clear[channels];
     for (int i = 0; i < count; i++)
-        clear[i] = inside[i] > 0 && e->own[i] > 0.1 * usual;
+        clear[i] = inside[i] > 0 && e->own[i] > CLEAR * usual;
     for (int c = 0; c < channels; c++)
         for (int i = 0; i < count; i++)
             e->clear[c][i] = e->height[c][i] * clear[i];
@@ -82,7 +83,7 @@ static void measured(const Rays *rays, const Profile *profile, const double *tab
     }
     for (int c = 0; c < channels; c++)
         for (int i = 0; i < count; i++)
-            e->usually[c][i] /= most(e->usually[channels][i], 0.05);
+            e->usually[c][i] /= most(e->usually[channels][i], LEAST_CLEAR);
     for (int i = 0; i < count; i++) {
         double power = 0, shift = 0, spread = 0, square = sigma * sigma;
         for (int c = 0; c < channels; c++) {
@@ -92,7 +93,7 @@ static void measured(const Rays *rays, const Profile *profile, const double *tab
         }
         e->power[i] = power = most(power, 1);
         e->shift[i] = shift / power;
-        e->variance[i] = square + within(-square, spread / power, 3 * square);
+        e->variance[i] = square + within(-square, spread / power, MOST_VARIANCE * square);
     }
     for (int c = 0; c < channels; c++) {
         double *inner = e->level[c];
@@ -108,11 +109,11 @@ static void measured(const Rays *rays, const Profile *profile, const double *tab
             e->strange[i] += (inner[i] - middle) * (inner[i] - middle);
     }
     for (int i = 0; i < count; i++) {
-        double strange = e->strange[i] / (0.4 * e->power[i] + 200), plain = least(1.4 * quiet / e->noise[i], 1);
-        double weight = least(e->power[i] / usual, 2) / (1 + strange * strange);
+        double strange = e->strange[i] / (STRANGE * e->power[i] + STRANGE_GREY2), plain = least(QUIET * quiet / e->noise[i], 1);
+        double weight = least(e->power[i] / usual, MOST_POWER) / (1 + strange * strange);
         plain *= plain;
         weight *= plain * plain;
-        int none = (clear[i] == 0) | (e->own[i] < 9) | (fabs(e->shift[i]) > 1.5 * sigma + 1);
+        int none = (clear[i] == 0) | (e->own[i] < LEAST_POWER) | (fabs(e->shift[i]) > SHIFT_SIGMAS * sigma + SHIFT_PX);
         e->weight[i] = none ? 0 : weight;
     }
 }
@@ -120,7 +121,7 @@ static void measured(const Rays *rays, const Profile *profile, const double *tab
 /* Variance of the blur across the rim by direction: constant, cos 2 phi, sin 2 phi. `rim_fine._blur` */
 static void blur_of(const double *table, const Edges *e, int count, double *room, double *blur)
 {
-    static const double ridge[3] = {1e-6, 1e-3, 1e-3};
+    static const double ridge[3] = {BLUR_RIDGE, BLUR_WAVE_RIDGE, BLUR_WAVE_RIDGE};
     double information[9], sum = total(e->weight, count) + 1e-9;
     const double *waves[3] = {NULL, table + COS2 * count, table + SIN2 * count};
     for (int r = 0; r < 3; r++) {

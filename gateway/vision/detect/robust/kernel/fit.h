@@ -47,7 +47,7 @@ INLINE double scale_of(const double *residuals, const double *weights, int count
         room[n] = fabs(residuals[i]);
         n += (weights[i] > 0) & (room[n] < cut);
     }
-    return n ? nth(room, n, (ptrdiff_t)(0.4 * (double)n), room + MOST_RAYS + 1) / QUANTILE_40 : 0;
+    return n ? nth(room, n, (ptrdiff_t)(SCALE_QUANTILE * (double)n), room + MOST_RAYS + 1) / QUANTILE_SIGMAS : 0;
 }
 
 /* `support._toward_circle` */
@@ -111,7 +111,7 @@ static int fitted(const Outline *o, const double *offsets, const double *weights
     double ridge = FIT_RIDGE * total(weights, count);
     answered(fit->design, change, offsets, count, fit->moves, fit->residuals);
     for (int turn = 0; turn < options->rounds; turn++) {
-        if (turn < 2) {
+        if (turn < SCALED_ROUNDS) {
             double scale = scale_of(fit->residuals, weights, count, cut, fit->room);
             cut = TUKEY * least(most(scale, options->smallest_scale), options->largest_scale);
         }

@@ -81,12 +81,12 @@ INLINE int reported(const Rays *rays, Work *w, double sigma, Task *task)
 static int round_of(Task *task, const Tables *tables, Work *w, int fused)
 {
     Outline *o = &task->outline;
-    double sigma = task->sigma, room = 0.75 * minor_of(o);
+    double sigma = task->sigma, room = ROOM * minor_of(o);
     double even = RAYS_STEP * nearbyint(2 * PI * mean_of(o) / RAYS_STEP);
     int full = (int)least(most(LEAST_RAYS, even), MOST_RAYS), first = (int)task->first_rays;
     int count = task->turn || first > full ? full : first;
-    double step = least(most(0.75, 0.6 * sigma), room / 4);
-    int64_t half = (int64_t)ceil(least(most(2.5 * sigma + 1, 3), room) / step);
+    double step = least(most(STEP_PX, STEP_SIGMAS * sigma), room / LEAST_STEPS);
+    int64_t half = (int64_t)ceil(least(most(RAY_SIGMAS * sigma + RAY_PX, SHORTEST_RAY_PX), room) / step);
     int64_t key[3] = {(int64_t)nearbyint(10 * sigma), half, (int64_t)nearbyint(100 * step)};
     const Profile *profile = profile_of(task, key);
     const double *table = tables->directions[count / RAYS_STEP];
@@ -95,7 +95,7 @@ static int round_of(Task *task, const Tables *tables, Work *w, int fused)
         return NO_PROFILE;
     }
     int steps = 2 * (int)half + 1;
-    if (!sampled(&task->picture, o, table, count, profile->offsets, steps, least(2 + sigma, room),
+    if (!sampled(&task->picture, o, table, count, profile->offsets, steps, least(FRAME_PX + sigma, room),
                  task->opponent ? &tables->lab : NULL, fused, &w->rays))
         return NONE;
     measured(&w->rays, profile, table, sigma, &w->edges);
@@ -107,15 +107,15 @@ static int round_of(Task *task, const Tables *tables, Work *w, int fused)
         double along = blur[0] - blur[1] * table[COS2 * count + i] - blur[2] * table[SIN2 * count + i];
         offsets[i] = w->edges.shift[i] + most(along, 0) * (h * h * h * bend);
     }
-    FitOptions options = {.smallest_scale = 0.03, .largest_scale = most(0.6, 0.01 * mean_of(o)),
-                          .doubt = count == full ? task->doubt : 0, .rounds = 3};
+    FitOptions options = {.smallest_scale = FINE_SCALE_PX, .largest_scale = most(LARGEST_SCALE_PX, LARGEST_SCALE * mean_of(o)),
+                          .doubt = count == full ? task->doubt : 0, .rounds = FINE_ROUNDS};
     designed(o, table, w->rays.support, count, w->fit.design);
     if (!fitted(o, offsets, w->edges.weight, count, change, &options, &w->fit) || !sane(&w->fit.outline, &task->picture))
         return NONE;
     *o = w->fit.outline;
-    task->sigma = least(most(rounded_tenth(sqrt(most(blur[0], 0))), 0.5), most(0.3 * minor_of(o), 1));
+    task->sigma = least(most(rounded_tenth(sqrt(most(blur[0], 0))), SHARPEST_PX), most(SOFTEST * minor_of(o), SOFTEST_PX));
     double grown = task->sigma - sigma;
-    int still = w->fit.step_px < STILL_SIGMAS * task->sigma && -0.3 * task->sigma <= grown && grown <= 0.4 * task->sigma;
+    int still = w->fit.step_px < STILL_SIGMAS * task->sigma && -SHRUNK * task->sigma <= grown && grown <= GROWN * task->sigma;
     if (count == full && (still || task->turn + 1 >= ROUNDS))
         return reported(&w->rays, w, task->sigma, task);
     return ++task->turn < ROUNDS ? -1 : NONE;
@@ -125,11 +125,11 @@ static int refined(Task *task, const Tables *tables, Work *w, int fused)
 {
     Outline *o = &task->outline;
     w->rays.unit = task->opponent ? tables->opponent_unit : 1;
-    double reach = task->search_px < 0 ? most(4, minor_of(o) / 6) : task->search_px;
+    double reach = task->search_px < 0 ? most(REACH_PX, minor_of(o) / REACH_PART) : task->search_px;
     if (!sane(o, &task->picture))
         return NONE;
     if (reach > 0) {
-        double offsets[COARSE_STEPS], step = least(reach, 0.8 * minor_of(o)) / HALF_STEPS;
+        double offsets[COARSE_STEPS], step = least(reach, FARTHEST * minor_of(o)) / HALF_STEPS;
         for (int s = 0; s < COARSE_STEPS; s++)
             offsets[s] = (double)(float)((s - HALF_STEPS) * step);
         if (!sampled(&task->picture, o, tables->coarse, COARSE_RAYS, offsets, COARSE_STEPS, 0, task->opponent ? &tables->lab : NULL,
