@@ -5,14 +5,16 @@
 
 A put takes some 30 microseconds and never waits for the disk, and the disk has no influence on what is delivered:
 memory holds the events while the gateway runs. When the file can't be written (full, read-only, locked, corrupt) the
-thread reports it, keeps trying, and makes the file equal to memory as soon as it can. What the broker acknowledges
-within a quarter of a second never goes to the file (`pace`).
+thread reports it, keeps trying, and makes the file equal to memory as soon as it can; what is on a disk that can only
+be read is read all the same, before anything is delivered. What the broker acknowledges within a quarter of a second
+never goes to the file (`pace`).
 docs/decisions/0023-event-journal-is-sqlite.md has the reason for the journal.
 """
 
 import contextlib
 import logging
 import os
+import shutil
 import stat
 import threading
 from collections.abc import Callable, Collection, Iterable, Iterator
@@ -74,15 +76,16 @@ def opened_outbox(limits: OutboxLimits, file: str, journal: str, auto: str) -> I
 class OutboxJournal:
     """The events that the file on disk does not have yet, in shared memory. A context manager; nothing in it waits.
 
-    Entering raises ConfigError where another gateway of this name runs. A journal that can't be written costs nothing
-    but its purpose: what it did not take is counted in `overflowed`.
+    Entering raises ConfigError where another gateway of this name runs. What it has no room for is left out, changes of
+    stop last, and counted in the journal itself until it is released: a kill would lose it.
     """
 
     def __init__(self, name: str, *, events: int = JOURNAL_EVENTS) -> None:
         self._path = folder() / f"loading-gateway-journal.{name}" / "events.sqlite"
-        self._events = events
-        self._held: set[str] = set()
-        self.overflowed = 0
+        self._held = MemoryOutbox(OutboxLimits(events))
+        self._left_out: set[str] = set()  # ids
+        self._noted = 0  # how many, in the file
+        self.lost = 0  # by an earlier gateway: left out, and neither delivered nor on disk when it ended
 
     def __enter__(self) -> Self:
         # Any user may write into the parent folder; in this one only the gateway has access to SQLite's files.
@@ -105,7 +108,7 @@ class OutboxJournal:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._held:  # what the disk does not have yet must still be there at the next start
+        if len(self):  # what the disk does not have yet must still be there at the next start
             self._file.close()
         else:
             self._file.remove()
@@ -116,31 +119,56 @@ class OutboxJournal:
         """What an earlier gateway left, oldest first; it stays in the journal until it is released."""
         try:
             found = self._file.entries()
+            self.lost = self._noted = self._file.left_out
         except StoreError:  # not written by a gateway
             self._file.close()
             self._begin_anew()
             found = []
-        self._held = {entry.id for entry in found}
+        for entry in found:
+            self._held.put(entry)
         return found
 
     def put(self, entry: OutboxEntry) -> None:
-        """Never waits, never raises; without room the entry is only counted."""
-        if len(self._held) < self._events:
-            with contextlib.suppress(StoreError):
-                self._file.write([entry], ())
-                self._held.add(entry.id)
-                return
-        self.overflowed += 1
+        """Never waits, never raises."""
+        gone = {lost.id for lost in self._held.put(entry)}
+        self._left_out |= gone
+        try:
+            self._write([entry] if entry.id not in gone else [], gone, len(self._left_out))
+        except StoreError:
+            self._held.acknowledge(entry.id)
+            self._left_out.add(entry.id)
 
     def release(self, ids: Iterable[str]) -> None:
         """They are on disk, or not needed any more."""
-        if gone := [one for one in ids if one in self._held]:
+        if gone := [one for one in ids if one in self._left_out or one in self._held]:
             with contextlib.suppress(StoreError):
-                self._file.write((), gone)
-                self._held.difference_update(gone)
+                self._write((), gone, len(self._left_out) - sum(one in self._left_out for one in gone))
+                self._left_out.difference_update(gone)
+                for one in gone:
+                    self._held.acknowledge(one)
+
+    def copy_of(self, path: Path) -> list[OutboxEntry]:
+        """What is in the file of an outbox that can't be opened: its disk is full or read-only. Raises StoreError."""
+        copy = self._path.with_name("copy.sqlite")
+        try:
+            EventFile.delete(copy)
+            shutil.copyfile(path, copy, follow_symlinks=False)
+            with contextlib.suppress(FileNotFoundError):  # there is one only after a kill
+                shutil.copyfile(f"{path}-wal", f"{copy}-wal", follow_symlinks=False)
+            with contextlib.closing(EventFile(copy, synced=False)) as file:
+                return file.entries()
+        except OSError as error:
+            raise StoreError(f"{path}: {error.strerror or error}") from error
+        finally:
+            EventFile.delete(copy)
 
     def __len__(self) -> int:
-        return len(self._held)
+        """Events that the disk does not have, those left out, too."""
+        return len(self._held) + len(self._left_out)
+
+    def _write(self, added: Collection[OutboxEntry], removed: Collection[str], left_out: int) -> None:
+        self._file.write(added, removed, left_out=None if left_out == self._noted else left_out)
+        self._noted = left_out
 
     def _begin_anew(self) -> None:
         put_aside(self._path).unlink()
@@ -209,7 +237,7 @@ class DurableOutbox:
 
     @property
     def dropped(self) -> int:
-        return self._memory.dropped
+        return self._memory.dropped + self._journal.lost
 
     @property
     def unused_dropped(self) -> int:
@@ -306,10 +334,17 @@ class DurableOutbox:
         except StoreError as error:
             self._close()
             if not error.corrupt:
+                self._read_only(error)
                 raise
             log.error("%s: renamed to %s; a new file is begun", error, put_aside(self._path).name)
             self._file = self._open_file(self._path)
             self._read = self._stale = True
+
+    def _read_only(self, error: StoreError) -> None:
+        """A disk that takes nothing can be read all the same: what is on it is older than all that happens now."""
+        if not (self._read or error.locked):
+            with contextlib.suppress(StoreError):
+                self._take_over(self._journal.copy_of(self._path))
 
     def _take_over(self, found: list[OutboxEntry]) -> None:
         """Long work where much is found, so that the lock is held only for what was added meanwhile."""

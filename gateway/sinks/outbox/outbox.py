@@ -163,6 +163,9 @@ class MemoryOutbox:
         """Everything, oldest first."""
         return list(in_order(self.numbered()))
 
+    def __contains__(self, entry_id: str) -> bool:
+        return any(entry_id in queue for queue in self._kinds)
+
     def __len__(self) -> int:
         return sum(map(len, self._kinds))
 

@@ -8,7 +8,7 @@ import contextlib
 import fcntl
 import os
 import sqlite3
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 from gateway.sinks.outbox.outbox import OutboxEntry
@@ -79,7 +79,14 @@ class EventFile:
         if layout not in (0, LAYOUT):
             raise StoreError(f"{self.path}: written by another version of the gateway (layout {layout})")
         self._db.execute(_CREATE)
-        self._db.execute(f"PRAGMA user_version = {LAYOUT}")
+        if not layout:  # else nothing is written: there may be no room for it
+            self._db.execute(f"PRAGMA user_version = {LAYOUT}")
+
+    @property
+    def left_out(self) -> int:
+        """Events for which there was no room, as `write` has noted it last."""
+        with self._errors() as db:
+            return int(db.execute("PRAGMA application_id").fetchone()[0])
 
     def entries(self) -> list[OutboxEntry]:
         """Everything in it, oldest first. A row that is not an event makes the file corrupt."""
@@ -93,18 +100,30 @@ class EventFile:
         except ValueError as error:
             raise StoreError(f"{self.path}: {error}", corrupt=True) from error
 
-    def write(self, added: Iterable[OutboxEntry], removed: Iterable[str], *, instead: bool = False) -> None:
-        """One transaction, on disk when it returns. `instead`: `added` is all there shall be."""
+    def write(
+        self,
+        added: Collection[OutboxEntry],
+        removed: Collection[str],
+        *,
+        instead: bool = False,
+        left_out: int | None = None,
+    ) -> None:
+        """One transaction, on disk when it returns. `instead`: `added` is all there shall be; only what differs from
+        that is written."""
         with self._errors() as db:
             db.execute("BEGIN IMMEDIATE")
             try:
                 if instead:
-                    db.execute("DELETE FROM events")
+                    found = {name for (name,) in db.execute("SELECT id FROM events")}
+                    removed = found.difference(entry.id for entry in added)
+                    added = [entry for entry in added if entry.id not in found]
                 db.executemany(
                     "INSERT OR IGNORE INTO events (id, topic, payload, precious, unix_ms) VALUES (?, ?, ?, ?, ?)",
                     [(e.id, e.topic, e.payload, e.drop_last, e.unix_ms) for e in added],
                 )
                 db.executemany("DELETE FROM events WHERE id = ?", [(i,) for i in removed])
+                if left_out is not None:
+                    db.execute(f"PRAGMA application_id = {left_out}")  # a number of the header, free for any use
                 db.execute("COMMIT")
             except sqlite3.Error:
                 with contextlib.suppress(sqlite3.Error):
@@ -133,9 +152,14 @@ class EventFile:
 
     def remove(self) -> None:
         """Delete it and close it."""
-        for tail in ("", "-wal", "-shm", ".lock"):
-            self.path.with_name(self.path.name + tail).unlink(missing_ok=True)
+        self.delete(self.path)
         self.close()
+
+    @staticmethod
+    def delete(path: Path) -> None:
+        """The file and what belongs to it."""
+        for tail in ("", "-wal", "-shm", ".lock"):
+            path.with_name(path.name + tail).unlink(missing_ok=True)
 
     @contextlib.contextmanager
     def _errors(self) -> Iterator[sqlite3.Connection]:

@@ -5,6 +5,7 @@ Real files and a real SQLite; the faults of the disk are the real ones where a t
 
 import fcntl
 import os
+import resource
 import shutil
 import sqlite3
 import subprocess
@@ -107,6 +108,71 @@ def test_a_full_disk_is_reported_and_loses_nothing(name: str, tmp_path: Path) ->
         outbox.acknowledge("b-1")
     with DurableOutbox(name, path, LIMITS) as outbox:
         assert drained(outbox) == ["b-2", "b-3", "b-4", "b-5"]
+
+
+def test_what_is_on_a_disk_that_takes_nothing_is_delivered_before_what_happens_now(name: str, tmp_path: Path) -> None:
+    """A restart after a kill. The kernel itself refuses each write; only for the disk, as memory is a file, too."""
+    path, full = tmp_path / "outbox.sqlite", True
+    code = (
+        "import os, sys\n"
+        "from pathlib import Path\n"
+        "from gateway.sinks.outbox.store import EventFile\n"
+        "from gateway.sinks.outbox.outbox import OutboxEntry\n"
+        "file = EventFile(Path(sys.argv[1]))\n"
+        "for n in range(1, 21):\n"
+        "    file.write([OutboxEntry(f'b-{n}', 'loading/s/bay1/event', b'x', False)], [])\n"
+        "os._exit(0)\n"
+    )
+    subprocess.run([sys.executable, "-c", code, str(path)], check=True)
+    path.with_name("outbox.sqlite-shm").unlink()  # as after a power cut, so that it must be made anew
+
+    def opened(where: Path) -> EventFile:
+        soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (0 if full else soft, hard))
+        try:
+            return EventFile(where)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+    with DurableOutbox(name, path, LIMITS, open_file=opened) as outbox:
+        assert outbox.store.fault != ""
+        outbox.put(entry(21))
+        assert (outbox.store.recovered, len(outbox), outbox.dropped) == (20, 21, 0)
+        for number in (1, 2, 3):
+            assert outbox.batch(1)[0].id == f"b-{number}"
+            outbox.acknowledge(f"b-{number}")
+        full = False
+        until(lambda: written(outbox))
+        with closing(sqlite3.connect(path)) as db:  # only what differs is written: there may be no room for all
+            places = db.execute("SELECT place, id FROM events ORDER BY place").fetchall()
+        assert places == [(number, f"b-{number}") for number in range(4, 22)]
+    assert not journal_of(name).exists()
+
+
+def test_a_file_that_is_opened_is_not_written(tmp_path: Path) -> None:
+    path = tmp_path / "outbox.sqlite"
+    with closing(EventFile(path)) as file:
+        file.write([entry(1)], ())
+    with closing(EventFile(path)) as file:
+        assert [found.id for found in file.entries()] == ["b-1"]
+        assert path.with_name("outbox.sqlite-wal").stat().st_size == 0
+
+
+def test_what_neither_disk_nor_journal_has_room_for_is_counted_after_a_restart(name: str, tmp_path: Path) -> None:
+    """Changes of stop are the last to go."""
+    path, limits, left = tmp_path / "outbox.sqlite", OutboxLimits(10_000), durable.JOURNAL_EVENTS
+    with DurableOutbox(name, path, limits, open_file=Stuck) as outbox:
+        for number in range(left + 500):
+            outbox.put(entry(number, drop_last=number < 30))
+        outbox.acknowledge("b-40")  # one of those that a kill would lose
+        assert outbox.dropped == 0
+    with DurableOutbox(name, path, limits) as outbox:
+        assert (outbox.store.recovered, outbox.dropped) == (left, 499)
+        expected = [*range(30), *range(530, left + 500)]
+        assert [found.id for found in outbox.batch(limits.events)] == [f"b-{number}" for number in expected]
+        outbox.put(entry(9999))
+    with DurableOutbox(name, path, limits) as outbox:
+        assert (len(outbox), outbox.dropped) == (left + 1, 0)
 
 
 @pytest.mark.long
@@ -392,21 +458,22 @@ def test_the_journal_reads_anything_that_a_dead_gateway_can_leave(name: str) -> 
         for number in range(1, 6):
             journal.put(entry(number))
         journal.put(entry(9, size=5000))
-        assert (len(journal), journal.overflowed) == (4, 2)
-        journal.release(["b-2", "b-none"])
+        assert len(journal) == 6
+        journal.release(["b-4", "b-1", "b-none"])
         journal.put(entry(6, size=5000))  # any length
-        assert (len(journal), journal.overflowed) == (4, 2)
+        assert len(journal) == 5
     path = journal_of(name) / "events.sqlite"
     with OutboxJournal(name, events=4) as journal:
-        assert [e.id for e in journal.recover()] == ["b-1", "b-3", "b-4", "b-6"]
+        assert [e.id for e in journal.recover()] == ["b-3", "b-5", "b-9", "b-6"]
+        assert journal.lost == 1
         journal.release(["b-6"])
         journal.put(entry(7))
     for noise in (os.urandom(16_384), path.read_bytes()[:4096] + os.urandom(8192), b""):
         path.write_bytes(noise)
         with OutboxJournal(name, events=4) as journal:
-            assert journal.recover() == []
+            assert (journal.recover(), journal.lost) == ([], 0)
             journal.put(entry(8))
-            assert (len(journal), journal.overflowed) == (1, 0)
+            assert len(journal) == 1
 
 
 def test_only_so_many_corrupt_files_are_kept(tmp_path: Path) -> None:
@@ -456,16 +523,16 @@ def test_an_event_in_journal_and_file_is_delivered_once_though_the_file_is_opene
     file.close()
     with OutboxJournal(name) as journal:  # killed after the file had it, before the slot was freed
         journal.put(entry(2))
-    back = False
+    away = path.rename(tmp_path / "away")
 
-    def away(where: Path) -> EventFile:
-        if not back:
+    def opened(where: Path) -> EventFile:
+        if not where.exists():
             raise StoreError("the disk is away")
         return EventFile(where)
 
-    with DurableOutbox(name, path, LIMITS, open_file=away) as outbox:
+    with DurableOutbox(name, path, LIMITS, open_file=opened) as outbox:
         assert drained(outbox) == ["b-2"]
-        back = True
+        away.rename(path)
         until(lambda: written(outbox))
         assert drained(outbox) == ["b-1"]
 
