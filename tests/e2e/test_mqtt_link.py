@@ -1,13 +1,18 @@
 """A connection against a broker that is played here, where a real one is too kind to tell the difference."""
 
 import asyncio
+import json
 from asyncio import StreamReader, StreamWriter
+from typing import Any
 
 import pytest
 
 from gateway import event_loop
+from gateway.core.events import EventKind
 from gateway.sinks.mqtt.broker_link import MAX_IN_FLIGHT, connect
 from gateway.sinks.mqtt.topics import MqttMessage
+from tests.e2e.mqtt_packets import Stream
+from tests.e2e.mqtt_plant import Plant
 from tests.mqtt_endpoints import at
 
 PUBLISH, DISCONNECT = 3, 14
@@ -76,3 +81,56 @@ def test_never_more_messages_are_on_their_way_than_the_broker_receive_maximum(re
     event_loop.run(scenario())
     assert broker.taken == 20
     assert 1 <= broker.most <= most
+
+
+class SwallowingBroker:
+    """An MQTT 5 broker that takes each of these events once without a trace. `passed`: the others, by connection."""
+
+    def __init__(self, *swallowed: int) -> None:
+        self._swallowed = set(swallowed)
+        self.passed: list[list[int]] = []
+
+    async def serve(self, reader: StreamReader, writer: StreamWriter) -> None:
+        stream, passed = Stream(True, len(self.passed), [5]), list[int]()
+        self.passed.append(passed)
+        while data := await reader.read(65_536):
+            answers = b""
+            for packet in stream.feed(data):
+                if packet.kind == "CONNECT":
+                    answers += b"\x20\x03\x00\x00\x00"
+                elif packet.kind == "PUBLISH":
+                    number = int(json.loads(packet.payload)["id"].split("-")[1]) if "/event" in packet.topic else 0
+                    if number in self._swallowed:
+                        self._swallowed.remove(number)
+                        continue
+                    passed += [number] if number else []
+                    answers += b"\x40\x02" + packet.mid.to_bytes(2, "big")
+            await asyncio.sleep(0.02)  # a round trip: several are on their way
+            writer.write(answers)
+        writer.close()
+
+
+def delivered(broker: SwallowingBroker, count: int, timeout_s: float, **settings: Any) -> None:
+    async def scenario() -> None:
+        server = await asyncio.start_server(broker.serve, "127.0.0.1", 0)
+        plant = Plant(f"mqtt://127.0.0.1:{server.sockets[0].getsockname()[1]}", **settings)
+        async with server, plant.running():
+            for _ in range(count):
+                plant.happen(EventKind.STOP_RAISED)
+            await plant.until(lambda: plant.publisher.stats.queued == 0, timeout_s)
+
+    event_loop.run(scenario())
+
+
+def test_behind_a_message_that_a_broker_loses_all_are_sent_again_at_once_and_in_order() -> None:
+    """The next acknowledgement shows it; the time limit for one is 45 s here."""
+    broker = SwallowingBroker(*range(40, 48))
+    delivered(broker, 60, 30, keepalive_s=60)
+    assert broker.passed[0][:39] == list(range(1, 40))
+    assert [number for again in broker.passed[1:] for number in again] == list(range(40, 61))
+
+
+def test_with_one_event_on_its_way_none_overtakes_one_that_a_broker_loses() -> None:
+    broker = SwallowingBroker(3, 7)
+    delivered(broker, 10, 60, keepalive_s=2, events_in_flight=1)
+    assert broker.passed == [[1, 2], [3, 4, 5, 6], [7, 8, 9, 10]]

@@ -74,6 +74,12 @@ class MqttConfig(Section):
     event_expiry_h: float = Field(
         168.0, ge=0.01, le=87600, description="MQTT 5: the broker drops an event not fetched for this time"
     )
+    events_in_flight: int = Field(
+        48,
+        ge=1,
+        le=48,
+        description="events on their way at once; 1: in order also where a broker loses one on its way, and slower",
+    )
     unsubscribed_h: float = Field(
         24.0,
         ge=0,

@@ -352,9 +352,21 @@ class _Client(aiomqtt.Client):
         self._told[0](client, userdata, flags, reason_code, properties)
 
     def acknowledged(self, client: Any, userdata: Any, mid: int, reason_code: Any, properties: Any) -> None:
-        """MQTT 5 reports whether the broker has taken a message, and whether anybody subscribes; aiomqtt ignores it."""
+        """MQTT 5 reports whether the broker has taken a message, and whether anybody subscribes; aiomqtt ignores it.
+
+        A broker that takes a message and not the one before it has lost that one: nothing of this connection counts
+        any more, so that both are sent again, in order.
+        """
         if mid in self._answers:
-            topic, answer = self._answers.pop(mid)
+            topic, answer = self._answers[mid]
+            if next(open_mid for open_mid, (other, _) in self._answers.items() if other == topic) != mid:
+                lost = aiomqtt.MqttError(f"a later message was acknowledged before an earlier one: {topic}")
+                for _, waiting in self._answers.values():
+                    if not waiting.done():
+                        waiting.set_exception(lost)
+                self._answers.clear()
+                return
+            del self._answers[mid]
             self.unanswered.remove(topic)
             if reason_code.is_failure:
                 self.newest_refusal = topic, _named(reason_code), self._loop.time()

@@ -40,8 +40,8 @@ class Window:
 
 class EventDelivery:
     """`send` publishes; it returns whether anybody subscribes, and raises as `BrokerLink.publish`. `expiry_s`: for how
-    long the broker keeps an event. `unsubscribed_s`: an event that nobody subscribed to is kept for this time; 0: it
-    counts as delivered. `slow_s`: see `Window`."""
+    long the broker keeps an event. `in_flight`: how many may be on their way at most. `unsubscribed_s`: an event that
+    nobody subscribed to is kept for this time; 0: it counts as delivered. `slow_s`: see `Window`."""
 
     def __init__(
         self,
@@ -51,6 +51,7 @@ class EventDelivery:
         send: Send,
         *,
         expiry_s: int,
+        in_flight: int,
         unsubscribed_s: float,
         slow_s: float,
     ) -> None:
@@ -59,6 +60,7 @@ class EventDelivery:
         self._clock = clock
         self._send = send
         self._expiry_s = expiry_s
+        self._in_flight = in_flight
         self._unsubscribed_ns = round(unsubscribed_s * NS_PER_S)
         self._slow_ns = round(slow_s * NS_PER_S)
         self._on_its_way: dict[str, str] = {}  # id -> topic
@@ -82,7 +84,7 @@ class EventDelivery:
 
     async def deliver(self, link: BrokerLink, *, rest: bool = False) -> None:
         """Until `end`; or, for the `rest`, until nothing is left that may be sent. Raises LinkError in a group."""
-        window = Window(int(SHARE * link.in_flight), self._slow_ns)
+        window = Window(min(self._in_flight, int(SHARE * link.in_flight)), self._slow_ns)
         self._on_its_way.clear()  # of the connection before
         async with asyncio.TaskGroup() as group:
             while True:

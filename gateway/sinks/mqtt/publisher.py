@@ -96,6 +96,7 @@ class MqttPublisher:
             clock,
             self._send,
             expiry_s=round(config.event_expiry_h * 3600),
+            in_flight=config.events_in_flight,
             unsubscribed_s=config.unsubscribed_h * 3600,
             slow_s=SLOW_SHARE * ACKNOWLEDGE_SHARE * config.keepalive_s,
         )

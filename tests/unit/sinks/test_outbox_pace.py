@@ -3,10 +3,11 @@
 import shutil
 import sqlite3
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import closing
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 from uuid import uuid4
 
 import pytest
@@ -41,9 +42,9 @@ class Counted(EventFile):
         self.writes = []
         super().__init__(path)
 
-    def write(self, added: object, removed: object, *, instead: bool = False) -> None:
-        self.writes.append((len(added), len(removed)))  # type: ignore[arg-type]
-        super().write(added, removed, instead=instead)  # type: ignore[arg-type]
+    def write(self, added: Collection[OutboxEntry], removed: Collection[str], **how: Any) -> None:
+        self.writes.append((len(added), len(removed)))
+        super().write(added, removed, **how)
 
 
 class Files:
