@@ -30,6 +30,7 @@ VERBS = (
     "registers",
     "state",
     "certs",
+    "mqtt",
     "password",
 )
 

@@ -156,6 +156,14 @@ class BrokerLink:
         if any(int(code if isinstance(code, int) else code.value) >= REFUSED_SUBSCRIPTION for code in granted):
             raise LinkError(f"{self._broker}: refuses a subscription to {', '.join(topic for topic, _ in topics)}")
 
+    async def unsubscribe(self, topic: str) -> None:
+        """Raises LinkError."""
+        try:
+            async with asyncio.timeout(self._acknowledge_s):
+                await self._client.unsubscribe(topic)
+        except (TimeoutError, aiomqtt.MqttError) as error:
+            raise LinkError(f"{self._broker}: cannot end a subscription: {error}") from error
+
     async def incoming(self) -> AsyncIterator[MqttMessage]:
         """Messages received, until the connection is lost: then LinkError. What is not fetched in time is dropped."""
         try:

@@ -13,7 +13,7 @@ from typing import Any
 from gateway.core.detection import Tracking
 from gateway.core.readings import Quality
 from gateway.core.state import Moved, Reason, VisitPhase
-from gateway.sinks.mqtt.topics import Gateway
+from gateway.sinks.mqtt.topics import Gateway, Topics
 
 QOS = 1
 
@@ -70,18 +70,19 @@ ENTITIES: tuple[Entity, ...] = (
 )  # fmt: skip
 
 
-def topic(prefix: str, gateway: Gateway, bay: str) -> str:
+def topic(prefix: str, topics: Topics, bay: str) -> str:
     """Where Home Assistant looks."""
-    return f"{prefix}/device/{device_id(gateway, bay)}/config"
+    return f"{prefix}/device/{device_id(topics, bay)}/config"
 
 
-def device_id(gateway: Gateway, bay: str) -> str:
-    return f"loading_{gateway.topics.site}_{bay}"
+def device_id(topics: Topics, bay: str) -> str:
+    """A bay's name is unique in its line."""
+    return "_".join(("loading", topics.site, *topics.levels, bay))
 
 
 def discovery(gateway: Gateway, bay: str, stale_after_ms: int) -> bytes:
     """The message that makes the bay appear; to be retained."""
-    device = device_id(gateway, bay)
+    device = device_id(gateway.topics, bay)
     expire_s = math.ceil(stale_after_ms / 1000)
     message = {
         "device": {

@@ -27,6 +27,7 @@ from gateway.sinks.mqtt.alarm_topic import alarms_payload
 from gateway.sinks.mqtt.broker import brokers_of, certificates_of
 from gateway.sinks.mqtt.broker_link import BrokerLink, PublishRefusedError, UnansweredError
 from gateway.sinks.mqtt.event_delivery import EventDelivery
+from gateway.sinks.mqtt.ghosts import FormerTopics
 from gateway.sinks.mqtt.session import ACKNOWLEDGE_SHARE, BrokerSession, Connect
 from gateway.sinks.mqtt.topic_answers import TopicAnswers
 from gateway.sinks.mqtt.topic_plan import ALARMS, PLAN, STATE
@@ -101,6 +102,7 @@ class MqttPublisher:
             slow_s=SLOW_SHARE * ACKNOWLEDGE_SHARE * config.keepalive_s,
         )
         hub.listen(self._queue_event)
+        self._former = FormerTopics(self._gateway, config.home_assistant_prefix, announced=config.home_assistant)
         self._final_published = False
         self._published = 0
         self._failed = 0
@@ -182,7 +184,7 @@ class MqttPublisher:
         which one the broker ends them."""
         begun_ns, link = self._clock.now_ns(), None
         try:
-            async with self._session.connection(self._will) as link:
+            async with self._session.connection(self._will, self._former.received) as link:
                 self._answers.connected()
                 if self._breaks >= BREAKS:
                     link.narrow()
@@ -230,6 +232,7 @@ class MqttPublisher:
         async with asyncio.TaskGroup() as group:
             events = group.create_task(self._events.deliver(link))
             tasks = [
+                group.create_task(self._former.ask(link, self._session.peer)),  # before its answer is replaced
                 group.create_task(self._publish_status(link)),
                 group.create_task(self._widen(link)),
                 *(group.create_task(self._publish_states(link, bay, sent[bay])) for bay in self._hub.bays),
@@ -342,7 +345,7 @@ class MqttPublisher:
         return self._hub.shown(bay, self._clock.now_ns())
 
     def _discovery_message(self, bay: str) -> MqttMessage:
-        topic = home_assistant.topic(self._config.home_assistant_prefix, self._gateway, bay)
+        topic = home_assistant.topic(self._config.home_assistant_prefix, self._topics, bay)
         return MqttMessage(topic, home_assistant.discovery(self._gateway, bay, self._stale_after_ms), retain=True)
 
     def _status_message(self, cause: messages.Cause) -> MqttMessage:

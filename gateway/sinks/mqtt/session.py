@@ -106,7 +106,7 @@ class BrokerSession:
         return {alarm: detail for alarm, detail in found.items() if detail}
 
     @contextlib.asynccontextmanager
-    async def connection(self, will: MqttMessage, received: Received | None = None) -> AsyncIterator[BrokerLink]:
+    async def connection(self, will: MqttMessage | None, received: Received | None = None) -> AsyncIterator[BrokerLink]:
         """A connection with this last will. `received` is awaited for each message of a subscribed topic.
 
         When the connection is lost, the body ends at once, and all that failed with it is one LinkError. A body that
@@ -128,7 +128,7 @@ class BrokerSession:
             pass
 
     @contextlib.asynccontextmanager
-    async def _opened(self, will: MqttMessage) -> AsyncIterator[tuple[Endpoint, BrokerLink]]:
+    async def _opened(self, will: MqttMessage | None) -> AsyncIterator[tuple[Endpoint, BrokerLink]]:
         async with AsyncExitStack() as stack:
             endpoint, link = await self._first_that_accepts(stack, will)
             begun_ns = self._clock.now_ns()
@@ -159,7 +159,7 @@ class BrokerSession:
         self._pace.connected(endpoint.rank)
         log.info("%s: connected as %s", endpoint, self._client_id)
 
-    async def _first_that_accepts(self, stack: AsyncExitStack, will: MqttMessage) -> tuple[Endpoint, BrokerLink]:
+    async def _first_that_accepts(self, stack: AsyncExitStack, will: MqttMessage | None) -> tuple[Endpoint, BrokerLink]:
         """One round. The connection is left with `stack`. Raises LinkError with what each has failed with."""
         faults: list[LinkError] = []
         tls = await self._tls()

@@ -1,6 +1,7 @@
 """Home Assistant's discovery messages, their templates rendered by the engine that Home Assistant uses."""
 
 import json
+from dataclasses import replace
 from typing import Any
 
 import jinja2
@@ -72,5 +73,10 @@ def test_values_of_an_enum_are_among_its_options_and_ids_are_unique() -> None:
 
 
 def test_where_home_assistant_looks() -> None:
-    assert home_assistant.topic("homeassistant", GATEWAY, "bay1") == "homeassistant/device/loading_site1_bay1/config"
+    line = replace(GATEWAY.topics, levels=("north", "line2"))  # where another bay1 may be in line1
+    assert home_assistant.device_id(line, "bay1") == "loading_site1_north_line2_bay1"
+    assert (
+        home_assistant.topic("homeassistant", GATEWAY.topics, "bay1")
+        == "homeassistant/device/loading_site1_bay1/config"
+    )
     assert json.loads(home_assistant.discovery(GATEWAY, "bay1", 2500))["state_topic"] == "loading/site1/bay1/state"

@@ -209,6 +209,15 @@ def test_a_bay_that_was_removed_is_forgotten() -> None:
     assert (views, alarms, status) == ([], [], "0 of 0 bays alive")
 
 
+@pytest.mark.parametrize("retained_first", [True, False])
+def test_a_bay_that_the_status_of_its_gateway_does_not_list_is_not_shown(retained_first: bool) -> None:
+    """Renamed: its last state stays at the broker, where nothing clears it."""
+    ghost = (0, free(bay="old") | {"topic": "loading/site1/old/state", "retain": True})
+    messages = [ghost, (0, ONLINE)] if retained_first else [(0, ONLINE), ghost]
+    (*_, ((views, alarms), status)) = run_function(JUDGE, [*messages, (0, free()), (1, TICK)])
+    assert (views, alarms, status) == ([], [], "1 of 1 bays alive")
+
+
 def test_the_number_of_bays_is_limited() -> None:
     few = JUDGE.replace("MAX_BAYS = 2000", "MAX_BAYS = 3")
     assert few != JUDGE
