@@ -119,7 +119,8 @@ GATEWAY_ALARMS: tuple[AlarmDefinition[GatewayInputs], ...] = (
         "certificate_expiring",
         "Certificate expires",
         Priority.LOW,
-        "a certificate or an authority of modbus.tls, hmi.tls_cert or mqtt.tls has expired, or will within 30 days",
+        "a certificate or an authority of modbus.tls, hmi.tls_cert or mqtt.tls, or that of the broker, has expired or "
+        "should be renewed: a third of its lifetime is left, 30 days at most",
         "after its end nobody connects with it: a PLC over TLS reads no registers, browsers warn of the pages, the "
         "broker refuses the gateway, or the gateway the broker",
         ("it was not renewed", "it was renewed, and not copied to the gateway"),

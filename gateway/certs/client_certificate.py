@@ -1,4 +1,4 @@
-"""The contents of a client's certificate: role, subject and validity; and which certificates are revoked. Pure.
+"""The contents of a certificate: validity, role and subject of a client's; and which certificates are revoked. Pure.
 
 The role is the one of Modbus/TCP Security (MB-TCP-Security v36, 8.4): one UTF8String in an extension.
 """
@@ -6,6 +6,7 @@ The role is the one of Modbus/TCP Security (MB-TCP-Security v36, 8.4): one UTF8S
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from datetime import UTC, datetime
 
 from cryptography import x509
 from cryptography.x509.oid import NameOID
@@ -13,6 +14,8 @@ from cryptography.x509.oid import NameOID
 from gateway.durations import NS_PER_S
 
 ROLE_OID = x509.ObjectIdentifier("1.3.6.1.4.1.50316.802.1")
+DAY_NS = 24 * 3600 * NS_PER_S
+RENEWAL_DAYS = 30  # before its end, or a third of its lifetime, whichever is less
 _UTF8_STRING = 0x0C
 MAX_ROLE_BYTES = 127  # the short form of a length; a longer name is not a configured role
 MAX_SHOWN = 200  # characters of a subject or a role
@@ -23,15 +26,31 @@ Serial = tuple[x509.Name, int]
 
 @dataclass(frozen=True, slots=True)
 class Validity:
-    """What must be known of a certificate while it is in use. `until_ns`: the last valid moment, Unix time."""
+    """What must be known of a certificate while it is in use. `until_ns`: the last valid moment, Unix time;
+    `renewal_ns`: it should have been renewed by then."""
 
     serial: Serial
     until_ns: int
+    renewal_ns: int
+
+    def days_left(self, wall_ns: int) -> int:
+        """Rounded down."""
+        return (self.until_ns - wall_ns) // DAY_NS
+
+    def expiring(self, wall_ns: int) -> str:
+        """`expires on` or `expired on`, and the day. Empty: there is no need to renew it yet."""
+        if wall_ns < self.renewal_ns:
+            return ""
+        end = datetime.fromtimestamp(self.until_ns // NS_PER_S, UTC)
+        return f"{'expired' if self.until_ns < wall_ns else 'expires'} on {end:%Y-%m-%d}"
 
 
 def validity_of(certificate: x509.Certificate) -> Validity:
-    until_ns = int(certificate.not_valid_after_utc.timestamp()) * NS_PER_S
-    return Validity((certificate.issuer, certificate.serial_number), until_ns)
+    begin_ns, until_ns = (
+        int(time.timestamp()) * NS_PER_S for time in (certificate.not_valid_before_utc, certificate.not_valid_after_utc)
+    )
+    renewal_ns = until_ns - min(RENEWAL_DAYS * DAY_NS, (until_ns - begin_ns) // 3)
+    return Validity((certificate.issuer, certificate.serial_number), until_ns, renewal_ns)
 
 
 def subject_of(certificate: x509.Certificate) -> str:

@@ -1,15 +1,14 @@
 """When the certificates of the gateway's own servers end. IO: reads small files, once a minute."""
 
 from collections.abc import Iterator
-from datetime import UTC, datetime, timedelta
 
+from gateway.certs.client_certificate import Validity
 from gateway.clock import Clock
 from gateway.config import GatewayConfig
 from gateway.durations import NS_PER_S
-from gateway.net.tls import WARN_DAYS, TlsFiles, ends
+from gateway.net.tls import TlsFiles, validities
 
 LOOK_NS = 60 * NS_PER_S
-DAY = timedelta(days=1)
 
 
 class CertificateEnds:
@@ -19,7 +18,7 @@ class CertificateEnds:
     def __init__(self, config: GatewayConfig, clock: Clock) -> None:
         self._clock = clock
         self._servers: dict[str, TlsFiles] = {}
-        self._ends: list[tuple[str, str, str, datetime]] = []  # server, key, path, the last valid moment
+        self._found: list[tuple[str, str, str, Validity]] = []  # server, key, path
         self._looked_ns: int | None = None
         self.use(config)
 
@@ -35,36 +34,31 @@ class CertificateEnds:
         """By server, of its certificate or authority that ends first, rounded down."""
         self._look()
         left: dict[str, int] = {}
-        for server, _, _, end in self._ends:
-            days = (end - self._now()) // DAY
+        for server, _, _, found in self._found:
+            days = found.days_left(self._clock.wall_ns())
             left[server] = min(days, left.get(server, days))
         return left
 
     def warning(self) -> str:
-        """Which have expired, or will within WARN_DAYS; empty: none."""
+        """Which have expired, or should be renewed; empty: none."""
         self._look()
-        now = self._now()
+        wall_ns = self._clock.wall_ns()
         return "; ".join(
-            f"{key}: {path} {'expired' if end < now else 'expires'} on {end:%Y-%m-%d}"
-            for _, key, path, end in self._ends
-            if end < now + WARN_DAYS * DAY
+            f"{key}: {path} {text}" for _, key, path, found in self._found if (text := found.expiring(wall_ns))
         )
-
-    def _now(self) -> datetime:
-        return datetime.fromtimestamp(self._clock.wall_ns() // NS_PER_S, UTC)
 
     def _look(self) -> None:
         now_ns = self._clock.now_ns()
         if self._looked_ns is None or now_ns - self._looked_ns >= LOOK_NS:
             self._looked_ns = now_ns
-            self._ends = list(self._read())
+            self._found = list(self._read())
 
-    def _read(self) -> Iterator[tuple[str, str, str, datetime]]:
+    def _read(self) -> Iterator[tuple[str, str, str, Validity]]:
         for server, files in self._servers.items():
             for key, path in files.named():
                 if key.endswith(("cert", "ca")):
                     try:
-                        found = ends(path)
+                        found = validities(path)
                     except (OSError, ValueError):
                         continue
-                    yield from ((server, key, path, end) for end in found)
+                    yield from ((server, key, path, one) for one in found)

@@ -4,12 +4,11 @@ import logging
 import ssl
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 
 from cryptography import x509
 
-from gateway.certs.client_certificate import Serial, revoked
+from gateway.certs.client_certificate import DAY_NS, Serial, Validity, revoked, validity_of
 from gateway.clock import Clock
 from gateway.config import HmiConfig, TlsConfig
 from gateway.durations import NS_PER_S
@@ -19,9 +18,7 @@ log = logging.getLogger(__name__)
 
 CIPHERS = "ECDHE+AESGCM:ECDHE+CHACHA20"  # of TLS 1.2: forward secrecy and authenticated encryption; 1.3 has no others
 LOOK_NS = NS_PER_S  # between two checks of the files, at least
-DAY_NS = 24 * 3600 * NS_PER_S
 WARN_NS = DAY_NS  # warnings are repeated: a gateway runs for years
-WARN_DAYS = 30
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +107,6 @@ def warnings(files: TlsFiles | None, wall_ns: int) -> list[str]:
     if files is None:
         return []
     found: list[str] = []
-    now = datetime.fromtimestamp(wall_ns // NS_PER_S, UTC)
     for key, path in files.named():
         try:
             if key == f"{files.keys}key" and Path(path).stat().st_mode & 0o007:
@@ -118,19 +114,19 @@ def warnings(files: TlsFiles | None, wall_ns: int) -> list[str]:
                 found.append(f"{key}: {path} can be read by others; chmod o-rwx")
             if not key.endswith(("cert", "ca")):
                 continue
-            for end in ends(path):
-                if end < now:
-                    found.append(f"{key}: {path} expired on {end:%Y-%m-%d}: no client will connect; renew it")
-                elif (end - now).days < WARN_DAYS:
-                    found.append(f"{key}: {path} expires on {end:%Y-%m-%d}, in {(end - now).days} days")
+            for one in validities(path):
+                if text := one.expiring(wall_ns):
+                    days = one.days_left(wall_ns)
+                    more = ": no client will connect; renew it" if days < 0 else f", in {days} days"
+                    found.append(f"{key}: {path} {text}{more}")
         except (OSError, ValueError) as error:
             found.append(f"{key}: {path}: can't be read: {error}")
     return found
 
 
-def ends(path: str) -> list[datetime]:
-    """The last valid moments of the certificates in this PEM file. Raises OSError, or ValueError where it has none."""
-    return [found.not_valid_after_utc for found in x509.load_pem_x509_certificates(Path(path).read_bytes())]
+def validities(path: str) -> list[Validity]:
+    """Of the certificates in this PEM file. Raises OSError, or ValueError where it has none."""
+    return [validity_of(found) for found in x509.load_pem_x509_certificates(Path(path).read_bytes())]
 
 
 class ReloadingContext:

@@ -1,18 +1,18 @@
 """TLS of a connection to another system, with certificates that may be renewed on disk. IO: reads small files."""
 
+import contextlib
 import logging
 import ssl
-from datetime import UTC, datetime, timedelta
 
+from cryptography import x509
+
+from gateway.certs.client_certificate import Validity, validity_of
 from gateway.config.sections.common import ClientTls
-from gateway.durations import NS_PER_S
 from gateway.errors import SettingError
-from gateway.net.tls import WARN_DAYS, ends, stamps
+from gateway.net.tls import stamps, validities
 from gateway.sinks.credentials import client_context
 
 log = logging.getLogger(__name__)
-
-DAY = timedelta(days=1)
 
 
 class ClientCertificates:
@@ -23,7 +23,8 @@ class ClientCertificates:
         self._tls = tls
         self._stamps = stamps(self._paths())
         self.newest = client_context(section, tls)
-        self._ends = self._read_ends()
+        self._found = self._read()
+        self._of_peer: tuple[str, Validity] | None = None
 
     def current(self) -> ssl.SSLContext:
         """The context for the next connection. Files that have changed are read anew; where they can't be used, that
@@ -36,22 +37,25 @@ class ClientCertificates:
             except SettingError as error:
                 log.error("%s; the files read before stay in force", error)
             else:
-                self._ends = self._read_ends()
+                self._found = self._read()
                 log.warning("%s: certificates and key were read anew", self._section)
         return self.newest
 
     def days_left(self, wall_ns: int) -> int | None:
         """Of the certificate in cert_file or ca_file that ends first, rounded down. None: no file is configured."""
-        return min(((end - _utc(wall_ns)) // DAY for _, _, end in self._ends), default=None)
+        return min((one.days_left(wall_ns) for _, one in self._found), default=None)
+
+    def use_peer(self, name: str, der: bytes | None) -> None:
+        """The certificate that the other system has shown in the newest handshake."""
+        self._of_peer = None
+        if der is not None:
+            with contextlib.suppress(ValueError):  # OpenSSL is less strict than this reader of certificates
+                self._of_peer = f"the certificate of {name}", validity_of(x509.load_der_x509_certificate(der))
 
     def warning(self, wall_ns: int) -> str:
-        """Which certificates have expired, or will within WARN_DAYS. Empty: none."""
-        now = _utc(wall_ns)
-        return "; ".join(
-            f"{key}: {path} {'expired' if end < now else 'expires'} on {end:%Y-%m-%d}"
-            for key, path, end in self._ends
-            if end < now + WARN_DAYS * DAY
-        )
+        """Which certificates have expired, or should be renewed. Empty: none."""
+        known = self._found if self._of_peer is None else [*self._found, self._of_peer]
+        return "; ".join(f"{name} {text}" for name, one in known if (text := one.expiring(wall_ns)))
 
     def _paths(self) -> list[str]:
         tls = self._tls or ClientTls()
@@ -59,17 +63,13 @@ class ClientCertificates:
         trusted = tls.ca_file or default.cafile or default.openssl_cafile
         return [path for path in (trusted, tls.cert_file, tls.key_file, tls.key_password_file) if path is not None]
 
-    def _read_ends(self) -> list[tuple[str, str, datetime]]:
+    def _read(self) -> list[tuple[str, Validity]]:
         found = []
         for key in ("cert_file", "ca_file"):
             path = None if self._tls is None else getattr(self._tls, key)
             if path is not None:
                 try:
-                    found += [(f"{self._section}.{key}", path, end) for end in ends(path)]
+                    found += [(f"{self._section}.{key}: {path}", one) for one in validities(path)]
                 except (OSError, ValueError) as error:  # OpenSSL has read it
                     log.warning("%s.%s: %s: its end can't be read: %s", self._section, key, path, error)
         return found
-
-
-def _utc(wall_ns: int) -> datetime:
-    return datetime.fromtimestamp(wall_ns // NS_PER_S, UTC)

@@ -3,16 +3,21 @@
 import asyncio
 import logging
 import os
+import signal
 import subprocess
 import time
+from datetime import timedelta
 from pathlib import Path
 
 import pytest
 
 from gateway import event_loop
+from gateway.certs import issue
 from gateway.config import MqttTls
+from gateway.sinks.mqtt import session
 from tests.e2e.brokers import Mosquitto, free_port, program
 from tests.e2e.mqtt_plant import Plant
+from tests.plant_certs import NOW
 from tests.plant_certs import Plant as Certificates
 
 pytestmark = pytest.mark.timeout(120)
@@ -52,7 +57,7 @@ def test_a_renewed_certificate_is_used_at_the_next_connection(tmp_path: Path, ma
         async with plant.running():
             await plant.until(lambda: plant.publisher.link.connected, 30)
             assert plant.publisher.link.figures["certificate_days"] in (29, 30)
-            assert plant.publisher.link.alarms["certificate_expiring"].startswith("mqtt.tls.cert_file: ")
+            assert plant.publisher.link.alarms == {}
             install("second")
             broker.stop()
             await asyncio.to_thread(broker.start)
@@ -62,6 +67,30 @@ def test_a_renewed_certificate_is_used_at_the_next_connection(tmp_path: Path, ma
         assert "u'second'" in broker.log.rpartition("u'first'")[2]
 
     with strict(tmp_path, made) as broker:
+        asyncio.run(scenario(broker))
+
+
+def test_the_end_of_the_broker_s_own_certificate_is_known_from_the_handshake(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Issued 25 days ago, for 30. Renewed while the connection stands: another handshake shows it."""
+    monkeypatch.setattr(session, "CERTIFICATES_S", 0.1)
+    monkeypatch.setattr(session, "HANDSHAKE_EVERY", 1)
+    files = Certificates(tmp_path / "certs", NOW - timedelta(days=25)).folder
+    renewed = issue.server(files.authority(), "gateway", ["127.0.0.1"], files.key("gateway"), NOW, 30)
+
+    async def scenario(broker: Mosquitto) -> None:
+        plant = Plant(broker.url, tls=MqttTls(ca_file=str(files.certificate_path("ca"))))
+        async with plant.running():
+            await plant.until(lambda: plant.publisher.link.connected, 30)
+            told = f"the certificate of {broker.url} expires on {NOW + timedelta(days=5):%Y-%m-%d}"
+            assert plant.publisher.link.alarms == {"certificate_expiring": told}
+            files.replace_certificate("gateway", renewed)
+            os.kill(broker.pid, signal.SIGHUP)
+            await plant.until(lambda: plant.publisher.link.alarms == {}, 30)
+        assert (plant.link_errors, plant.publisher.stats.reconnects) == (0, 0)
+
+    with Mosquitto(tmp_path, tls=(files.certificate_path("gateway"), files.key_path("gateway"))) as broker:
         asyncio.run(scenario(broker))
 
 

@@ -17,7 +17,7 @@ from gateway.config import TlsConfig
 from gateway.modbus.protocol.answers import Access, Peer
 from gateway.modbus.server.limits import Refusal
 from gateway.net.rate_limit import plain_address
-from gateway.net.tls import DAY_NS, WARN_DAYS, WARN_NS, ReloadingContext, TlsFiles
+from gateway.net.tls import WARN_NS, ReloadingContext, TlsFiles
 
 log = logging.getLogger(__name__)
 
@@ -43,11 +43,11 @@ class ModbusTls:
         if peer.certificate is None:
             return None
         self._context.current()
-        left_ns = peer.certificate.until_ns - self._clock.wall_ns()
-        if left_ns < 0:
+        wall_ns = self._clock.wall_ns()
+        if peer.certificate.until_ns < wall_ns:
             return Refusal.CERTIFICATE_EXPIRED
-        if left_ns < WARN_DAYS * DAY_NS:
-            self._warn_of(peer, peer.certificate.serial, left_ns // DAY_NS)
+        if peer.certificate.expiring(wall_ns):
+            self._warn_of(peer, peer.certificate.serial, peer.certificate.days_left(wall_ns))
         return Refusal.CERTIFICATE_REVOKED if peer.certificate.serial in self._context.revoked else None
 
     def access(self, role: str | None) -> Access:

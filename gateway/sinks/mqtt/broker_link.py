@@ -32,7 +32,7 @@ from paho.mqtt.reasoncodes import ReasonCode
 
 from gateway.errors import LinkError
 from gateway.sinks.mqtt.broker import Broker
-from gateway.sinks.mqtt.broker_socket import fault_of, open_socket
+from gateway.sinks.mqtt.broker_socket import certificate_of, fault_of, open_socket
 from gateway.sinks.mqtt.endpoints import Endpoint, Version
 from gateway.sinks.mqtt.takeovers import End
 from gateway.sinks.mqtt.topics import MqttMessage
@@ -93,6 +93,7 @@ class BrokerLink:
     """
 
     end: End | None = None  # how the other side has ended it
+    certificate: bytes | None = None  # of the broker, as DER
 
     def __init__(self, client: "_Client", endpoint: Endpoint, acknowledge_s: float, version: Version) -> None:
         self.version = version
@@ -279,7 +280,9 @@ async def connect(
             except aiomqtt.MqttError as error:
                 hint = CERTIFICATE_HINT if tls is not None and client.end is not None and client.end.bare else ""
                 raise NotAcceptedError(f"{endpoint}: {error}{hint}", certain=False) from error
-            yield client.link(endpoint, acknowledge_s, version)
+            link = client.link(endpoint, acknowledge_s, version)
+            link.certificate = certificate_of(sock)
+            yield link
             if will_at_disconnect and version == "5":
                 client.keep_will()
             await client.send_disconnect()  # skipped when the body raises: then the broker must publish the will

@@ -36,6 +36,12 @@ async def open_socket(endpoint: Endpoint, tls: ssl.SSLContext | None, timeout_s:
         raise LinkError(fault_of(error)) from error
 
 
+def certificate_of(sock: socket.socket | WebSocket) -> bytes | None:
+    """Of the broker, as DER; None without TLS."""
+    inner = sock.inner if isinstance(sock, WebSocket) else sock
+    return inner.getpeercert(binary_form=True) if isinstance(inner, ssl.SSLSocket) else None
+
+
 def fault_of(error: OSError) -> str:
     """Why a connection failed, for the operator."""
     if isinstance(error, ssl.SSLError) and error.reason in _TLS_FAULTS:

@@ -30,6 +30,7 @@ from gateway.errors import LinkError
 from gateway.sinks.mqtt import broker_link
 from gateway.sinks.mqtt.broker import brokers_of, certificates_of
 from gateway.sinks.mqtt.broker_link import BrokerLink, NotAcceptedError
+from gateway.sinks.mqtt.broker_socket import certificate_of, open_socket
 from gateway.sinks.mqtt.endpoints import Endpoint, Endpoints, ReturnPace
 from gateway.sinks.mqtt.lookup import Lookup, in_daemon_thread
 from gateway.sinks.mqtt.takeovers import Takeovers
@@ -38,6 +39,7 @@ from gateway.sinks.mqtt.topics import MqttMessage
 log = logging.getLogger(__name__)
 
 CERTIFICATES_S = 60.0  # how often it is looked whether they were renewed on disk, while there is a connection
+HANDSHAKE_EVERY = 60  # of these, while a certificate should be renewed
 READ_S = 5.0  # for reading them, from a disk that may hang
 # A hung broker is noticed within 1.25 keepalives: a message every half, three quarters for its acknowledgement.
 ACKNOWLEDGE_SHARE = 0.75
@@ -114,7 +116,10 @@ class BrokerSession:
         """
         with _single_link_error():
             async with self._lock, self._opened(will) as (endpoint, link), asyncio.TaskGroup() as group:
-                watching = [group.create_task(_receive(link, received)), group.create_task(self._watch_certificates())]
+                watching = [
+                    group.create_task(_receive(link, received)),
+                    group.create_task(self._watch_certificates(endpoint)),
+                ]
                 if endpoint.rank:
                     watching.append(group.create_task(self._until_return(endpoint, link)))
                 yield link
@@ -133,6 +138,8 @@ class BrokerSession:
             endpoint, link = await self._first_that_accepts(stack, will)
             begun_ns = self._clock.now_ns()
             self._note(endpoint)
+            if self._certificates is not None:
+                self._certificates.use_peer(str(endpoint), link.certificate)
             try:
                 yield endpoint, link
             except* _ReturnError:
@@ -218,11 +225,19 @@ class BrokerSession:
         await asyncio.wait([self._reading], timeout=READ_S)
         return self._certificates.newest
 
-    async def _watch_certificates(self) -> NoReturn:
-        """So that the days left are those of the files on disk."""
+    async def _watch_certificates(self, endpoint: Endpoint) -> NoReturn:
+        """So that the days left are those of the files on disk. Whether the broker has renewed its own, only another
+        handshake shows."""
         while True:
-            await asyncio.sleep(CERTIFICATES_S)
-            await self._tls()
+            for _ in range(HANDSHAKE_EVERY):
+                await asyncio.sleep(CERTIFICATES_S)
+                tls = await self._tls()
+            if self._certificates is not None and "certificate_expiring" in self.alarms:
+                with (
+                    contextlib.suppress(LinkError),
+                    contextlib.closing(await open_socket(endpoint, tls, broker_link.CONNECT_S)) as sock,
+                ):
+                    self._certificates.use_peer(str(endpoint), certificate_of(sock))
 
     async def _until_return(self, endpoint: Endpoint, link: BrokerLink) -> NoReturn:
         """Raises _ReturnError when a broker before that of `endpoint` accepts connections again."""

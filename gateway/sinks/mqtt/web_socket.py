@@ -46,7 +46,7 @@ class WebSocket:
     """In place of a socket in paho's client. `sock` is non-blocking, `protocol` open."""
 
     def __init__(self, sock: socket.socket, protocol: ClientProtocol) -> None:
-        self._sock = sock
+        self.inner = sock
         self._protocol = protocol
         self._in = bytearray()  # of frames, not fetched yet
         self._out = bytearray()  # frames, not sent yet
@@ -59,7 +59,7 @@ class WebSocket:
                 if (fault := self._protocol.parser_exc) is not None:
                     raise OSError(f"not a WebSocket's frame: {fault}")
                 return b""
-            data = self._sock.recv(READ_BYTES)
+            data = self.inner.recv(READ_BYTES)
             if not data:
                 return b""
             self._protocol.receive_data(data)
@@ -89,18 +89,18 @@ class WebSocket:
 
     def pending(self) -> int:
         """Bytes that can be fetched although the socket is not readable."""
-        inner = self._sock.pending() if isinstance(self._sock, ssl.SSLSocket) and self._sock.fileno() >= 0 else 0
+        inner = self.inner.pending() if isinstance(self.inner, ssl.SSLSocket) and self.inner.fileno() >= 0 else 0
         return len(self._in) + inner
 
     def fileno(self) -> int:
-        return self._sock.fileno()
+        return self.inner.fileno()
 
     def setblocking(self, flag: bool) -> None:
-        self._sock.setblocking(flag)
+        self.inner.setblocking(flag)
 
     def close(self) -> None:
-        self._sock.close()
+        self.inner.close()
 
     def _flush(self) -> None:
         while self._out:
-            del self._out[: self._sock.send(self._out)]
+            del self._out[: self.inner.send(self._out)]

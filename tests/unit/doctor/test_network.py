@@ -64,7 +64,7 @@ def test_a_plc_that_would_connect_to_an_address_where_nothing_listens(monkeypatc
     assert routed("10.0.0.7")[0][0] is FAULT
 
 
-@pytest.mark.parametrize(("days", "verdict"), [(-1, OK), (1, WARNING), (31, FAULT)])
+@pytest.mark.parametrize(("days", "verdict"), [(-1, OK), (19, OK), (21, WARNING), (31, FAULT)])
 def test_certificates_that_will_end(tmp_path: Path, days: int, verdict: Verdict) -> None:
     certs = Plant(tmp_path)
     made = config().model_copy(update={"modbus": config().modbus.model_copy(update={"tls": certs.config()})})

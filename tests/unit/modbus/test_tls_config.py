@@ -81,9 +81,9 @@ def test_a_key_with_a_passphrase_is_no_key_for_a_service(plant: Plant, tmp_path:
 
 
 def test_warnings(plant: Plant, tmp_path: Path) -> None:
-    (soon,) = tls.warnings(TlsFiles.of_modbus(plant.config()), wall_ns(10.5))
+    (soon,) = tls.warnings(TlsFiles.of_modbus(plant.config()), wall_ns(20.5))
     assert soon.startswith("modbus.tls.cert: ")
-    assert soon.endswith("in 19 days")
+    assert soon.endswith("in 9 days")
     (late,) = tls.warnings(TlsFiles.of_modbus(plant.config()), wall_ns(31))
     assert "expired on" in late
     assert "no client will connect; renew it" in late
@@ -156,17 +156,17 @@ def test_a_certificate_is_checked_for_as_long_as_it_is_used(tmp_path: Path, capl
     first, second = own.client("plc1"), own.client("plc2")  # for 30 days
     files = ModbusTls(own.config(), clock)
     one, other = (Peer("10.0.0.9", certificate=validity_of(certificate)) for certificate in (first, second))
-    days.append(1.5)
+    days.append(21.5)
     for _ in range(1000):
         assert files.ended(one) is files.ended(other) is files.ended(Peer("10.0.0.8")) is None
-    assert caplog.text.count("10.0.0.9: its certificate () expires in 28 days, which ends its connection") == 2
+    assert caplog.text.count("10.0.0.9: its certificate () expires in 8 days, which ends its connection") == 2
     own.revoke(first)
     days.append(0.001)
     assert (files.ended(one), files.ended(other)) == (Refusal.CERTIFICATE_REVOKED, None)
     own.folder.crl_path.write_text("nonsense")
     days.append(0.001)
     assert (files.ended(one), files.ended(other)) == (Refusal.CERTIFICATE_REVOKED, None), "as it was read before"
-    days.append(28.4)
+    days.append(8.4)
     assert files.ended(other) is None
     days.append(0.1)
     assert files.ended(other) is Refusal.CERTIFICATE_EXPIRED

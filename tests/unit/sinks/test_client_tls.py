@@ -71,10 +71,10 @@ def test_a_file_that_is_damaged_leaves_what_was_read_before(plant: Plant, caplog
 
 @pytest.mark.parametrize(
     ("later_days", "left", "text"),
-    [(0, DAYS - 1, "expires on"), (DAYS - 2, 1, "expires on"), (DAYS + 1, -2, "expired on"), (-2, DAYS + 1, "")],
+    [(0, DAYS - 1, ""), (19, 10, ""), (20, 9, "expires on"), (DAYS - 2, 1, "expires on"), (DAYS + 1, -2, "expired on")],
 )
 def test_the_days_left_and_the_warning(plant: Plant, later_days: int, left: int, text: str) -> None:
-    """The authority's own end is ten years away."""
+    """A third of 30 days is left, or less. The authority's own end is ten years away."""
     certificates = ClientCertificates("mqtt.tls", tls_of(plant))
     now_ns = WALL_NS + later_days * DAY_NS + 1_000_000_000
     assert certificates.days_left(now_ns) == left
