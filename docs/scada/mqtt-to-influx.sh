@@ -7,5 +7,12 @@ here=$(dirname "$0")
 mosquitto_sub -h "$1" -p "$2" -q 1 -c -i mqtt-to-influx -R -t 'loading/+/+/state' -t 'loading/+/+/event' |
   jq --unbuffered -r -f "$here/line-protocol.jq" |
   while IFS= read -r line; do
-    until printf '%s\n' "$line" | curl -sS -f -o /dev/null --max-time 10 --data-binary @- "$3"; do sleep 1; done
+    while :; do
+      code=$(printf '%s\n' "$line" | curl -sS -o /dev/null -w '%{http_code}' --max-time 10 --data-binary @- "$3")
+      case $code in
+        2??) break ;;
+        400 | 413 | 422) echo "skipped, refused with $code: $line" >&2; break ;;  # it would be refused again, and hold up all
+      esac
+      sleep 1
+    done
   done

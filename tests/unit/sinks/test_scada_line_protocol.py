@@ -1,10 +1,13 @@
-"""The jq program of docs/scada.md, by the real jq on real payloads."""
+"""The jq program of docs/scada.md, by the real jq on real payloads, and the script round it."""
 
 import json
+import os
 import subprocess
+import threading
 from dataclasses import replace
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 
@@ -61,3 +64,50 @@ def test_texts_stay_one_line_and_one_value() -> None:
     named = json.loads(state()) | {"site": "a b,c=d"}
     (line,) = lines(json.dumps(named).encode())
     assert line.startswith("state,site=a\\ b\\,c\\=d,bay=bay1 stop=")
+
+
+class Database(BaseHTTPRequestHandler):
+    """Refuses one line for good, and another one for a while."""
+
+    written: ClassVar[list[str]] = []
+    asked: ClassVar[list[str]] = []
+
+    def do_POST(self) -> None:
+        line = self.rfile.read(int(self.headers["Content-Length"])).decode()
+        self.asked.append(line)
+        code = 400 if "bay=bad" in line else 503 if "bay=later" in line and self.asked.count(line) == 1 else 204
+        if code == 204:
+            self.written.append(line)
+        self.send_response(code)
+        self.end_headers()
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+def test_a_line_that_the_database_refuses_for_good_does_not_hold_up_those_behind_it(tmp_path: Path) -> None:
+    bays = ["first", "bad", "later", "last"]
+    payload = b"\n".join(json.dumps(json.loads(state()) | {"bay": bay}).encode() for bay in bays)
+    (tmp_path / "payload").write_bytes(payload)
+    stand_in = tmp_path / "mosquitto_sub"
+    stand_in.write_text(f"#!/bin/sh\nexec cat {tmp_path}/payload\n")
+    stand_in.chmod(0o755)
+    with ThreadingHTTPServer(("127.0.0.1", 0), Database) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        done = subprocess.run(
+            [
+                "/bin/sh",
+                str(PROGRAM.with_name("mqtt-to-influx.sh")),
+                "broker",
+                "1883",
+                f"http://127.0.0.1:{server.server_port}",
+            ],
+            env=os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}", "no_proxy": "*"},
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+        server.shutdown()
+    assert [line.split()[0].rpartition("bay=")[2] for line in Database.written] == ["first", "later", "last"]
+    assert (done.returncode, done.stderr.count("skipped, refused with 400: state,site=site1,bay=bad ")) == (0, 1)
