@@ -11,7 +11,8 @@ import numpy as np
 from gateway.records.collector import Collector
 from gateway.records.names import PICTURES, SEGMENT, FileName
 from gateway.records.recorder_service import head_of
-from gateway.records.segment import Head, PictureHead, head_block, picture_block, records_block
+from gateway.records.segment import Head, PictureHead, SegmentBefore, head_block, picture_block, records_block
+from gateway.records.store import digest
 from gateway.vision.pixels import Image
 from tests.visit_bench import Bench, gateway, truck
 
@@ -23,19 +24,20 @@ CONFIG = gateway()
 
 
 class Recorded:
-    """Segments of 20 s and their pictures, as a recorder would have written them."""
+    """Segments of 20 s and their pictures, as a recorder would have written them; not `chained`: as an earlier one."""
 
-    def __init__(self, folder: Path, gateway: str = "site.gateway") -> None:
+    def __init__(self, folder: Path, gateway: str = "site.gateway", *, chained: bool = True) -> None:
         self.path = folder / gateway / "bay1"
         self.path.mkdir(parents=True)
         self.now_ns: Callable[[], int] = lambda: T0_NS  # the bench's clock, once there is a bench
         self.collector = Collector(lambda: unix(self.now_ns()))
+        self.before = SegmentBefore() if chained else None
         self.number = 0
         self.batch = 0
 
     def head(self, boot: str, t_ns: int) -> Head:
         head = head_of(CONFIG, CONFIG.bays[0], boot)
-        return msgspec.structs.replace(head, number=self.number, t_ns=t_ns, unix_ns=unix(t_ns))
+        return msgspec.structs.replace(head, number=self.number, t_ns=t_ns, unix_ns=unix(t_ns), before=self.before)
 
     def write(self, t_ns: int, boot: str = "a") -> Path:
         """What was collected, as one segment that begins at `t_ns`."""
@@ -46,7 +48,12 @@ class Recorded:
             blocks.append(records_block(self.batch, chunk.records))
         path = self.path / str(FileName(self.number, unix(t_ns) // S, SEGMENT))
         path.write_bytes(b"".join(blocks))
+        self.names(path)
         return path
+
+    def names(self, path: Path) -> None:
+        """The next segment names this one."""
+        self.before = self.before and SegmentBefore(path.name, path.stat().st_size, digest(path))
 
     def picture(self, t_ns: int, frame_id: int, why: str, image: Image | None = None) -> None:
         self.number += 1
@@ -63,15 +70,17 @@ def unix(t_ns: int) -> int:
     return BEGIN_NS + t_ns - T0_NS
 
 
-def recorded(folder: Path, *, until_s: float = 70, faults: tuple[dict[str, Any], ...] = ()) -> tuple[Recorded, Bench]:
+def recorded(
+    folder: Path, *, until_s: float = 70, faults: tuple[dict[str, Any], ...] = (), chained: bool = True
+) -> tuple[Recorded, Bench]:
     """A truck that waits at 70 cm, in segments of 20 s."""
-    kept = Recorded(folder)
+    kept = Recorded(folder, chained=chained)
     bench = Bench(truck(NEAR, faults=faults), CONFIG, record=kept.collector)
     kept.now_ns = lambda: bench.now_ns
     begin_ns = bench.now_ns
     while bench.t_s < until_s:
         bench.run(bench.t_s + 20)
-        kept.collector.begin()
         kept.write(begin_ns)
+        kept.collector.begin()
         begin_ns = bench.now_ns
     return kept, bench

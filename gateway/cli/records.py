@@ -1,10 +1,15 @@
-"""What is in a folder of recordings, and its index made anew.
+"""What is in a folder of recordings, whether it is complete, and its index made anew.
 
 FOLDER is that of a gateway, which holds one folder for each bay. The index (index.sqlite) is made of the segments; a
 gateway that runs keeps it up to date by itself, also where it is missing or damaged.
 
+Each segment names the one before it, with its size and SHA-256. `verify` reads everything and says what is missing,
+damaged, cut or changed; then it exits with 1. It proves that nothing is missing between the first and the last segment
+that are there; nothing proves what was before the first or behind the last, nor who wrote it: there is no signature.
+
 examples:
   gateway records list /var/lib/loading-gateway/records/site1.gateway
+  gateway records verify /var/lib/loading-gateway/records/site1.gateway
   gateway records rebuild /var/lib/loading-gateway/records/site1.gateway
 """
 
@@ -21,12 +26,12 @@ if TYPE_CHECKING:
     from gateway.records.retention import StoredFile
 
 NAME = "records"
-HELP = "list what is recorded, or make its index anew"
+HELP = "list what is recorded, prove that it is complete, or make its index anew"
 GAP_S = 1800  # a segment is a quarter of an hour; where the next begins later, something is missing
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("what", choices=("list", "rebuild"))
+    parser.add_argument("what", choices=("list", "verify", "rebuild"))
     parser.add_argument("folder", type=Path, metavar="FOLDER", help="of a gateway's recordings")
 
 
@@ -38,19 +43,22 @@ def main(args: argparse.Namespace) -> int:
     bays = {path.name: files_in(path) for path in sorted(args.folder.iterdir()) if path.is_dir()}
     if not any(bays.values()):
         raise ConfigError(f"{args.folder}: no bay's recording is in it; name the folder of a gateway (SITE.INSTANCE)")
-    if args.what == "list":
-        for bay, files in bays.items():
-            _list(bay, files)
-        return 0
-    return _rebuild(args.folder)
+    if args.what == "rebuild":
+        return _rebuild(args.folder)
+    show = _list if args.what == "list" else _verify
+    try:
+        return max(show(args.folder / bay, files) for bay, files in bays.items())
+    except OSError as error:  # the limits have deleted a file meanwhile, or the disk refuses
+        raise LinkError(f"{error.filename or args.folder}: {error.strerror}") from None
 
 
-def _list(bay: str, files: "list[StoredFile]") -> None:
+def _list(bay: Path, files: "list[StoredFile]") -> int:
+    from gateway.records.completeness import before_of
     from gateway.records.names import PICTURES, SEGMENT
 
     size = sum(file.size_bytes for file in files)
     pins = [str(file.name) for file in files if file.pinned]
-    print(f"{bay}: {len(files)} files, {size / 1e6:.1f} MB, {len(pins)} pinned")
+    print(f"{bay.name}: {len(files)} files, {size / 1e6:.1f} MB, {len(pins)} pinned")
     for day, of_day in groupby(files, key=lambda file: _day(file.name.unix_s)):
         found = list(of_day)
         counts = [sum(file.name.kind == kind for file in found) for kind in (SEGMENT, PICTURES)]
@@ -58,10 +66,31 @@ def _list(bay: str, files: "list[StoredFile]") -> None:
         print(f"  {day}  {size / 1e6:9.1f} MB  {counts[0]:4} segments  {counts[1]:4} files of pictures")
     segments = [file.name for file in files if file.name.kind == SEGMENT]
     for before, after in pairwise(segments):
-        if not 0 <= after.unix_s - before.unix_s <= GAP_S:
-            print(f"  gap between {before} and {after}")
+        known = before_of(bay / str(after))
+        if known is not None and known.name != str(before):
+            print(f"  missing: everything between {before} and {after}")
+        elif not 0 <= after.unix_s - before.unix_s <= GAP_S:
+            print(f"  gap between {before} and {after}{'' if known is None else ': nothing was written'}")
     for name in pins:
         print(f"  pinned: {name}")
+    return 0
+
+
+def _verify(bay: Path, files: "list[StoredFile]") -> int:
+    from gateway.cli.vision_args import progress
+    from gateway.records.completeness import verified
+    from gateway.records.names import SEGMENT
+
+    paths = [bay / str(file.name) for file in files if file.name.kind == SEGMENT]
+    with progress(bay.name, len(paths)) as advance:
+        found = verified(paths, advance)
+    print(f"{bay.name}: {len(paths)} segments{f', {paths[0].name} to {paths[-1].name}' if paths else ''}")
+    for why in found.faults:
+        print(f"  {why}")
+    print(f"  {found.proven} are as the next one names them, {len(found.faults)} faults")
+    if found.unchained:
+        print(f"  {found.unchained} name no segment before them: an earlier version wrote them")
+    return int(bool(found.faults))
 
 
 def _day(unix_s: int) -> str:

@@ -28,7 +28,8 @@ MOST_SHOWN = 20
 def run(args: argparse.Namespace, other: GatewayConfig | None) -> int:
     """0: all the same, and nothing missing. Raises ConfigError."""
     paths = recording.segments_of(args.recording)
-    replay = Replay(RecordedRules()) if other is None else Replay(_rules_in(other, args.bay), exact=False)
+    recorded = RecordedRules()
+    replay = Replay(recorded) if other is None else Replay(_rules_in(other, args.bay), exact=False)
     with vision_args.progress("replay", len(paths)) as advance:
 
         def each() -> Iterator[Path]:
@@ -37,7 +38,8 @@ def run(args: argparse.Namespace, other: GatewayConfig | None) -> int:
                 advance()
 
         seen = _Seen(replay)
-        intervals = list(otherwise(seen.steps(recording.records(each()))))
+        items = recording.records(each())
+        intervals = list(otherwise(seen.steps(recorded.readable(items) if other is None else items)))
     if other is None:
         return _print_same(seen, as_json=args.json)
     return _print_otherwise(seen, intervals, folders_of(args.recording), as_json=args.json)

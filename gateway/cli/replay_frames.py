@@ -18,13 +18,15 @@ WHY_NOT_EXACT = "a full search of one picture is not the tracked one of the reco
 
 
 def run(args: argparse.Namespace, other: "GatewayConfig | None") -> int:
-    """0: all the same; 1: any differs, or there is none. Raises ConfigError."""
+    """0: all the same; 1: any differs, is missing, or there is none. Raises ConfigError."""
     from gateway.cli import vision_args
     from gateway.cli.recording_args import folders_of
     from gateway.records import frames_again, recording
     from gateway.records.excerpt import Excerpt
+    from gateway.records.recording import MissingItem
 
     found: list[FrameAgain] = []
+    missing: list[str] = []
     settings: dict[str, VisionConfig] = {}
 
     def params(head: "Head") -> "VisionConfig":
@@ -35,17 +37,23 @@ def run(args: argparse.Namespace, other: "GatewayConfig | None") -> int:
     for folder in folders_of(args.recording):
         readings = Excerpt.of(folder, None, None).readings()
         with vision_args.progress("frames", len(recording.pictures_in(folder))) as advance:
-            found += frames_again.again(folder, readings, None if other is None else params, advance)
-    if not found:
+            for frame in frames_again.again(folder, readings, None if other is None else params, advance):
+                if isinstance(frame, MissingItem):
+                    missing.append(frame.why)
+                else:
+                    found.append(frame)
+    if not found and not missing:
         raise ConfigError(f"{', '.join(map(str, args.recording))}: no pictures are kept there")
     known = [frame for frame in found if frame.was is not None]
     same = sum(frame.same for frame in known)
     largest = sorted((frame for frame in known), key=_importance, reverse=True)
     if args.json:
-        print(json.dumps(_document(found, known, same, largest), allow_nan=False))
+        print(json.dumps({**_document(found, known, same, largest), "missing": missing}, allow_nan=False))
     else:
+        for why in missing:
+            print(f"missing: {why}")
         _print(found, known, same, [frame for frame in largest if not frame.same])
-    return int(same < len(found))
+    return int(same < len(found) or bool(missing))
 
 
 def _importance(frame: "FrameAgain") -> tuple[bool, float]:

@@ -42,6 +42,9 @@ def otherwise(steps: Iterable[Step]) -> Iterator[Otherwise]:
     open_: tuple[Head, Step, Decision, Decision] | None = None
     newest: Step | None = None
     for step in steps:
+        if open_ is not None and newest is not None and step.observation is None:
+            yield _interval(*open_, newest)  # what was between is not known
+            open_ = None
         newest = step
         now, was = Decision.of(step.state), step.recorded
         differs = was is not None and _judged(was) != _judged(now)

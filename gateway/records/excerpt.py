@@ -75,11 +75,12 @@ class Excerpt:
     def moments(self) -> Iterator[Step | tuple[int, EventRecord]]:
         """The steps, at most `hz` a second and those that change the outputs, and the events (with Unix ns)."""
         self.missing, self.differing, self.visits = [], 0, []
-        replay = Replay(RecordedRules())
+        rules = RecordedRules()
+        replay = Replay(rules)
         newest_ns: int | None = None
         last: tuple[object, ...] = ()
         events: list[tuple[int, EventRecord]] = []
-        for found in replay.run(self._items(events)):
+        for found in replay.run(rules.readable(self._items(events))):
             while events:
                 at_ns, event = events.pop(0)
                 if self.begin_ns <= at_ns <= self.end_ns:

@@ -15,7 +15,7 @@ from gateway.core.readings import Quality, VisionReading
 from gateway.errors import ConfigError, ProtocolError
 from gateway.records import picture_search, recording
 from gateway.records.recording import MissingItem
-from gateway.records.segment import BlockKind, DamagedBytes, Head, RecordedPicture, blocks, head_of
+from gateway.records.segment import Head, RecordedPicture
 from gateway.vision.detect import registry
 from gateway.vision.detect.geometry import distance_px
 
@@ -59,36 +59,38 @@ def again(
     readings: dict[tuple[int, int], VisionReading],
     other: Callable[[Head], VisionConfig] | None = None,
     advance: Callable[[], None] = lambda: None,
-) -> Iterator[FrameAgain]:
+) -> Iterator[FrameAgain | MissingItem]:
     """Every kept picture of the folder whose frame is in `readings` or has none recorded, by the recorded settings or
-    by `other`. Raises ConfigError and OSError."""
+    by `other`. Raises OSError, and ConfigError where `other` does."""
     for path in recording.pictures_in(folder):
-        head = head_in(path)
+        head = recording.head_in(path)
         advance()
         if head is None:
+            yield MissingItem(f"{path.name}: its head is damaged")
             continue
-        params = vision_of(recording.config_of(head), head.bay) if other is None else other(head)
+        try:
+            params = (other or _recorded)(head)
+        except ConfigError as error:
+            if other is not None:
+                raise
+            yield MissingItem(f"{path.name}: {error}")
+            continue
         search = registry.once(params.model_copy(update={"tracking": False}))
         for picture in recording.pictures(path):
             if isinstance(picture, MissingItem):
+                yield picture
                 continue
             try:
                 image = picture_search.decoded(picture)
-            except ProtocolError:
+            except ProtocolError as error:
+                yield MissingItem(f"{path.name}: {error}")
                 continue
             was = readings.get((picture.head.frame_id, picture.head.t_ns))
             yield FrameAgain(path, head, picture, was, search(image, picture.head.t_ns).circle)
 
 
-def head_in(path: Path) -> Head | None:
-    """None: it is damaged."""
-    for block in blocks(path.read_bytes()):
-        if not isinstance(block, DamagedBytes) and block.kind == BlockKind.HEAD:
-            try:
-                return head_of(block.payload)
-            except ProtocolError:
-                return None
-    return None
+def _recorded(head: Head) -> VisionConfig:
+    return vision_of(recording.config_of(head), head.bay)
 
 
 def vision_of(settings: GatewayConfig, name: str) -> VisionConfig:

@@ -18,9 +18,9 @@ from gateway.records import chain, names, recording
 from gateway.records.chain import Link
 from gateway.records.factors import Cause, causes
 from gateway.records.moment import unix_ns
-from gateway.records.record import AnyRecord, Checkpoint, Decision, EventRecord
+from gateway.records.record import AnyRecord, Checkpoint, Decision, EventRecord, observed
 from gateway.records.recorded_rules import RecordedRules
-from gateway.records.recording import Item, MissingItem, Place
+from gateway.records.recording import Continuity, Item, MissingItem, Place
 from gateway.records.replay import Difference, NoTick, Replay, Step
 from gateway.records.segment import Head
 
@@ -87,11 +87,11 @@ class Inquiry:
         end_ns = max(at_ns + round(WINDOW_S * NS_PER_S), until_ns or 0)
         first, last = place, place + 1
         items = self._items(self._paths[place])
-        while first > 0 and (not items or items[0][0] > begin_ns - LEAD_S * NS_PER_S):
+        while first > 0 and (_head_in(items) is None or items[0][0] > begin_ns - LEAD_S * NS_PER_S):
             first -= 1
-            items = [*self._items(self._paths[first]), *items]
-        while last < len(self._paths) and (not items or items[-1][0] < end_ns):
-            items = [*items, *self._items(self._paths[last])]
+            items = [*self._items(self._paths[first]), *self._between(first + 1), *items]
+        while last < len(self._paths) and _behind(items, end_ns) is None:
+            items = [*items, *self._between(last), *self._items(self._paths[last])]
             last += 1
         steps, missing, differing = self._replayed(items, begin_ns, end_ns)
         decided = [s for s in steps if not isinstance(s.observation, NoTick)]
@@ -100,7 +100,7 @@ class Inquiry:
         rules = self._rules.of(head)
         silence, state, found = self._shown(decided, step, items, at_ns, rules)
         found_links = chain.within(chain.links(steps, self._rules.of), begin_ns, end_ns)
-        since_ns, earlier = self._since(items, first, at_ns, progress)
+        since_ns, earlier = (None, []) if state is None else self._since(items, first, at_ns, progress)
         split = max((n + 1 for n, link in enumerate(found_links) if link.what and link.unix_ns <= at_ns), default=0)
         kept, after = chain.relevant(earlier, found_links[:split], since_ns), tuple(found_links[split:])
         events = tuple(
@@ -134,24 +134,48 @@ class Inquiry:
         if path not in self._loaded:
             found: list[Dated] = []
             t_ns = 0
+            head: Head | None = None
             for item in recording.records([path]):
-                t_ns = t_ns if isinstance(item, MissingItem) else unix_ns(item[0].head, item[1].t_ns)
+                if not isinstance(item, MissingItem):
+                    head = item[0].head
+                    t_ns = unix_ns(head, item[1].t_ns)
                 found.append((t_ns, item))
-            first = next((t for t, _ in found if t), 0)
+            name = names.parsed(path.name)
+            assert name is not None
+            first = next((t for t, _ in found if t), name.unix_s * NS_PER_S)
+            if head is not None and (refused := self._rules.refused(head)):
+                found = [(t, MissingItem(f"{path.name}: {refused}")) for t in (first, t_ns)]
             while len(self._loaded) >= MOST_LOADED:
                 self._loaded.pop(next(iter(self._loaded)))
             self._loaded[path] = [(t or first, item) for t, item in found]
         return self._loaded[path]
 
+    def _between(self, n: int) -> list[Dated]:
+        """What is missing between the segment `n` and the one before it; nothing, as a rule."""
+        earlier, later = self._items(self._paths[n - 1]), self._items(self._paths[n])
+        continuity = Continuity()
+        continuity.begins(self._paths[n - 1], _head_in(earlier))
+        for _, item in earlier[_newest_checkpoint(earlier) :]:
+            if isinstance(item, MissingItem):
+                continuity.steps = None
+            else:
+                continuity.follows(item[1])
+        why = continuity.begins(self._paths[n], _head_in(later))
+        for _, item in later:
+            if why or isinstance(item, MissingItem):
+                break
+            why = continuity.follows(item[1])
+            if isinstance(item[1], Checkpoint):
+                break
+        return [(earlier[-1][0] if earlier else later[0][0], MissingItem(why))] if why else []
+
     def _replayed(self, items: Sequence[Dated], begin_ns: int, end_ns: int) -> tuple[list[Step], tuple[str, ...], int]:
         """The steps of a window, from a complete state LEAD_S or more before it."""
-        begin = 0
-        for n, (t_ns, item) in enumerate(items):
-            if t_ns > begin_ns - LEAD_S * NS_PER_S:
-                break
-            if not isinstance(item, MissingItem) and isinstance(item[1], Checkpoint):
-                begin = n
-        end = next((n for n, (t_ns, _) in enumerate(items) if n > begin and t_ns > end_ns), len(items))
+        lead_ns = begin_ns - LEAD_S * NS_PER_S
+        earlier = next((n for n, (t_ns, _) in enumerate(items) if t_ns > lead_ns), len(items))
+        begin = _newest_checkpoint(items[:earlier])
+        behind = _behind(items[begin + 1 :], end_ns)
+        end = len(items) if behind is None else begin + 1 + behind
         # The last item is that behind the window: whether the gateway went on is part of the answer.
         replay = Replay(self._rules)
         steps: list[Step] = []
@@ -161,7 +185,7 @@ class Inquiry:
                 differing += 1
             else:
                 steps.append(found)
-        return steps, tuple(replay.missing), differing
+        return steps, tuple(dict.fromkeys(replay.missing)), differing
 
     def _shown(
         self, steps: Sequence[Step], step: Step | None, items: Sequence[Dated], at_ns: int, rules: Rules
@@ -173,7 +197,8 @@ class Inquiry:
         if valid(step.state, now_ns) and step.state.reason is not Reason.SHUTDOWN:
             return "", step.state, causes(step.state, rules, now_ns)
         after = next((s for s in steps if _unix(s) > at_ns), None)
-        lost = _lost(items, _unix(step), at_ns)
+        if lost := _lost(items, _unix(step), at_ns):
+            return f"records are missing: {'; '.join(lost)}", None, ()
         state = shown_at(step.state, now_ns)
         found = causes(step.state, rules, now_ns)
         silent = f"the last step before was {(at_ns - _unix(step)) / NS_PER_S:.2f} s earlier"
@@ -181,8 +206,6 @@ class Inquiry:
             silence = "the gateway had been shut down"
         elif after is not None and after.place.head.boot != step.place.head.boot:
             silence = f"the gateway did not run: {silent}; it ended without shutting down"
-        elif lost:
-            return f"records are missing: {'; '.join(lost)}", None, ()
         elif after is None:
             silence = f"the recording ends before that moment: {silent}"
         else:
@@ -216,12 +239,13 @@ class Inquiry:
             first -= 1
             progress()
             # Of what is later only the next segment may be replayed with it: a day is too much to be kept in memory.
-            items, earlier = self._items(self._paths[first + 1]), self._items(self._paths[first])
+            items = self._items(self._paths[first + 1])
+            earlier = [*self._items(self._paths[first]), *self._between(first + 1)]
             items, at = [*earlier, *items], len(earlier)
 
     def _led(self, items: list[Dated], first: int) -> list[Dated]:
         """With the segment before, so that what led to a change at the begin of `items` is replayed, too."""
-        return items if first == 0 else [*self._items(self._paths[first - 1]), *items]
+        return items if first == 0 else [*self._items(self._paths[first - 1]), *self._between(first), *items]
 
     def _explained(
         self, items: Sequence[Dated], newest_first: Sequence[tuple[int, Decision]]
@@ -249,7 +273,30 @@ def _lost(items: Sequence[Dated], begin_ns: int, end_ns: int) -> list[str]:
             lost = []
         elif t_ns > end_ns:
             break
-    return lost
+    return list(dict.fromkeys(lost))
+
+
+def _newest_checkpoint(items: Sequence[Dated]) -> int:
+    """Its place; 0: none is there."""
+    for n in reversed(range(len(items))):
+        item = items[n][1]
+        if not isinstance(item, MissingItem) and isinstance(item[1], Checkpoint):
+            return n
+    return 0
+
+
+def _behind(items: Sequence[Dated], end_ns: int) -> int | None:
+    """The place of the first item later than `end_ns` that shows whether the gateway went on."""
+    for n, (t_ns, item) in enumerate(items):
+        if t_ns > end_ns and (
+            isinstance(item, MissingItem) or isinstance(item[1], Checkpoint) or observed(item[1]) is not None
+        ):
+            return n
+    return None
+
+
+def _head_in(items: Sequence[Dated]) -> Head | None:
+    return next((item[0].head for _, item in items if not isinstance(item, MissingItem)), None)
 
 
 def _pair(decision: Decision) -> tuple[bool, bool]:
@@ -271,5 +318,6 @@ def _unix(step: Step) -> int:
 def _head_near(items: Sequence[Dated], at_ns: int) -> Head:
     places: list[tuple[int, Place]] = [(t, item[0]) for t, item in items if not isinstance(item, MissingItem)]
     if not places:
-        raise ConfigError("no record near that moment can be read")
+        missing = dict.fromkeys(item.why for _, item in items if isinstance(item, MissingItem))
+        raise ConfigError(f"no record near that moment can be read: {'; '.join(missing)}")
     return min(places, key=lambda found: abs(found[0] - at_ns))[1].head

@@ -11,7 +11,7 @@ from gateway.core.fusion import Observation
 from gateway.core.plc import PlcConnection, PlcWrite
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.shown import shown
-from gateway.core.state import FunctionCheck, GuidanceCode, Moved, Reason, StateVector, VisitPhase
+from gateway.core.state import FunctionCheck, GuidanceCode, Moved, Reason, StateVector, Tick, VisitPhase
 from gateway.core.visit_summary import VisitSummary
 from gateway.errors import ProtocolError
 from gateway.modbus.registers.bay_identity import BayIdentity
@@ -188,3 +188,20 @@ def of_observation(observation: Observation, t_ns: int) -> Record:
             return FunctionCheckRecord(t_ns=t_ns, mode=observation)
         case _:
             return TickRecord(t_ns=t_ns)
+
+
+OBSERVATION = {
+    FrameRecord: "reading",
+    DistanceRecord: "reading",
+    WriteRecord: "write",
+    ConnectionRecord: "change",
+    FunctionCheckRecord: "mode",
+}
+
+
+def observed(record: AnyRecord) -> Observation | None:
+    """What entered the control step; None: a record of another kind."""
+    if isinstance(record, TickRecord):
+        return Tick()
+    name = OBSERVATION.get(type(record))
+    return None if name is None else getattr(record, name)

@@ -1,9 +1,11 @@
 """The rules by which a recording was made: those of the configuration in the head of each segment. Pure."""
 
+from collections.abc import Iterable, Iterator
+
 from gateway.core.interlock import Rules
 from gateway.errors import ConfigError
 from gateway.modbus.registers.register import WordOrder
-from gateway.records.recording import config_of
+from gateway.records.recording import Item, MissingItem, config_of
 from gateway.records.segment import Head
 
 
@@ -25,3 +27,24 @@ class RecordedRules:
 
     def of(self, head: Head) -> Rules:
         return self(head)[0]
+
+    def readable(self, items: Iterable[Item | MissingItem]) -> Iterator[Item | MissingItem]:
+        """The same, without the records whose configuration this version refuses: each such segment is missing."""
+        head: Head | None = None
+        refused = ""
+        for item in items:
+            if not isinstance(item, MissingItem) and item[0].head is not head:
+                head = item[0].head
+                refused = self.refused(head)
+                if refused:
+                    yield MissingItem(f"{item[0].path.name}: {refused}")
+            if isinstance(item, MissingItem) or not refused:
+                yield item
+
+    def refused(self, head: Head) -> str:
+        """Why this version refuses its configuration; empty: it does not."""
+        try:
+            self(head)
+        except ConfigError as error:
+            return str(error)
+        return ""

@@ -1,12 +1,15 @@
 """Reads what was recorded of a bay: the records of many segments as one series. IO.
 
-A segment that cannot be read, a damaged part of one, records that were never written: each is one Missing in its place,
-and reading goes on behind it.
+A segment that cannot be read or is not there, a damaged part of one, records that were never written: each is one
+Missing in its place, and reading goes on behind it.
 """
 
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+
+from pydantic import ValidationError
 
 from gateway.config import GatewayConfig
 from gateway.core.visit_summary import VisitEnd, VisitSummary
@@ -14,8 +17,9 @@ from gateway.errors import ConfigError, ProtocolError
 from gateway.records import names
 from gateway.records.files import files_in
 from gateway.records.names import PICTURES, SEGMENT
-from gateway.records.record import AnyRecord, Gap, VisitRecord
+from gateway.records.record import AnyRecord, Checkpoint, Gap, VisitRecord, observed
 from gateway.records.segment import (
+    Block,
     BlockKind,
     DamagedBytes,
     Head,
@@ -25,6 +29,9 @@ from gateway.records.segment import (
     head_of,
     picture_of,
 )
+
+BEGINS = -1
+HEAD_BYTES = 1 << 20  # of a file; its head is smaller
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +54,52 @@ class MissingItem:
 
 
 Item = tuple[Place, AnyRecord]
+
+
+@dataclass(slots=True)
+class Continuity:
+    """Follows records in their order, and says where some are not there: by the segment that a head names as the one
+    before it, and by the number of the state at each Checkpoint, which counts the steps. `steps`: None: not known until
+    the next Checkpoint; BEGINS: a start of the gateway is expected. `batch`: the newest of this start."""
+
+    path: Path | None = None
+    head: Head | None = None
+    steps: int | None = None
+    batch: int = 0
+
+    def begins(self, path: Path, head: Head | None) -> str:
+        """Another segment, with its head as far as that can be read: what is missing before it; empty: nothing."""
+        before_path, before, self.path = self.path, self.head, path
+        if head is None:
+            self.steps = None
+            return ""
+        self.head = head
+        of_another = before is not None and _of(before) != _of(head)
+        if before is None or of_another or before.boot != head.boot:
+            self.batch = 0
+            self.steps = None if before is None or of_another else BEGINS
+        if of_another or before_path is None or head.before is None or head.before.name == before_path.name:
+            return ""
+        self.steps = None
+        return f"everything between {before_path.name} and {path.name}"
+
+    def follows(self, record: AnyRecord) -> str:
+        """Another record of that segment: what is missing before it; empty: nothing, as far as that can be known."""
+        expected = self.steps
+        if not isinstance(record, Checkpoint):
+            if expected not in (None, BEGINS) and observed(record) is not None:
+                self.steps = expected + 1
+            return ""
+        self.steps = record.state.seq
+        if not record.follows or expected in (None, self.steps):
+            return ""
+        assert self.path is not None
+        lost = "the start of the gateway" if expected == BEGINS else f"{self.steps - expected} steps"
+        return f"{lost} before a complete state in {self.path.name}"
+
+
+def _of(head: Head) -> tuple[str, str, str]:
+    return head.site, head.instance, head.bay
 
 
 def segments_of(paths: Iterable[Path]) -> list[Path]:
@@ -75,33 +128,45 @@ def _files(folder: Path, kind: str) -> list[Path]:
 
 def records(paths: Iterable[Path]) -> Iterator[Item | MissingItem]:
     """All records of these segments, in order; each batch once. Raises OSError for a file that can't be read."""
-    boot, newest = "", 0
+    continuity = Continuity()
     for path in paths:
         head: Head | None = None
         number = 0
-        for block in blocks(path.read_bytes()):
+        for block in blocks(data := path.read_bytes()):
             if isinstance(block, DamagedBytes):
-                yield MissingItem(f"{path.name}: {block.length} bytes at {block.offset} are damaged or were cut off")
+                continuity.steps = None
+                yield _damaged(path, block, len(data))
                 continue
             try:
                 if block.kind == BlockKind.HEAD:
                     head = head_of(block.payload)
-                    if head.boot != boot:
-                        boot, newest = head.boot, 0
+                    if why := continuity.begins(path, head):
+                        yield MissingItem(why)
                 elif block.kind == BlockKind.RECORDS and head is not None:
                     batch, found = batch_of(block.payload)
-                    if batch <= newest:
+                    if batch <= continuity.batch:
                         continue  # written twice: the recorder died before it could acknowledge it
-                    newest = batch
+                    continuity.batch = batch
                     for record in found:
+                        if why := continuity.follows(record):
+                            yield MissingItem(why)
                         yield Place(path, head, number), record
                         number += 1
                         if isinstance(record, Gap):
+                            continuity.steps = None
                             yield MissingItem(f"{path.name}: {record.lost} records were {record.why}")
             except ProtocolError as error:
+                continuity.steps = None
                 yield MissingItem(f"{path.name}: {error}")
         if head is None:
+            continuity.begins(path, None)
             yield MissingItem(f"{path.name}: its head is damaged")
+
+
+def _damaged(path: Path, block: DamagedBytes, size_bytes: int) -> MissingItem:
+    if block.offset + block.length == size_bytes:
+        return MissingItem(f"{path.name}: cut off at its end, or damaged there: the last {block.length} bytes")
+    return MissingItem(f"{path.name}: {block.length} bytes at {block.offset} are damaged")
 
 
 def open_visit(folder: Path, boot: str) -> VisitSummary | None:
@@ -123,9 +188,9 @@ def open_visit(folder: Path, boot: str) -> VisitSummary | None:
 
 def pictures(path: Path) -> Iterator[RecordedPicture | MissingItem]:
     """The pictures of one file, oldest first. Raises OSError."""
-    for block in blocks(path.read_bytes()):
+    for block in blocks(data := path.read_bytes()):
         if isinstance(block, DamagedBytes):
-            yield MissingItem(f"{path.name}: {block.length} bytes at {block.offset} are damaged or were cut off")
+            yield _damaged(path, block, len(data))
         elif block.kind == BlockKind.PICTURE:
             try:
                 yield picture_of(block.payload)
@@ -133,9 +198,21 @@ def pictures(path: Path) -> Iterator[RecordedPicture | MissingItem]:
                 yield MissingItem(f"{path.name}: {error}")
 
 
+def head_in(path: Path) -> Head | None:
+    """None: it is damaged, or of a later version. Raises OSError."""
+    with path.open("rb") as file:
+        data = file.read(HEAD_BYTES)
+    for block in blocks(data):
+        if isinstance(block, Block) and block.kind == BlockKind.HEAD:
+            with suppress(ProtocolError):
+                return head_of(block.payload)
+    return None
+
+
 def config_of(head: Head) -> GatewayConfig:
     """The configuration that a segment was recorded with. Raises ConfigError where this version refuses it."""
     try:
         return GatewayConfig.model_validate_json(head.config)
-    except ValueError as error:
-        raise ConfigError(f"the recorded configuration of {head.gateway_version} does not fit: {error}") from None
+    except ValidationError as error:
+        why = "; ".join(f"{'.'.join(map(str, fault['loc']))}: {fault['msg']}" for fault in error.errors())
+        raise ConfigError(f"the recorded configuration of {head.gateway_version} does not fit: {why}") from None

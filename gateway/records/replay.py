@@ -14,35 +14,22 @@ from gateway.core import interlock
 from gateway.core.fusion import Observation
 from gateway.core.interlock import Rules
 from gateway.core.shown import lapsed
-from gateway.core.state import StateVector, Tick
+from gateway.core.state import StateVector
 from gateway.modbus.registers.bay_identity import NO_BAY
 from gateway.modbus.registers.register import WordOrder
 from gateway.modbus.registers.register_map import MAP_VERSION, REGISTERS
 from gateway.records.record import (
     OUTPUTS,
-    AnyRecord,
     Checkpoint,
-    ConnectionRecord,
     Decision,
-    DistanceRecord,
-    FrameRecord,
-    FunctionCheckRecord,
     RegisterImage,
-    TickRecord,
-    WriteRecord,
+    observed,
     outputs,
 )
 from gateway.records.recording import Item, MissingItem, Place
 from gateway.records.segment import Head
 
 Change = tuple[object, object]  # as recorded, and now
-OBSERVATION = {
-    FrameRecord: "reading",
-    DistanceRecord: "reading",
-    WriteRecord: "write",
-    ConnectionRecord: "change",
-    FunctionCheckRecord: "mode",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,11 +105,12 @@ class Replay:
                 if record.follows and state is not None and self.exact and same_version:
                     self.checkpoints += 1
                     yield from _different(place, record.t_ns, _state_changes(record.state, state))
-                if not record.follows:
-                    recorded = None
-                if self.exact or not record.follows or state is None:
+                begins = begins or state is None
+                if begins:
+                    recorded = Decision.of(record.state) if record.follows else None
+                if self.exact or begins:
                     state = _within(record.state, rules)
-                    step = None if record.follows else Step(place, None, state, None)
+                    step = Step(place, None, state, None) if begins else None
             elif isinstance(record, RegisterImage):
                 if state is not None and self.exact and _map_version(record) == MAP_VERSION:
                     self.images += 1
@@ -132,14 +120,6 @@ class Replay:
                 state = interlock.step(state, observation, record.t_ns, rules)
                 step = Step(place, observation, state, None)
         yield from _judged(step, recorded)
-
-
-def observed(record: AnyRecord) -> Observation | None:
-    """What entered the control step; None: a record of another kind."""
-    if isinstance(record, TickRecord):
-        return Tick()
-    name = OBSERVATION.get(type(record))
-    return None if name is None else getattr(record, name)
 
 
 def _judged(step: Step | None, recorded: Decision | None) -> Iterator[Step | Difference]:

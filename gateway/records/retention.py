@@ -1,7 +1,7 @@
 """Which files of a bay's recording are to be deleted. Pure: (files, limits, time, free space) -> files.
 
 The oldest first, by number: a clock that jumps changes no order. What somebody has pinned goes last, and only for size
-and free space, never for its age. The newest file and the segment
+and free space, never for its age. The newest file, the newest segment, which the next one names, and the segment
 that is being written stay. Files of rows have limits of their own: they stay when the segments are gone.
 """
 
@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from gateway.records.names import PICTURES, ROWS, FileName
+from gateway.records.names import PICTURES, ROWS, SEGMENT, FileName
 
 DAY_S = 86_400
 ROWS_SHARE = 0.1  # of max_bytes
@@ -49,7 +49,8 @@ def surplus(
     files = [file for file in files if file.name.kind != ROWS]
     if not files:
         return deleted
-    kept = {max(file.name.number for file in files), being_written}
+    segments = [file.name.number for file in files if file.name.kind == SEGMENT]
+    kept = {max(file.name.number for file in files), max(segments, default=None), being_written}
     closed = sorted(
         (f for f in files if f.name.number not in kept), key=lambda f: (f.pinned, f.name.number, f.name.kind)
     )

@@ -36,9 +36,19 @@ class BlockKind(IntEnum):
     ROWS = 4  # in a file of its own: row_files
 
 
+class SegmentBefore(msgspec.Struct, frozen=True):
+    """The bay's segment before another one, as it was on the disk when that was begun. `name`: of the file; empty:
+    there was none. `sha256`: of the whole file, hexadecimal; empty: it could not be read."""
+
+    name: str = ""
+    size_bytes: int = 0
+    sha256: str = ""
+
+
 class Head(msgspec.Struct, frozen=True, kw_only=True):
     """What a segment's records are of. `config`: the gateway's configuration with this bay only, without passwords, as
-    JSON. `boot`: a random number of the gateway's start; `number` counts the bay's segments."""
+    JSON. `boot`: a random number of the gateway's start; `number` counts the bay's segments. `before`: None: of a
+    version that did not chain them."""
 
     bay: str
     number: int
@@ -50,6 +60,7 @@ class Head(msgspec.Struct, frozen=True, kw_only=True):
     t_ns: int  # monotonic, when the segment began
     unix_ns: int  # the same moment
     config: str
+    before: SegmentBefore | None = None
 
 
 class Batch(msgspec.Struct, frozen=True, array_like=True):

@@ -6,10 +6,13 @@ failed is given up: the next block begins another one, so that damage stays wher
 
 import contextlib
 import errno
+import hashlib
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+
+import msgspec
 
 from gateway.durations import NS_PER_S
 from gateway.files import sync_folder, write_all
@@ -17,7 +20,7 @@ from gateway.records import retention, row_files
 from gateway.records.files import files_in
 from gateway.records.names import PICTURES, PIN, SEGMENT, FileName
 from gateway.records.retention import RetentionLimits, StoredFile
-from gateway.records.segment import Head, head_block
+from gateway.records.segment import Head, SegmentBefore, head_block
 
 SEGMENT_NS = 900 * NS_PER_S
 
@@ -125,7 +128,7 @@ class Store:
 
     def _open(self, t_ns: int) -> None:
         number = self._next_number(0)
-        head = self.head(number)
+        head = msgspec.structs.replace(self.head(number), before=self._before())
         path = self.folder / str(FileName(number, head.unix_ns // NS_PER_S, SEGMENT))
         fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_NOFOLLOW, 0o640)
         try:
@@ -138,6 +141,17 @@ class Store:
         self.written_bytes += len(data)
         self._fd, self._begun_ns, self._dirty, self._open_number = fd, t_ns, True, number
 
+    def _before(self) -> SegmentBefore:
+        """The newest segment, so that the next one proves that it was there, and as what."""
+        newest = next((file for file in reversed(self.files()) if file.name.kind == SEGMENT), None)
+        if newest is None:
+            return SegmentBefore()
+        try:
+            found = digest(self.folder / str(newest.name))
+        except OSError:  # it cannot be proven; recording goes on
+            found = ""
+        return SegmentBefore(str(newest.name), newest.size_bytes, found)
+
     def _next_number(self, length: int) -> int:
         """The number of a new file of about `length` bytes."""
         if self._number is None:
@@ -149,3 +163,9 @@ class Store:
         self._leave_room(length)
         self._number += 1
         return self._number
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of a file, hexadecimal. Raises OSError."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -14,8 +14,8 @@ from gateway.records.names import PICTURES, PIN, parsed
 from gateway.records.record import Gap, TickRecord, packed
 from gateway.records.recording import MissingItem
 from gateway.records.retention import RetentionLimits
-from gateway.records.segment import Head, PictureHead, picture_block, records_block
-from gateway.records.store import SEGMENT_NS, Store
+from gateway.records.segment import Head, PictureHead, SegmentBefore, picture_block, records_block
+from gateway.records.store import SEGMENT_NS, Store, digest
 from tests.unit.records.test_segment import HEAD
 
 UNLIMITED = RetentionLimits(10**15, 0, 0)
@@ -58,6 +58,38 @@ def test_numbers_go_on_over_restarts_whatever_the_clock_says(tmp_path: Path) -> 
         kept.close()
     assert [f.name.number for f in files_in(tmp_path)] == [1, 2, 3]
     assert read(tmp_path)[0] == [1, 2, 3]
+
+
+def test_each_segment_names_the_one_before_it_also_over_a_restart(tmp_path: Path) -> None:
+    for boot in ("a", "b"):
+        kept = store(tmp_path, RetentionLimits(0, 0, 0), boot=boot)
+        kept.append(ticks(1), 0, begins=True)
+        kept.append(ticks(2), SEGMENT_NS, begins=True)
+        kept.close()
+        kept.pictures([picture_block(PictureHead(1, 1, 1, "png"), b"x")])
+    paths = recording.segments_of([tmp_path])
+    known = [head.before for path in paths if (head := recording.head_in(path)) is not None]
+    expected = [SegmentBefore(path.name, path.stat().st_size, digest(path)) for path in paths]
+    assert known == [SegmentBefore(), *expected[:-1]]
+    kept.delete_surplus(None)  # nothing may stay, but the next segment must name the newest one
+    kept.append(ticks(3), 0, begins=True)
+    kept.close()
+    head = recording.head_in(recording.segments_of([tmp_path])[-1])
+    assert head is not None
+    assert head.before == expected[-1]
+
+
+def test_a_segment_that_cannot_be_read_again_stops_no_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept = store(tmp_path)
+    kept.append(ticks(1), 0, begins=True)
+    monkeypatch.setattr(
+        "gateway.records.store.digest", lambda _: (_ for _ in ()).throw(OSError(errno.EIO, "I/O error"))
+    )
+    kept.append(ticks(2), SEGMENT_NS, begins=True)
+    kept.close()
+    assert read(tmp_path) == ([1, 2], [])
 
 
 def test_a_block_that_was_written_twice_is_read_once(tmp_path: Path) -> None:

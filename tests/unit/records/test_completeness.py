@@ -1,0 +1,179 @@
+"""A segment that is not there is missing, whoever reads the recording; and what the chain of hashes proves."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from gateway.cli.main import main
+from gateway.core.state import Reason
+from gateway.records import recording
+from gateway.records.inquiry import Answer, Inquiry
+from gateway.records.segment import MAGIC, BlockKind, block, blocks
+from tests.recorded_bay import T0_NS, Recorded, S, recorded, unix
+from tests.visit_bench import Bench, truck
+
+pytestmark = pytest.mark.one_interpreter
+
+
+@pytest.fixture(scope="module", params=[True, False], ids=["chained", "of an earlier version"])
+def gap(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    """Segments of 20 s, without that from second 16 on."""
+    folder, _ = recorded(tmp_path_factory.mktemp("gap"), until_s=50, chained=request.param)
+    segment(folder, 2).unlink()
+    return folder
+
+
+@pytest.fixture(scope="module")
+def recording_of_50_s(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    return recorded(tmp_path_factory.mktemp("whole"), until_s=50)[0]
+
+
+@pytest.fixture
+def whole(recording_of_50_s: Recorded, tmp_path: Path) -> Recorded:
+    """Three or more segments, to be changed."""
+    copy = Recorded(tmp_path)
+    for path in recording_of_50_s.path.iterdir():
+        (copy.path / path.name).write_bytes(path.read_bytes())
+    return copy
+
+
+def segment(folder: Recorded, number: int) -> Path:
+    (found,) = folder.path.glob(f"0000000{number}-*.seg")
+    return found
+
+
+def answer(folder: Recorded, t_s: float) -> Answer:
+    return Inquiry(folder.path).at(unix(T0_NS + round(t_s * S)))
+
+
+def replayed(capsys: pytest.CaptureFixture[str], *args: str | Path) -> tuple[int, dict[str, Any]]:
+    code = main(["replay", *map(str, args), "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def said(what: str, folder: Recorded, capsys: pytest.CaptureFixture[str]) -> tuple[int, list[str]]:
+    code = main(["records", what, str(folder.path.parent)])
+    return code, [line.strip() for line in capsys.readouterr().out.splitlines()]
+
+
+def with_a_newer_key(path: Path) -> None:
+    head = recording.head_in(path)
+    assert head is not None
+    config = json.loads(head.config) | {"of_a_later_version": 1}
+    data = path.read_bytes()
+    rest = data[next(b.size + b.offset for b in blocks(data) if not hasattr(b, "length")) :]
+    head = msgspec.structs.replace(head, config=json.dumps(config))
+    path.write_bytes(MAGIC + block(BlockKind.HEAD, msgspec.json.encode(head)) + rest)
+
+
+class TestAMissingSegment:
+    def test_of_its_time_nothing_is_claimed(self, gap: Recorded) -> None:
+        found = answer(gap, 30)
+        assert (found.state, found.since_ns, len(found.missing)) == (None, None, 1)
+        assert found.silence == f"records are missing: {found.missing[0]}"
+        assert segment(gap, 3).name in found.silence
+        assert "no tick" not in str([link.by for link in (*found.chain, *found.after)])
+
+    def test_behind_it_nothing_before_it_is_a_cause(self, gap: Recorded) -> None:
+        found = answer(gap, 45)
+        assert found.state is not None
+        assert found.state.reason is Reason.NONE
+        assert found.silence == ""
+        assert "no tick" not in str([link.by for link in (*found.chain, *found.after)])
+
+    def test_the_replay_begins_again_behind_it(
+        self, gap: Recorded, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        code, told = replayed(capsys, gap.path)
+        assert (code, told["same"], told["differing"], len(told["missing"])) == (1, True, 0, 1)
+        same = tmp_path / "same.toml"
+        same.write_text('[modbus]\nplc_addresses = ["10.0.0.9"]\nhandshake = { heartbeat_required = false }\n')
+        code, told = replayed(capsys, gap.path, "--against", same)
+        assert (code, told["otherwise"], len(told["missing"])) == (1, [], 1)
+
+    def test_it_is_reported_by_verify(self, gap: Recorded, capsys: pytest.CaptureFixture[str]) -> None:
+        code, lines = said("verify", gap, capsys)
+        assert code == 1
+        assert len([line for line in lines if segment(gap, 3).name in line]) >= 1
+        assert "1 faults" in lines[-1] or "1 faults" in lines[-2]
+
+    def test_an_interval_of_other_decisions_ends_before_it(
+        self, gap: Recorded, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        other = tmp_path / "other.toml"
+        other.write_text(
+            '[fusion]\nradius_threshold_px = 10\ndistance_threshold_mm = 900\n[modbus]\nplc_addresses = ["10.0.0.9"]\n'
+            "handshake = { heartbeat_required = false }\n"
+        )
+        _, told = replayed(capsys, gap.path, "--against", other)
+        assert sum(float(row["seconds"].removesuffix(" s")) for row in told["otherwise"]) < 40
+
+
+def test_a_segment_with_a_key_of_a_newer_version_is_missing_and_no_more(
+    whole: Recorded, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with_a_newer_key(segment(whole, 2))
+    found = answer(whole, 30)
+    assert found.state is None
+    assert "of_a_later_version" in found.silence
+    assert answer(whole, 45).silence == ""
+    code, told = replayed(capsys, whole.path)
+    assert (code, told["same"], len(told["missing"])) == (1, True, 1)
+    assert told["steps"] > 2000
+    whole.number = 10
+    whole.picture(T0_NS, 1, "stop_raised")
+    (pictures,) = whole.path.glob("*.pictures")
+    with_a_newer_key(pictures)
+    code, told = replayed(capsys, whole.path, "--frames")
+    assert (code, told["pictures"], len(told["missing"])) == (1, 0, 1)
+
+
+class TestTheChain:
+    def test_what_is_complete_is_proven(self, whole: Recorded, capsys: pytest.CaptureFixture[str]) -> None:
+        code, lines = said("verify", whole, capsys)
+        segments = len(list(whole.path.glob("*.seg")))
+        assert (code, lines[-1]) == (0, f"{segments - 1} are as the next one names them, 0 faults")
+
+    def test_one_that_was_changed_with_a_good_crc(self, whole: Recorded, capsys: pytest.CaptureFixture[str]) -> None:
+        path = segment(whole, 2)
+        path.write_bytes(path.read_bytes() + block(BlockKind.RECORDS, b""))
+        code, lines = said("verify", whole, capsys)
+        assert code == 1
+        assert f"{path.name}: not the bytes that were written, as {segment(whole, 3).name} proves" in lines
+
+    def test_one_that_was_cut(self, whole: Recorded, capsys: pytest.CaptureFixture[str]) -> None:
+        path = segment(whole, 2)
+        data = path.read_bytes()
+        path.write_bytes(data[:-20])
+        code, lines = said("verify", whole, capsys)
+        assert code == 1
+        assert any(
+            line.startswith(f"{path.name}: cut at its end: {len(data) - 20} of {len(data)} bytes") for line in lines
+        )
+
+    def test_the_end_that_a_power_cut_took_is_not_a_change(
+        self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        folder = Recorded(tmp_path)
+        bench = Bench(truck(), record=folder.collector)
+        bench.run(2)
+        path = folder.write(T0_NS)
+        path.write_bytes(path.read_bytes()[:-20])
+        folder.names(path)
+        bench.power_on()
+        folder.write(bench.now_ns, boot="b")
+        code, lines = said("verify", folder, capsys)
+        assert code == 1
+        assert lines[-1] == "1 are as the next one names them, 1 faults"
+        assert lines[1].startswith(f"{path.name}: cut off at its end")
+
+    def test_list_tells_a_missing_segment_from_a_time_without_records(
+        self, whole: Recorded, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        segment(whole, 2).unlink()
+        code, lines = said("list", whole, capsys)
+        assert code == 0
+        assert f"missing: everything between {segment(whole, 1).name} and {segment(whole, 3).name}" in lines
