@@ -85,7 +85,7 @@ def _print(answer: "Answer", pictures: "list[RecordedPicture]") -> None:
     _section("how it came about", _links(answer.chain[-MOST_LINKS:]))
     _section("and then", _links(answer.after[:MOST_LINKS]))
     if answer.state is not None:
-        _section("state", account.sensors(answer.state))
+        _section("state", account.sensors(answer, answer.state))
     _section("who did what", [(clock(t), text) for t, text in account.done_by(answer)[-MOST_LINKS:]])
     _section("events", [(clock(t), text) for t, text in account.happened(answer)][-MOST_LINKS:])
     _section("configuration", account.settings(answer))

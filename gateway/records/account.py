@@ -7,11 +7,11 @@ import msgspec
 
 from gateway.core import events
 from gateway.core.plc import Control, PlcConnection, PlcWrite, WriteVerdict
-from gateway.core.readings import Quality
+from gateway.core.readings import FRESH_FRAME, Quality
 from gateway.core.state import REASON_MEANING, FunctionCheck, Moved, StateVector
 from gateway.durations import NS_PER_S
 from gateway.records.factors import Factor
-from gateway.records.inquiry import Answer
+from gateway.records.inquiry import WINDOW_S, Answer
 from gateway.records.moment import shown, unix_ns
 from gateway.records.recording import config_of
 from gateway.records.segment import RecordedPicture
@@ -51,16 +51,16 @@ def outputs(state: StateVector) -> list[Row]:
     ]
 
 
-def sensors(state: StateVector) -> list[Row]:
+def sensors(answer: Answer, state: StateVector) -> list[Row]:
     """The state vector with its ages, as of its own time."""
     vision, rng, plc, visit = state.vision, state.range, state.plc, state.visit
-    frame = f"{vision.quality.name.lower()}, frame {vision.frame_id}, {_age(state, vision.t_ns)} old"
+    frame = f"{vision.quality.name.lower()}, frame {vision.frame_id}, {_measured_before(answer, state, 'vision')}"
     if vision.circle is not None:
         c = vision.circle
         frame += f", R {c.radius_px:.1f} px at u {c.u_px:.1f}, v {c.v_px:.1f}"
     if vision.tracking.value:
         frame += f", tracking {vision.tracking.name.lower()}"
-    echo = f"{rng.quality.name.lower()}, {_age(state, rng.t_ns)} old"
+    echo = f"{rng.quality.name.lower()}, {_measured_before(answer, state, 'range')}"
     if rng.distance_mm is not None:
         echo += f", Z {rng.distance_mm:.0f} mm"
     rows = [
@@ -142,7 +142,7 @@ def as_json(answer: Answer, pictures: list[RecordedPicture]) -> dict[str, Any]:
         "chain": [_link(link) for link in answer.chain],
         "after": [_link(link) for link in answer.after],
         "state": None if state is None else msgspec.to_builtins(state),
-        "ages_s": None if state is None else _ages(state),
+        "ages_s": None if state is None else _ages(answer, state),
         "done": [{"time": shown(t), "what": text} for t, text in done_by(answer)],
         "events": [
             {
@@ -164,7 +164,7 @@ def as_json(answer: Answer, pictures: list[RecordedPicture]) -> dict[str, Any]:
 def headline(answer: Answer) -> str:
     """The answer in one sentence."""
     if answer.state is None:
-        return answer.silence
+        return f"{answer.silence[:1].upper()}{answer.silence[1:]}."
     first = answer.causes[0].text if answer.causes else ""
     if answer.state.may_move:
         return f"The truck was allowed to move: {first}."
@@ -174,7 +174,7 @@ def headline(answer: Answer) -> str:
 
 def warnings(answer: Answer) -> Iterator[str]:
     """What makes the answer less than certain."""
-    if answer.silence:
+    if answer.silence and answer.state is not None:  # else it is the headline
         yield answer.silence
     for why in answer.missing:
         yield f"missing: {why}"
@@ -191,8 +191,27 @@ def _link(link: Any) -> dict[str, str]:
     return {"time": shown(link.unix_ns), "what": link.what, "by": link.by, "why": link.why, "factor": link.factor or ""}
 
 
-def _ages(state: StateVector) -> dict[str, float | None]:
-    times = {"frame": state.vision.t_ns, "distance": state.range.t_ns, "plc_heartbeat": state.plc.beat_ns}
+def _measured_ns(answer: Answer, state: StateVector, sensor: str) -> int | None:
+    """When the sensor's newest measurement was taken: a fault has the time of its report. None: before the window."""
+    states = [step.state for step in answer.steps if step.place.head.boot == answer.head.boot]
+    for known in (state, *(s for s in reversed(states) if s.seq < state.seq)):
+        reading = getattr(known, sensor)
+        if reading.quality in (FRESH_FRAME if sensor == "vision" else (Quality.GOOD,)):
+            return int(reading.t_ns)
+    return None
+
+
+def _measured_before(answer: Answer, state: StateVector, sensor: str) -> str:
+    t_ns = _measured_ns(answer, state, sensor)
+    if t_ns is None:
+        return f"none within {WINDOW_S:g} s"
+    good = getattr(state, sensor).t_ns == t_ns
+    return f"{_age(state, t_ns)} old" if good else f"the newest one {_age(state, t_ns)} old"
+
+
+def _ages(answer: Answer, state: StateVector) -> dict[str, float | None]:
+    measured = {name: _measured_ns(answer, state, of) for name, of in (("frame", "vision"), ("distance", "range"))}
+    times = {**measured, "plc_heartbeat": state.plc.beat_ns}
     return {name: round((state.t_ns - t_ns) / NS_PER_S, 4) if t_ns else None for name, t_ns in times.items()}
 
 

@@ -223,9 +223,9 @@ class _Past:
 
     def _camera(self, old: StateVector, state: StateVector) -> Iterator[tuple[int, str]]:
         if state.vision.quality is Quality.STALE:
-            never, number = old.vision.quality is Quality.WAITING, state.vision.frame_id
+            never, number = old.vision.quality is Quality.WAITING, old.vision.frame_id
             text = "no frame arrived from here on" if never else f"the newest frame, number {number}, was taken"
-            yield state.vision.t_ns, text
+            yield old.vision.t_ns, text
             return
         if self.seen is not None and self.seen.vision.circle is not None:
             circle = self.seen.vision.circle

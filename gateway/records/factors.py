@@ -161,7 +161,7 @@ def vision_cause(state: StateVector, config: FusionConfig) -> Cause | None:
         return None
     if (recovering := _recovering(reading, state.memory.vision_failure.alive_since_ns, now_ns, config)) is not None:
         return Cause(Factor.CAMERA, f"the camera {recovering}", state.memory.vision_failure.alive_since_ns)
-    if reading.quality is Quality.STALE:
+    if _aged(reading, now_ns, config.vision_deadline_s):
         text = f"the newest frame was {_age_s(reading, now_ns):.2f} s old; "
         text += f"fusion.vision_deadline_s is {config.vision_deadline_s:g} s"
         return Cause(Factor.CAMERA, text, reading.t_ns + round(config.vision_deadline_s * NS_PER_S))
@@ -178,8 +178,8 @@ def range_cause(state: StateVector, config: FusionConfig) -> Cause | None:
         return None
     if (recovering := _recovering(reading, state.memory.range_failure.alive_since_ns, now_ns, config)) is not None:
         return Cause(Factor.RANGER, f"the ranger {recovering}", state.memory.range_failure.alive_since_ns)
-    if reading.quality is Quality.STALE:
-        text = f"the newest distance was {_age_s(reading, now_ns):.2f} s old; "
+    if _aged(reading, now_ns, config.range_deadline_s):
+        text = f"the ranger's newest reading was {_age_s(reading, now_ns):.2f} s old; "
         text += f"fusion.range_deadline_s is {config.range_deadline_s:g} s"
         return Cause(Factor.RANGER, text, reading.t_ns + round(config.range_deadline_s * NS_PER_S))
     return Cause(Factor.RANGER, f"ranger: {QUALITY_MEANING[reading.quality]}{_detail(reading.detail)}")
@@ -256,6 +256,11 @@ def _pair(state: StateVector) -> str:
 
 def _mm(state: StateVector) -> str:
     return "unknown" if state.range.distance_mm is None else f"{state.range.distance_mm:.0f} mm"
+
+
+def _aged(reading: VisionReading | RangeReading, now_ns: int, deadline_s: float) -> bool:
+    """Did the gateway find its age too great? One that a sensor's own side reports STALE has the time of the report."""
+    return reading.quality is Quality.STALE and _age_s(reading, now_ns) > deadline_s
 
 
 def _age_s(reading: VisionReading | RangeReading, now_ns: int) -> float:

@@ -16,7 +16,7 @@ from gateway.durations import NS_PER_S
 from gateway.errors import ConfigError
 from gateway.records import chain, names, recording
 from gateway.records.chain import Link
-from gateway.records.factors import Cause, causes
+from gateway.records.factors import Cause, Factor, causes
 from gateway.records.moment import unix_ns
 from gateway.records.record import AnyRecord, Checkpoint, Decision, EventRecord, observed
 from gateway.records.recorded_rules import RecordedRules
@@ -37,10 +37,10 @@ Progress = Callable[[], None]
 class Answer:
     """All times Unix ns.
 
-    `state`: as shown at `at_ns`; None: no complete state is known then. `silence`: why nothing was decided then, in
-    words; empty: it was. `since_ns`: `stop` and `may_move` have been so since; None: longer than was searched.
-    `chain`: the changes since then; `after`: those behind the moment. `steps`: of the whole window. `differing`: this
-    version decides otherwise than what was recorded.
+    `state`: as shown at `at_ns`; None: no complete state is known then, or nothing was served. `silence`: why nothing
+    was decided then, in words; empty: it was. `since_ns`: `stop` and `may_move` have been so since; None: longer than
+    was searched. `chain`: the changes since then; `after`: those behind the moment. `steps`: of the whole window.
+    `differing`: this version decides otherwise than what was recorded.
     """
 
     at_ns: int
@@ -199,17 +199,19 @@ class Inquiry:
         after = next((s for s in steps if _unix(s) > at_ns), None)
         if lost := _lost(items, _unix(step), at_ns):
             return f"records are missing: {'; '.join(lost)}", None, ()
-        state = shown_at(step.state, now_ns)
         found = causes(step.state, rules, now_ns)
+        state: StateVector | None = None
         silent = f"the last step before was {(at_ns - _unix(step)) / NS_PER_S:.2f} s earlier"
         if step.state.reason is Reason.SHUTDOWN:
-            silence = "the gateway had been shut down"
-        elif after is not None and after.place.head.boot != step.place.head.boot:
-            silence = f"the gateway did not run: {silent}; it ended without shutting down"
+            silence = "no output was served: the gateway had been shut down"
         elif after is None:
-            silence = f"the recording ends before that moment: {silent}"
+            return f"the recording ends before that moment: {silent}", None, ()
+        elif after.place.head.boot != step.place.head.boot:
+            silence = f"no output was served: the gateway did not run: {silent}; it ended without shutting down"
+            found = (Cause(Factor.GATEWAY, "the gateway did not run"),)
         else:
             silence = f"the control task did not run: {silent}"
+            state = shown_at(step.state, now_ns)
         if after is not None:
             silence += f"; the next one {(_unix(after) - at_ns) / NS_PER_S:.2f} s later"
         return silence, state, found

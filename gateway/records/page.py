@@ -50,7 +50,7 @@ def html(answer: Answer, pictures: Sequence[RecordedPicture], made: str) -> str:
     body += ["<h2>Measured values and outputs</h2>", *_plots(answer)]
     body += ["<h2>Pictures</h2>", *_pictures(answer, pictures)]
     if answer.state is not None:
-        rows = [*account.outputs(answer.state), *account.sensors(answer.state)]
+        rows = [*account.outputs(answer.state), *account.sensors(answer, answer.state)]
         body += ["<h2>State vector</h2>", _pairs(rows)]
     body += ["<h2>Who did what</h2>", _timed(account.done_by(answer)) or "<p>Nobody wrote or changed anything.</p>"]
     body += ["<h2>Events</h2>", _timed(account.happened(answer)) or "<p>None.</p>"]

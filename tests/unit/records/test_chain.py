@@ -167,7 +167,7 @@ EXPECTED = {
     ),
     "approaching, ranger dead": Expected(
         lambda: Story(NEAR, faults=(during("ranger_silent", 3),)).run(6),
-        Factor.RANGER, "s old; fusion.range_deadline_s is", Reason.RANGE_STALE, "the last distance: Z 70",
+        Factor.RANGER, "(nothing received for 3 s)", Reason.RANGE_STALE, "the last distance: Z 70",
     ),
     "approaching, PLC's heartbeat lost (writes on)": Expected(
         plc_lost, Factor.PLC_LOST, "heartbeat_deadline_s is 1 s", Reason.PLC_LOST, "the last change of plc_heartbeat"
@@ -194,7 +194,7 @@ EXPECTED = {
     ),
     "held, ranger dead": Expected(
         lambda: held(during("ranger_silent", 8)).run(11),
-        Factor.RANGER, "s old; fusion.range_deadline_s is", Reason.RANGE_STALE, "the last distance: Z 28",
+        Factor.RANGER, "(nothing received for 3 s)", Reason.RANGE_STALE, "the last distance: Z 28",
     ),
     "held, no echo": Expected(
         lambda: held(during("ranger_no_echo", 8)).run(9.3),

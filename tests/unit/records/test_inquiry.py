@@ -16,7 +16,7 @@ from gateway.core.fusion import forced_stop
 from gateway.core.plc import Control
 from gateway.core.state import FunctionCheck, Reason
 from gateway.errors import ConfigError
-from gateway.records import moment, names
+from gateway.records import account, moment, names
 from gateway.records.factors import Factor
 from gateway.records.inquiry import Answer, Inquiry
 from gateway.records.names import SEGMENT, FileName
@@ -118,7 +118,6 @@ class TestTheMoment:
 
 
 class TestWhatIsMissing:
-    @pytest.mark.long
     @pytest.mark.one_interpreter
     def test_a_gateway_that_was_killed_and_started_again(self, tmp_path: Path) -> None:
         folder = Recorded(tmp_path)
@@ -132,10 +131,19 @@ class TestWhatIsMissing:
         bench.run(30)
         folder.write(began_ns, boot="b")
         answer = at(folder, 15)
-        assert answer.silence.startswith("the gateway did not run: the last step before was 5.0")
+        assert answer.silence.startswith("no output was served: the gateway did not run: the last step before was 5.0")
         assert "it ended without shutting down; the next one 5.00 s later" in answer.silence
-        assert answer.state is not None
-        assert (answer.state.reason, answer.causes[0].factor) == (Reason.GATEWAY_FAULT, Factor.GATEWAY)
+        assert (answer.state, answer.causes[0].factor) == (None, Factor.GATEWAY)
+        assert account.headline(answer) == f"N{answer.silence[1:]}."
+        said = str(account.as_json(answer, []))
+        assert "show stop" not in said
+        assert "stop was on" not in said.lower()
+
+    @pytest.mark.one_interpreter
+    def test_where_the_recording_ends_nothing_is_claimed(self, frozen: Recorded) -> None:
+        answer = at(frozen, 100)
+        assert (answer.state, answer.causes) == (None, ())
+        assert answer.silence.startswith("the recording ends before that moment: ")
 
     @pytest.mark.one_interpreter
     def test_one_that_was_shut_down(self, tmp_path: Path) -> None:
@@ -145,7 +153,7 @@ class TestWhatIsMissing:
         folder.collector(None, forced_stop(bench.state, Reason.SHUTDOWN, bench.now_ns), [])
         folder.write(T0_NS)
         answer = at(folder, 12)
-        assert answer.silence == "the gateway had been shut down"
+        assert (answer.state, answer.silence) == (None, "no output was served: the gateway had been shut down")
         assert answer.causes[0].factor is Factor.SHUTDOWN
 
     @pytest.mark.long
@@ -282,6 +290,25 @@ class TestTheVerb:
         config.write_text(f'site = "site"\ninstance = "gateway"\nstate_dir = "{tmp_path}"\n')
         assert main(["why", "12:00", "--config", str(config), "--bay", "bay2"]) == 2
         assert "no such moment is recorded" in capsys.readouterr().err
+
+
+@pytest.mark.one_interpreter
+def test_a_silent_ranger_is_as_old_as_its_last_distance(tmp_path: Path) -> None:
+    """Its side reports the silence five times a second: the report is new, the distance is not."""
+    folder = Recorded(tmp_path)
+    bench = Bench(truck(NEAR, faults=({"kind": "ranger_silent", "at_s": 5, "for_s": 60},)), CONFIG)
+    bench.record = folder.collector
+    bench.power_on()
+    bench.run(10)
+    folder.write(T0_NS)
+    answer = at(folder, 9)
+    assert answer.state is not None
+    assert "(nothing received for 4 s)" in account.headline(answer)
+    ages = account.as_json(answer, [])["ages_s"]
+    assert ages["distance"] == pytest.approx(4.0, abs=0.15)
+    assert ages["frame"] < 0.1
+    (row,) = [text for name, text in account.sensors(answer, answer.state) if name == "ranger"]
+    assert row.startswith(f"stale, the newest one {ages['distance']:.2f} s old")
 
 
 @pytest.mark.one_interpreter
