@@ -70,6 +70,8 @@ class GatewayConditions:
     config_fault: str = ""  # why the configuration file that was to be read again was not loaded
     recorder_fault: str = ""  # why nothing is recorded
     records_lost: int = 0  # counter
+    pictures_not_kept: int = 0  # counter: those that matter, or that the disk refused
+    pictures_detail: str = ""  # the newest of them: of what, and why
     index_fault: str = ""  # why the index of the recordings can't be written or read
     bay_file_damaged: str = ""  # bays whose file could not be read, until a technician has checked them
 

@@ -34,7 +34,7 @@ def kept(folder: Path, begin_ns: int, end_ns: int, most: int) -> list[KeptPictur
     if not folder.exists():
         return []
     for path in reversed(list(picture_search.files_of_time(folder, begin_ns, end_ns))):
-        for picture in _heads(path):
+        for picture in heads(path):
             if begin_ns <= picture.head.unix_ns <= end_ns:
                 found[picture.head.t_ns, picture.head.frame_id] = picture
         if len(found) >= most:
@@ -48,15 +48,15 @@ def nearest(folder: Path, times_ns: Sequence[int | None], within_ns: int) -> lis
 
     Raises OSError.
     """
-    heads: dict[Path, list[KeptPicture]] = {}
+    known: dict[Path, list[KeptPicture]] = {}
     found: list[KeptPicture | None] = []
     for at_ns in times_ns:
         near: list[tuple[int, KeptPicture]] = []
         if at_ns is not None and folder.exists():
             for path in picture_search.files_of_time(folder, at_ns - within_ns, at_ns + within_ns):
-                if path not in heads:
-                    heads[path] = list(_heads(path))
-                near += [(abs(picture.head.unix_ns - at_ns), picture) for picture in heads[path]]
+                if path not in known:
+                    known[path] = list(heads(path))
+                near += [(abs(picture.head.unix_ns - at_ns), picture) for picture in known[path]]
         distance_ns, picture = min(near, key=lambda each: each[0], default=(within_ns + 1, None))
         found.append(picture if distance_ns <= within_ns else None)
     return found
@@ -78,7 +78,7 @@ def picture(folder: Path, file: int, place: int) -> RecordedPicture | None:
     return None
 
 
-def _heads(path: Path) -> Iterator[KeptPicture]:
+def heads(path: Path) -> Iterator[KeptPicture]:
     """Until the end, or the first damage; none where the file has been deleted meanwhile."""
     name = names.parsed(path.name)
     assert name is not None

@@ -58,9 +58,18 @@ class RecorderStatus(Message, frozen=True):
     stored_bytes: int = 0
     oldest_unix_s: int | None = None
     pictures: int = 0
-    pictures_refused: int = 0  # picture_mb_per_day was used up
     deleted_files: int = 0
     index_fault: str = ""  # of index.sqlite; recording goes on
+
+
+class PicturesNotKept(Message, frozen=True):
+    """Of one incident. `detail`: how many, of what, and why, for people. `matters`: it is more than a
+    routine stop for which the day's budget was used up."""
+
+    bay: str
+    number: int
+    detail: str
+    matters: bool
 
 
 class OpenVisit(Message, frozen=True):
@@ -71,6 +80,6 @@ class OpenVisit(Message, frozen=True):
 
 
 ToRecorder = Job | Records | KeepPictures
-FromRecorder = Written | RecorderStatus | OpenVisit
+FromRecorder = Written | RecorderStatus | PicturesNotKept | OpenVisit
 FROM_RECORDER = Codec(FromRecorder | Failed)
 TO_RECORDER = Codec(ToRecorder, compressed=True)

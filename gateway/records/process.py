@@ -18,7 +18,7 @@ from gateway.errors import LinkError
 from gateway.processes.channel import Channel
 from gateway.processes.child import lower_priority
 from gateway.records import recording
-from gateway.records.incident import Incident, IncidentPictures
+from gateway.records.incident import Incident, IncidentPictures, budget_left, matters
 from gateway.records.index import Index
 from gateway.records.messages import (
     TO_RECORDER,
@@ -27,11 +27,13 @@ from gateway.records.messages import (
     Job,
     KeepPictures,
     OpenVisit,
+    PicturesNotKept,
     RecorderStatus,
     Records,
     ToRecorder,
     Written,
 )
+from gateway.records.names import PICTURES
 from gateway.records.privacy import blurred_outside
 from gateway.records.retention import RetentionLimits
 from gateway.records.segment import Head, PictureHead, picture_block, records_block
@@ -150,10 +152,7 @@ class Recorder:
             if (picture := bay.ring.snapshot(request=bay.pictures.pending)) is not None:
                 bay.pictures.add(picture)
             if (incident := bay.pictures.due(now_ns)) is not None:
-                try:
-                    self._keep(bay, incident, now_ns)
-                except OSError as error:
-                    self._failed(error)
+                self._keep(bay, incident, now_ns)
 
     def _keep(self, bay: _Bay, incident: Incident, now_ns: int) -> None:
         offset_ns = self._offset_ns()
@@ -178,9 +177,23 @@ class Recorder:
             for n, p in enumerate(incident.pictures)
             if n in encoded
         ]
-        if blocks:
-            bay.store.pictures(blocks)
-            self._pictures += len(blocks)
+        matter = matters(incident.why)
+        if missing := len(incident.pictures) - len(blocks):
+            self._not_kept(bay, incident, missing, "picture_mb_per_day is used up", matters=matter)
+        if incident.dropped:
+            self._not_kept(bay, incident, incident.dropped, "too large for the memory", matters=matter)
+        try:
+            if blocks:
+                bay.store.pictures(blocks, matter=matter)
+                self._pictures += len(blocks)
+        except OSError as error:
+            bay.pictures.not_written(encoded)
+            self._not_kept(bay, incident, len(blocks), str(error.strerror or error), matters=True)
+            self._failed(error)
+
+    def _not_kept(self, bay: _Bay, incident: Incident, number: int, why: str, *, matters: bool) -> None:
+        detail = f"{number} of {len(incident.pictures) + incident.dropped} of {', '.join(incident.why)}: {why}"
+        self._channel.send(PicturesNotKept(bay.job.head.bay, number, detail, matters))
 
     def _tidy(self) -> None:
         offset_ns = self._offset_ns()
@@ -210,7 +223,6 @@ class Recorder:
             stored_bytes=stored,
             oldest_unix_s=oldest,
             pictures=self._pictures,
-            pictures_refused=sum(bay.pictures.refused for bay in bays),
             deleted_files=sum(bay.store.deleted_files for bay in bays),
             index_fault=self._index.fault,
         )
@@ -224,12 +236,22 @@ class Recorder:
 
     def _bay(self, job: BayJob) -> _Bay:
         config = self._job.config
-        pictures = IncidentPictures(config.picture_before_s, config.picture_after_s, config.picture_mb_per_day * MB)
         limits = RetentionLimits(config.max_mb * MB, config.max_days, config.picture_days, config.visit_days)
         folder = Path(self._job.folder) / job.head.bay
         store = Store(folder, limits, config.min_free_percent / 100, lambda number: self._head(job.head, number))
         ring = None if job.ring is None else Ring(job.ring, writable=False)
+        now_ns, per_day = self._clock.now_ns(), config.picture_mb_per_day * MB
+        pictures = IncidentPictures(
+            config.picture_before_s, config.picture_after_s, per_day, self._budget_left(store, per_day), now_ns
+        )
         return _Bay(job, store, pictures, ring)
+
+    def _budget_left(self, store: Store, per_day: int) -> float | None:
+        try:
+            files = [file for file in store.files() if file.name.kind == PICTURES]
+        except OSError:
+            return None
+        return budget_left(files, self._clock.wall_ns() / NS_PER_S, per_day)
 
     def _head(self, head: Head, number: int) -> Head:
         return msgspec.structs.replace(head, number=number, t_ns=self._clock.now_ns(), unix_ns=self._clock.wall_ns())

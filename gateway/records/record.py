@@ -19,6 +19,7 @@ from gateway.modbus.registers.register import WordOrder
 from gateway.modbus.registers.register_map import encode
 
 ALARM = "alarm"  # kind of the EventRecord that is a change of an alarm
+PICTURES_NOT_KEPT = "pictures_not_kept"  # and of one that says of which incident, and why
 
 
 class Record(msgspec.Struct, frozen=True, tag_field="is", omit_defaults=True, kw_only=True):

@@ -43,12 +43,13 @@ from gateway.records.messages import (
     Job,
     KeepPictures,
     OpenVisit,
+    PicturesNotKept,
     RecorderStatus,
     Records,
     ToRecorder,
     Written,
 )
-from gateway.records.record import ALARM
+from gateway.records.record import ALARM, PICTURES_NOT_KEPT
 from gateway.records.segment import Head
 from gateway.supervisor import Task
 from gateway.vision.transport.ring import RingSpec
@@ -115,6 +116,8 @@ class RecorderService:
     boot: str
     status: RecorderStatus = field(default_factory=RecorderStatus)
     fault: str = ""  # of the process itself; empty: it runs
+    pictures_not_kept: int = 0  # since the start, but for routine stops beyond the day's budget
+    pictures_detail: str = ""  # of the newest of them
     folder: Path | None = field(init=False)  # of all bays' recordings; None: nothing is recorded
     collectors: dict[str, Collector] = field(init=False)
     _number: int = 0
@@ -234,6 +237,8 @@ class RecorderService:
                         self._acknowledged(number)
                     case RecorderStatus():
                         self._report(message)
+                    case PicturesNotKept():
+                        self._not_kept(message)
                     case OpenVisit(bay, visit):
                         if bay not in self._resumed:
                             self._resumed.add(bay)
@@ -269,6 +274,12 @@ class RecorderService:
         if status.index_fault != self.status.index_fault:
             log.warning("recorder: %s", status.index_fault or "the index is written again")
         self.status, self.fault = status, status.fault
+
+    def _not_kept(self, pictures: PicturesNotKept) -> None:
+        self.collectors[pictures.bay].note(self.clock.now_ns(), PICTURES_NOT_KEPT, pictures.detail)
+        if pictures.matters:
+            self.pictures_not_kept += pictures.number
+            self.pictures_detail = f"{pictures.bay}: {pictures.detail}"
 
     def _acknowledged(self, number: int) -> None:
         while self._unacknowledged and self._unacknowledged[0][0].number <= number:

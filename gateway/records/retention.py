@@ -1,11 +1,12 @@
 """Which files of a bay's recording are to be deleted. Pure: (files, limits, time, free space) -> files.
 
-The oldest first, by number: a clock that jumps changes no order. What somebody has pinned goes last, and only for size
-and free space, never for its age. The newest file, the newest segment, which the next one names, and the segment
-that is being written stay. Files of rows have limits of their own: they stay when the segments are gone.
+The oldest first, by number: a clock that jumps changes no order. Pictures of routine stops go before those that
+matter. What somebody has pinned goes last, and only for size and free space, never for its age. The newest file, the
+newest segment, which the next one names, and the segment that is being written stay. Files of rows have limits of their
+own: they stay when the segments are gone.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -20,6 +21,9 @@ class StoredFile:
     name: FileName
     size_bytes: int
     pinned: bool = False
+
+
+Matters = Callable[[StoredFile], bool]
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,10 +42,12 @@ def surplus(
     unix_s: float | None,
     missing_bytes: int = 0,
     being_written: int | None = None,
+    matters: Matters = lambda _: False,
 ) -> list[StoredFile]:
     """What is to be deleted, in that order. `unix_s`: now, None where the clock is not to be believed.
 
     `missing_bytes`: what the disk lacks of the free space that must be left. `being_written`: number of a file.
+    `matters`: is this file of pictures of more than a routine stop? Asked of as few as possible.
     """
     rows = [file for file in files if file.name.kind == ROWS]
     deleted = _surplus_rows(rows, limits, unix_s)
@@ -55,12 +61,28 @@ def surplus(
         (f for f in files if f.name.number not in kept), key=lambda f: (f.pinned, f.name.number, f.name.kind)
     )
     over_bytes = max(sum(file.size_bytes for file in files) + rows_bytes - limits.max_bytes, missing_bytes)
-    for file in closed:
-        too_much = over_bytes > 0
-        if too_much or (not file.pinned and _too_old(file, limits, unix_s)):
-            deleted.append(file)
-            over_bytes -= file.size_bytes
-    return deleted
+    gone = [file for file in closed if not file.pinned and _too_old(file, limits, unix_s)]
+    over_bytes -= sum(file.size_bytes for file in gone)
+    for file in _least_first([file for file in closed if file not in gone], matters):
+        if over_bytes <= 0:
+            break
+        gone.append(file)
+        over_bytes -= file.size_bytes
+    return deleted + gone
+
+
+def _least_first(files: Sequence[StoredFile], matters: Matters) -> Iterator[StoredFile]:
+    """In order, but where it is the turn of pictures, the oldest go that do not matter, as long as there are any."""
+    pictures = [file for file in files if file.name.kind == PICTURES and not file.pinned]
+    of_routine = (file for file in pictures if not matters(file))
+    gone: set[FileName] = set()
+    for file in files:
+        if file.name.kind != PICTURES or file.pinned:
+            yield file
+            continue
+        least = next(of_routine, None) or next(one for one in pictures if one.name not in gone)
+        gone.add(least.name)
+        yield least
 
 
 def _surplus_rows(files: Sequence[StoredFile], limits: RetentionLimits, unix_s: float | None) -> list[StoredFile]:

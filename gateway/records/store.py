@@ -9,14 +9,14 @@ import errno
 import hashlib
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import msgspec
 
 from gateway.durations import NS_PER_S
 from gateway.files import sync_folder, write_all
-from gateway.records import retention, row_files
+from gateway.records import incident, kept_pictures, retention, row_files
 from gateway.records.files import files_in
 from gateway.records.names import PICTURES, PIN, SEGMENT, FileName
 from gateway.records.retention import RetentionLimits, StoredFile
@@ -40,6 +40,7 @@ class Store:
     _number: int | None = None  # the newest
     _open_number: int | None = None
     _dirty: bool = False
+    _matter: dict[int, bool] = field(default_factory=dict)  # by number: pictures of more than a routine stop
 
     def append(self, data: bytes, t_ns: int, *, begins: bool) -> None:
         """One block to the segment that is open. `begins`: it is the right place for a new segment to begin."""
@@ -49,7 +50,7 @@ class Store:
             self._open(t_ns)
         assert self._fd is not None
         try:
-            self._leave_room(len(data))
+            self._make_room(len(data))
             write_all(self._fd, data)
         except OSError:
             self.close()
@@ -72,9 +73,11 @@ class Store:
             fd, self._fd, self._open_number = self._fd, None, None
             os.close(fd)
 
-    def pictures(self, blocks: list[bytes]) -> Path:
-        """A file of pictures, complete or not there at all."""
-        number = self._next_number(sum(map(len, blocks)))
+    def pictures(self, blocks: list[bytes], *, matter: bool) -> Path:
+        """A file of pictures, complete or not there at all. Those that do not `matter` take the place of none that
+        do."""
+        number = self._next_number(sum(map(len, blocks)), spare=not matter)
+        self._matter[number] = matter
         head = self.head(number)
         path = self.folder / str(FileName(number, head.unix_ns // NS_PER_S, PICTURES))
         fresh = path.with_name(f"{path.name}.new")
@@ -95,13 +98,17 @@ class Store:
         sync_folder(self.folder)
         return path
 
-    def delete_surplus(self, unix_s: float | None) -> list[StoredFile]:
-        """Bring the folder within its limits; what was deleted. A file that can't be deleted stops nothing."""
+    def delete_surplus(self, unix_s: float | None, room: int = 0, *, spare: bool = False) -> list[StoredFile]:
+        """Bring the folder within its limits, with `room` bytes more; what was deleted. `spare`: no picture that
+        matters. A file that can't be deleted stops nothing."""
         if not self.folder.exists():
             return []
         deleted = []
-        missing = max(0, self._missing_bytes())
-        for file in retention.surplus(self.files(), self.limits, unix_s, missing, self._open_number):
+        missing = max(0, self._missing_bytes() + room)
+        files = self.files()
+        for file in retention.surplus(files, self.limits, unix_s, missing, self._open_number, self._matters):
+            if spare and file.name.kind == PICTURES and self._matters(file):
+                continue
             path = self.folder / str(file.name)
             try:
                 path.unlink(missing_ok=True)
@@ -109,6 +116,7 @@ class Store:
             except OSError:
                 continue
             deleted.append(file)
+            self._matter.pop(file.name.number, None)
         self.deleted_files += len(deleted)
         return deleted
 
@@ -121,8 +129,21 @@ class Store:
         system = os.statvfs(self.folder)
         return int(self.min_free_share * system.f_blocks * system.f_frsize) - system.f_bavail * system.f_frsize
 
-    def _leave_room(self, length: int) -> None:
-        """Raises OSError where `length` bytes more would take what others on this disk need: events, bay files."""
+    def _matters(self, file: StoredFile) -> bool:
+        """Of a file of pictures. One that cannot be read does not."""
+        number = file.name.number
+        if number not in self._matter:
+            self._matter[number] = False
+            with contextlib.suppress(OSError):
+                first = next(kept_pictures.heads(self.folder / str(file.name)), None)
+                self._matter[number] = first is not None and incident.matters(first.head.why)
+        return self._matter[number]
+
+    def _make_room(self, length: int, *, spare: bool = False) -> None:
+        """Delete what `delete_surplus` does first. Raises OSError where `length` bytes more would still take what
+        others on this disk need: events, bay files."""
+        if self._missing_bytes() + length > 0:
+            self.delete_surplus(None, length, spare=spare)
         if self._missing_bytes() + length > 0:
             raise OSError(errno.ENOSPC, f"less than {100 * self.min_free_share:g} % of the disk would be free")
 
@@ -152,7 +173,7 @@ class Store:
             found = ""
         return SegmentBefore(str(newest.name), newest.size_bytes, found)
 
-    def _next_number(self, length: int) -> int:
+    def _next_number(self, length: int, *, spare: bool = False) -> int:
         """The number of a new file of about `length` bytes."""
         if self._number is None:
             self.folder.mkdir(parents=True, exist_ok=True, mode=0o750)
@@ -160,7 +181,7 @@ class Store:
                 leftover.unlink(missing_ok=True)
             numbers = [file.name.number for file in self.files()]
             self._number = max([*numbers, row_files.newest_segment(self.folder)])
-        self._leave_room(length)
+        self._make_room(length, spare=spare)
         self._number += 1
         return self._number
 

@@ -158,6 +158,8 @@ class StatusCollector:
             config_fault=self.config_fault[:MAX_ERROR],
             recorder_fault="" if self.recorder is None else self.recorder.fault[:MAX_ERROR],
             records_lost=0 if self.recorder is None else self.recorder.dropped,
+            pictures_not_kept=0 if self.recorder is None else self.recorder.pictures_not_kept,
+            pictures_detail="" if self.recorder is None else self.recorder.pictures_detail[:MAX_ERROR],
             index_fault="" if self.recorder is None else self.recorder.status.index_fault[:MAX_ERROR],
             bay_file_fault="" if self.bay_files is None else self.bay_files.fault,
             bay_file_damaged=""

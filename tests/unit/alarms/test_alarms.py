@@ -262,6 +262,7 @@ class TestTheTable:
             ("configuration_not_loaded", GatewayConditions(config_fault="g.toml:7: hmi.port = -1: ...")),
             ("recorder_fault", GatewayConditions(recorder_fault="no space left")),
             ("records_lost", GatewayConditions(records_lost=5)),
+            ("pictures_not_kept", GatewayConditions(pictures_not_kept=3, pictures_detail="bay1: 3 of 11")),
             ("index_fault", GatewayConditions(index_fault="index.sqlite: database is locked")),
             ("bay_file_fault", GatewayConditions(bay_file_fault="no space left")),
             ("bay_file_damaged", GatewayConditions(bay_file_damaged="bay1: cut")),

@@ -60,6 +60,21 @@ def test_what_is_pinned_goes_last_and_never_for_its_age() -> None:
     assert surplus(files, RetentionLimits(10**6, 10, 10), NOW) == []
 
 
+def test_pictures_of_routine_stops_go_before_those_that_matter_and_records_when_it_is_their_turn() -> None:
+    files = [stored(n, kind=SEGMENT if n in (2, 4) else PICTURES) for n in range(1, 8)]
+    asked: list[int] = []
+
+    def matters(file: StoredFile) -> bool:
+        asked.append(file.name.number)
+        return file.name.number in (1, 5)
+
+    assert numbers(surplus(files, RetentionLimits(600, 0, 0), NOW, matters=matters)) == [3]
+    assert asked == [1, 3]
+    assert numbers(surplus(files, RetentionLimits(100, 0, 0), NOW, matters=matters)) == [3, 2, 6, 1, 5]
+    files = [file for file in files if file.name.number != 2] + [stored(2, kind=PICTURES, pinned=True)]
+    assert numbers(surplus(files, RetentionLimits(0, 0, 0), NOW, matters=matters)) == [3, 6, 1, 5, 2]
+
+
 def test_pictures_may_go_earlier_than_records() -> None:
     files = [stored(1, days=5), stored(2, days=5, kind=PICTURES), stored(3, days=11), stored(4)]
     assert numbers(surplus(files, RetentionLimits(10**6, 10, 4), NOW)) == [2, 3]

@@ -9,6 +9,7 @@ from gateway.alarms.states import AlarmEvent, AlarmState
 from gateway.config import GatewayConfig, parse
 from gateway.core.events import Event, EventKind
 from gateway.core.state import StateVector
+from gateway.records.messages import PicturesNotKept
 from gateway.records.record import EventRecord, array_of, unpacked
 from gateway.records.recorder_service import RecorderService, folder_of, head_of
 from gateway.records.segment import Head
@@ -108,3 +109,16 @@ async def test_alarms_are_noted_with_their_bay_and_those_of_the_gateway_with_all
     text = "x.camera_down: occurs, now unacknowledged: no picture"
     assert noted(made, "bay1") == [("alarm", text), ("alarm", text)]
     assert noted(made, "bay2") == [("alarm", text)]
+
+
+@in_virtual_time
+async def test_pictures_that_were_not_kept_are_noted_and_those_that_matter_are_counted() -> None:
+    made = service()
+    made._not_kept(PicturesNotKept("bay1", 8, "8 of 9 of stop_raised: why", matters=False))
+    assert (made.pictures_not_kept, made.pictures_detail) == (0, "")
+    made._not_kept(PicturesNotKept("bay1", 2, "2 of 3 of moved: why", matters=True))
+    assert (made.pictures_not_kept, made.pictures_detail) == (2, "bay1: 2 of 3 of moved: why")
+    assert noted(made, "bay1") == [
+        ("pictures_not_kept", "8 of 9 of stop_raised: why"),
+        ("pictures_not_kept", "2 of 3 of moved: why"),
+    ]

@@ -66,7 +66,7 @@ def test_each_segment_names_the_one_before_it_also_over_a_restart(tmp_path: Path
         kept.append(ticks(1), 0, begins=True)
         kept.append(ticks(2), SEGMENT_NS, begins=True)
         kept.close()
-        kept.pictures([picture_block(PictureHead(1, 1, 1, "png"), b"x")])
+        kept.pictures([picture_block(PictureHead(1, 1, 1, "png"), b"x")], matter=False)
     paths = recording.segments_of([tmp_path])
     known = [head.before for path in paths if (head := recording.head_in(path)) is not None]
     expected = [SegmentBefore(path.name, path.stat().st_size, digest(path)) for path in paths]
@@ -154,9 +154,9 @@ def test_pictures_are_complete_or_not_there(tmp_path: Path, monkeypatch: pytest.
     with monkeypatch.context() as broken:
         broken.setattr(os, "fdatasync", lambda fd: (_ for _ in ()).throw(OSError(errno.EIO, "I/O error")))
         with pytest.raises(OSError, match="I/O"):
-            kept.pictures(blocks)
+            kept.pictures(blocks, matter=False)
     assert list(tmp_path.iterdir()) == []
-    path = kept.pictures(blocks)
+    path = kept.pictures(blocks, matter=False)
     assert [p.head.frame_id for p in recording.pictures(path) if not isinstance(p, MissingItem)] == [0, 1, 2]
     name = parsed(path.name)
     assert name is not None
@@ -194,12 +194,66 @@ def test_what_others_need_of_the_disk_is_left_to_them(tmp_path: Path, monkeypatc
     with pytest.raises(OSError, match=r"less than 10 % of the disk would be free"):
         kept.append(ticks(2), 0, begins=False)
     with pytest.raises(OSError, match=r"less than 10 %"):
-        kept.pictures([bytes(1000)])
+        kept.pictures([bytes(1000)], matter=True)
     free[0] = 1000
     kept.append(ticks(2), 0, begins=False)
     kept.close()
     assert [f.name.number for f in files_in(tmp_path)] == [1, 2]
     assert read(tmp_path) == ([1, 2], [])
+
+
+def test_near_the_limit_of_the_disk_new_pictures_take_the_place_of_the_oldest_of_the_least_kind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A disk on which what is deleted becomes free. The store is a new one: it learns the kinds from the files."""
+
+    class Disk:
+        f_blocks, f_frsize = 20_000, 1  # 2000 bytes must be left
+
+        @property
+        def f_bavail(self) -> int:
+            return 12_000 - sum(path.stat().st_size for path in tmp_path.iterdir())
+
+    def written(why: str) -> int:
+        block = picture_block(PictureHead(1, 1, 1, "png", (why,)), bytes(1500))
+        name = parsed(kept.pictures([block], matter=why != "stop_raised").name)
+        assert name is not None
+        return name.number
+
+    def there() -> list[int]:
+        return [file.name.number for file in files_in(tmp_path) if file.name.kind == PICTURES]
+
+    monkeypatch.setattr(os, "statvfs", lambda _: Disk())
+    kept = store(tmp_path)
+    for why in ("moved", "stop_raised", "alarm camera_down", "stop_raised", "stop_raised"):
+        written(why)
+    kept = store(tmp_path)
+    kept.min_free_share = 0.1
+    assert [written("stop_raised"), there()] == [6, [1, 3, 4, 5, 6]]
+    assert [written("rolling"), there()] == [7, [1, 3, 5, 6, 7]]
+    assert [written("moved"), written("moved"), there()] == [8, 9, [1, 3, 7, 8, 9]]
+    with pytest.raises(OSError, match="less than 10 %"):
+        written("stop_raised")  # it takes the place of nothing that matters
+    assert [written("operator_mark"), there()] == [10, [3, 7, 8, 9, 10]]
+
+
+def test_new_records_take_the_place_of_the_oldest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Disk:
+        f_blocks, f_frsize = 10_000, 1  # 1000 bytes must be left
+
+        @property
+        def f_bavail(self) -> int:
+            return 3000 - sum(path.stat().st_size for path in tmp_path.iterdir())
+
+    monkeypatch.setattr(os, "statvfs", lambda _: Disk())
+    kept = store(tmp_path)
+    kept.min_free_share = 0.1
+    for n in range(1, 12):
+        kept.append(ticks(n), n * SEGMENT_NS, begins=True)
+    kept.close()
+    there = [file.name.number for file in files_in(tmp_path)]
+    assert there == list(range(12 - len(there), 12))
+    assert kept.deleted_files == 11 - len(there) > 0
 
 
 def test_one_file_that_cannot_be_deleted_stops_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
