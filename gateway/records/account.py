@@ -13,12 +13,20 @@ from gateway.durations import NS_PER_S
 from gateway.records.factors import Factor
 from gateway.records.inquiry import WINDOW_S, Answer
 from gateway.records.moment import shown, unix_ns
+from gateway.records.record import NotedKind
 from gateway.records.recording import config_of
 from gateway.records.segment import RecordedPicture
 
 Row = tuple[str, str]
 PEOPLE = frozenset(
-    {"function_check_begun", "function_check_ended", "settings_changed", "write_refused", "operator_mark"}
+    {
+        "function_check_begun",
+        "function_check_ended",
+        "settings_changed",
+        "write_refused",
+        "operator_mark",
+        NotedKind.ALARM_ACTION,
+    }
 )
 ALWAYS = ("fusion.radius_threshold_px", "fusion.distance_threshold_mm")
 KEYS: dict[Factor, tuple[str, ...]] = {

@@ -15,7 +15,7 @@ from gateway.alarms.states import AlarmState
 from gateway.alarms.table import ALARM_DEFINITIONS
 from gateway.core.events import EventKind
 from gateway.records.days import LocalDay
-from gateway.records.record import ALARM
+from gateway.records.record import NotedKind
 
 MINUTE_MS = 60_000
 PERIOD_MS = 10 * MINUTE_MS
@@ -26,7 +26,7 @@ STALE_MS = 24 * 60 * MINUTE_MS
 CHATTER_TIMES, CHATTER_MS = 3, MINUTE_MS
 MOST_FREQUENT = 10
 LEAST_H = 1.0  # recorded, for a verdict
-KINDS = (ALARM, EventKind.START.value, EventKind.SHUTDOWN.value)
+KINDS = (NotedKind.ALARM.value, EventKind.START.value, EventKind.SHUTDOWN.value)
 """The kinds of events of the index that are needed here."""
 _ACTIVE = (AlarmState.UNACKNOWLEDGED, AlarmState.ACKNOWLEDGED)
 
@@ -190,7 +190,7 @@ def _followed(
         t_ms = int(str(event["t_ms"]))
         if t_ms >= min(end_ms, now_ms):
             break
-        if event["kind"] != ALARM:
+        if event["kind"] != NotedKind.ALARM:
             known_ms = t_ms if event["kind"] == EventKind.SHUTDOWN else _recorded_until(minutes, t_ms)
             for name in list(active):
                 end(name, min(t_ms, max(known_ms, active[name])), over=True)

@@ -11,7 +11,6 @@ from gateway.core.readings import FRESH_FRAME, Quality
 from gateway.core.visit_summary import VisitEnd
 from gateway.durations import NS_PER_MS, NS_PER_S
 from gateway.records.record import (
-    ALARM,
     AnyRecord,
     Checkpoint,
     Decision,
@@ -19,6 +18,7 @@ from gateway.records.record import (
     EventRecord,
     FrameRecord,
     Gap,
+    NotedKind,
     RegisterImage,
     VisitRecord,
 )
@@ -170,7 +170,7 @@ class SegmentRows:
             minute.stops[reason] = minute.stops.get(reason, 0) + 1
 
     def _event(self, record: EventRecord) -> None:
-        alarm = record.kind == ALARM
+        alarm = record.kind == NotedKind.ALARM
         self._alarm_count += alarm
         self._event_count += not alarm
         if (self._alarm_count if alarm else self._event_count) > MAX_EVENTS:

@@ -5,6 +5,8 @@ field it does not know is skipped, one that is missing has its default. All time
 RegisterImage has the Unix time of the same moment.
 """
 
+from enum import StrEnum
+
 import msgspec
 
 from gateway.core.fusion import Observation
@@ -18,8 +20,13 @@ from gateway.modbus.registers.bay_identity import BayIdentity
 from gateway.modbus.registers.register import WordOrder
 from gateway.modbus.registers.register_map import encode
 
-ALARM = "alarm"  # kind of the EventRecord that is a change of an alarm
-PICTURES_NOT_KEPT = "pictures_not_kept"  # and of one that says of which incident, and why
+
+class NotedKind(StrEnum):
+    """Kinds of the EventRecords that are not events of the control step. The names are on the wire."""
+
+    ALARM = "alarm"  # a change of an alarm
+    ALARM_ACTION = "alarm_action"  # the same once more, where a person did it
+    PICTURES_NOT_KEPT = "pictures_not_kept"  # of which incident, and why
 
 
 class Record(msgspec.Struct, frozen=True, tag_field="is", omit_defaults=True, kw_only=True):

@@ -49,7 +49,7 @@ from gateway.records.messages import (
     ToRecorder,
     Written,
 )
-from gateway.records.record import ALARM, PICTURES_NOT_KEPT
+from gateway.records.record import NotedKind
 from gateway.records.segment import Head
 from gateway.supervisor import Task
 from gateway.vision.transport.ring import RingSpec
@@ -169,7 +169,9 @@ class RecorderService:
         bays = self.collectors if change.bay is None else [change.bay]
         for bay in bays:
             if bay in self.collectors and not change.by_design:
-                self.collectors[bay].note(change.t_ns, ALARM, str(change))
+                self.collectors[bay].note(change.t_ns, NotedKind.ALARM, str(change))
+                if change.who:
+                    self.collectors[bay].note(change.t_ns, NotedKind.ALARM_ACTION, str(change))
                 if change.event is AlarmEvent.OCCURS and change.bay is not None:
                     self.keep(bay, change.t_ns, f"alarm {change.kind}")
 
@@ -276,7 +278,7 @@ class RecorderService:
         self.status, self.fault = status, status.fault
 
     def _not_kept(self, pictures: PicturesNotKept) -> None:
-        self.collectors[pictures.bay].note(self.clock.now_ns(), PICTURES_NOT_KEPT, pictures.detail)
+        self.collectors[pictures.bay].note(self.clock.now_ns(), NotedKind.PICTURES_NOT_KEPT, pictures.detail)
         if pictures.matters:
             self.pictures_not_kept += pictures.number
             self.pictures_detail = f"{pictures.bay}: {pictures.detail}"

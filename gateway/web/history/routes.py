@@ -16,6 +16,7 @@ from gateway.durations import NS_PER_MS, NS_PER_S
 from gateway.records import kept_pictures, picture_search, visits_csv
 from gateway.records.index_reader import IndexReader
 from gateway.records.kept_pictures import KeptPicture
+from gateway.records.record import NotedKind
 from gateway.sinks.mqtt.visit_payload import visit_payload
 from gateway.web.auth.access import Level
 from gateway.web.auth.addresses import ApiAddresses, whole_number
@@ -64,7 +65,9 @@ Points = Annotated[int, whole_number(1, MAX_POINTS), Query(description="at most 
 Marks = Annotated[int, whole_number(1, MAX_EVENTS), Query(description="at most so many, the newest of them")]
 Shots = Annotated[int, whole_number(1, MAX_PICTURES), Query(description="at most so many, the newest of them")]
 Width = Annotated[int, whole_number(64, 4096), Query(description="px; a wider picture is made smaller")]
-Kinds = Annotated[list[EventKind], Query(max_length=len(EventKind), description="only these; none: all")]
+Kinds = Annotated[
+    list[EventKind | NotedKind], Query(max_length=len(EventKind) + len(NotedKind), description="only these; none: all")
+]
 
 
 @ADDRESSES.get(f"{BAY}/records", "records", "what there is of one bay's records", errors={400: "", 503: ""})

@@ -20,6 +20,7 @@ from gateway.records import account, moment, names
 from gateway.records.factors import Factor
 from gateway.records.inquiry import Answer, Inquiry
 from gateway.records.names import SEGMENT, FileName
+from gateway.records.record import NotedKind
 from gateway.records.segment import head_block
 from tests.recorded_bay import BEGIN_NS, CONFIG, NEAR, T0_NS, Recorded, S, recorded, unix
 from tests.self_contained import fetches_nothing
@@ -321,12 +322,15 @@ def test_who_did_what(tmp_path: Path, capsys: pytest.CaptureFixture[str], utc: N
     bench.run(6)
     bench.check_function(FunctionCheck.MAY_MOVE_OFF)
     bench.run(10)
+    folder.collector.note(bench.now_ns, NotedKind.ALARM_ACTION, "bay1.moved: reset, now normal by maria (checked)")
     folder.write(T0_NS)
     assert main(["why", "02:13:33", "--records", str(folder.path)]) == 0
     said = capsys.readouterr().out
     assert "10.0.0.9 wrote plc_control 0 -> 2, bits truck_present" in said
     assert "Stop was off, but may_move too: a technician's function check withholds may_move." in said
     assert "function check begun" in said
+    did = said[said.index("who did what") : said.index("\nevents")]
+    assert "alarm action: bay1.moved: reset, now normal by maria (checked)" in did
     assert "may_move 1 -> 0, function_check off -> may_move_off: [function check: may_move_off]" in said
 
 

@@ -1,5 +1,6 @@
 """What the main process sends to the recorder, and when; without a recorder process."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -109,6 +110,16 @@ async def test_alarms_are_noted_with_their_bay_and_those_of_the_gateway_with_all
     text = "x.camera_down: occurs, now unacknowledged: no picture"
     assert noted(made, "bay1") == [("alarm", text), ("alarm", text)]
     assert noted(made, "bay2") == [("alarm", text)]
+
+
+@in_virtual_time
+async def test_who_acted_on_an_alarm_is_noted_once_more_for_itself() -> None:
+    made = service()
+    done = replace(change("bay1", AlarmEvent.ACKNOWLEDGE, AlarmState.ACKNOWLEDGED), who="maria", note="seen")
+    made.on_alarm(done)
+    text = "x.camera_down: acknowledge, now acknowledged by maria (seen)"
+    assert noted(made, "bay1") == [("alarm", text), ("alarm_action", text)]
+    assert noted(made, "bay2") == []
 
 
 @in_virtual_time

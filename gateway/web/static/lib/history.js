@@ -21,7 +21,7 @@ export const firstScale = (spanMs) => Object.keys(SCALES).find((name) => name ==
 /** Reasons for stop that are no fault: the truck is where it should be, or nobody is there, or the gateway was told. */
 const NORMAL = new Set(['none', 'target_reached', 'stop_latched', 'clearing', 'starting', 'no_target', 'target_coasted', 'range_too_far', 'no_echo', 'shutdown']);
 /** Kinds of events that are marked on the timeline. */
-export const MARKED = ['sensor_fault', 'plc_lost', 'rolling', 'moved', 'operator_mark', 'function_check_begun', 'settings_changed', 'start', 'shutdown'];
+export const MARKED = ['sensor_fault', 'plc_lost', 'rolling', 'moved', 'operator_mark', 'function_check_begun', 'settings_changed', 'alarm_action', 'pictures_not_kept', 'start', 'shutdown'];
 const BAD = new Set(['sensor_fault', 'plc_lost', 'rolling', 'moved']);
 
 /** Is a stop for this reason, or an event of this kind, something abnormal? */
