@@ -118,7 +118,7 @@ def _without_kernel(method: Method) -> Method:
     def call(image: Image, t_ns: int) -> object:
         with ExitStack() as stack:
             for module in (candidates, measurement, refinement):
-                stack.enter_context(patch.object(module, "_kernel", _no_kernel))
+                stack.enter_context(patch.object(module, "compiled_kernel", _no_kernel))
             return method(image, t_ns)
 
     return call

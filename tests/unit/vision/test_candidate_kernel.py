@@ -103,7 +103,7 @@ def test_redness_of_windows_and_of_pictures_upside_down(
     picture = np.random.default_rng(4).integers(0, 256, (50, 70, 3), np.uint8)
     for view in (picture, picture[3:40, 5:60], picture[::-1]):
         assert np.array_equal(kernel.redness(view), redness(view))
-    monkeypatch.setattr(candidates, "_kernel", lambda: kernel)
+    monkeypatch.setattr(candidates, "compiled_kernel", lambda: kernel)
     apart = np.repeat(picture, 2, axis=1)[:, ::2]
     for other in (apart, picture.astype(np.float32)):
         assert np.array_equal(red_plane(PyramidLevel(other, 1)), redness(other))

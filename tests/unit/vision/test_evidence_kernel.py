@@ -112,7 +112,7 @@ def test_windows_and_pictures_upside_down_are_read_where_they_lie(kernel: Eviden
 def test_less_a_veil_and_other_kinds_of_picture_are_left_to_numpy(
     kernel: EvidenceKernel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(measurement, "_kernel", lambda: kernel)
+    monkeypatch.setattr(measurement, "compiled_kernel", lambda: kernel)
     (level, *_), seeds, rims = cases(1)[0]
     share = np.full((6, 8), 0.5, np.float32)
     apart = np.asarray(np.repeat(level.bgr, 2, axis=1)[:, ::2], np.uint8)

@@ -1,10 +1,12 @@
 """Frames summed behind thick dust: what that shows, that nothing else is shown, and how old it is."""
 
 import math
+import pkgutil
 import random
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -15,7 +17,7 @@ from gateway.core import fusion
 from gateway.core.detection import Circle, Detection, Ellipse, Tracking
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import Tick
-from gateway.vision.detect import registry
+from gateway.vision.detect import registry, robust
 from gateway.vision.detect.method import Summing, TimedPicture
 from gateway.vision.detect.robust import frame_sum
 from gateway.vision.detect.robust.frame_sum import SummingSearch, mean_of, suitable
@@ -400,3 +402,13 @@ def test_the_age_of_a_sum_leaves_time_for_the_next() -> None:
         next_ns = math.ceil(work_ns / period_ns) * period_ns
         assert (frames - 1) * period_ns <= frame_sum.SPAN_NS
         assert (frames - 1) * period_ns + next_ns + work_ns <= deadline_ns + 50 * MS
+
+
+def test_every_kernel_is_loaded_before_the_first_frame() -> None:
+    """Comparing them with their references takes longer than `fusion.vision_deadline_s`: the first result was stale."""
+    modules = [import_module(f"{robust.__name__}.{found.name}") for found in pkgutil.iter_modules(robust.__path__)]
+    kernels = [module.compiled_kernel for module in modules if hasattr(module, "compiled_kernel")]
+    for kernel in kernels:
+        kernel.cache_clear()
+    frame_sum.search(VisionConfig(), lambda: 0)
+    assert [kernel.cache_info().currsize for kernel in kernels] == [1] * 5

@@ -86,7 +86,7 @@ def test_the_robust_method_finds_the_same_without_a_library(
         for module in ROBUST:
             kernel = module.load(path)
             assert (kernel is None) == (path is not library)
-            monkeypatch.setattr(module, "_kernel", lambda kernel=kernel: kernel)
+            monkeypatch.setattr(module, "compiled_kernel", lambda kernel=kernel: kernel)
         found.append(detect(image, VisionConfig()))
     assert found[0].circle is not None
     assert found[0].ellipse is not None

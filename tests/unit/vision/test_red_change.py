@@ -111,7 +111,7 @@ def speckled(chance: np.random.Generator) -> tuple[Image, Circle]:
 @pytest.mark.one_interpreter
 def test_the_same_regions_as_without_a_compiler(compiled: RegionKernel, monkeypatch: pytest.MonkeyPatch) -> None:
     chance = np.random.default_rng(31)
-    monkeypatch.setattr(red_change, "_kernel", lambda: compiled)
+    monkeypatch.setattr(red_change, "compiled_kernel", lambda: compiled)
     boxes = faint = 0
     for _ in range(examples(150)):
         image, followed = speckled(chance)

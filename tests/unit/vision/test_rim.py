@@ -26,7 +26,7 @@ def path(request: pytest.FixtureRequest, library: Path) -> Iterator[None]:
     kernel = load(library) if request.param == "kernel" else None
     assert (kernel is None) == (request.param == "opencv")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(refinement, "_kernel", lambda: kernel)
+        patch.setattr(refinement, "compiled_kernel", lambda: kernel)
         yield
 
 

@@ -146,7 +146,7 @@ def test_windows_and_pictures_upside_down_are_read_where_they_lie(kernel: RimKer
 def test_a_picture_whose_pixels_lie_apart_is_left_to_numpy(kernel: RimKernel, monkeypatch: pytest.MonkeyPatch) -> None:
     image, seed = disc_picture()
     apart = np.repeat(image, 2, axis=1)[:, ::2]
-    monkeypatch.setattr(refinement, "_kernel", lambda: kernel)
+    monkeypatch.setattr(refinement, "compiled_kernel", lambda: kernel)
     assert refine(apart, seed) == refine_plain(image, seed)
     assert fall(apart, seed, 0.25) == fall_plain(image, seed, 0.25)
 

@@ -47,7 +47,7 @@ def votes(level: PyramidLevel) -> list[Seed]:
     red = cv2.GaussianBlur(red_plane(level), (5, 5), 1.0)
     if min(red.shape) < 8:
         return []
-    planes, kernel = gradients(np.asarray(red, np.float32)), _kernel()
+    planes, kernel = gradients(np.asarray(red, np.float32)), compiled_kernel()
     peaks = _peaks(*planes) if kernel is None else kernel.votes(planes, RADII, blur_weights())
     seeds = []
     for row, column, radius, weight in peaks:
@@ -71,7 +71,7 @@ def blur_weights() -> tuple[float, float]:
 
 def red_plane(level: PyramidLevel) -> Plane:
     """(H, W): `redness` of the level."""
-    kernel = _kernel()
+    kernel = compiled_kernel()
     return redness(level.bgr) if kernel is None or not adjacent(level.bgr) else kernel.redness(level.bgr)
 
 
@@ -117,7 +117,7 @@ def _cast(
 def blobs(level: PyramidLevel, radii_px: tuple[float, float]) -> list[Seed]:
     """Connected parts above each of several thresholds of redness that are about as wide as high."""
     red = np.asarray(cv2.GaussianBlur(red_plane(level), (3, 3), 0.0), np.float32)
-    kernel = _kernel()
+    kernel = compiled_kernel()
     limits = 0.8 * radii_px[0], 1.2 * radii_px[1]
     found = _blobs(red, level.factor, limits) if kernel is None else kernel.blobs(red, SHARES, level.factor, limits)
     return [
@@ -166,7 +166,7 @@ def distinct(seeds: list[Seed], limit: int) -> list[Seed]:
 
 
 @lru_cache(maxsize=1)
-def _kernel() -> CandidateKernel | None:
+def compiled_kernel() -> CandidateKernel | None:
     return load()
 
 

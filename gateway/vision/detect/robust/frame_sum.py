@@ -15,6 +15,7 @@ from gateway.config import VisionConfig
 from gateway.core.detection import Detection, Ellipse, Rejection
 from gateway.vision.compiled.sizes import MOST_VEIL_SIDE
 from gateway.vision.detect.method import NowNs, Search, TimedPicture
+from gateway.vision.detect.robust import candidates, measurement, red_change, refinement, veil
 from gateway.vision.detect.robust.roi_search import RoiSearch
 from gateway.vision.detect.robust.standing import evenly_lit, stood_still
 from gateway.vision.detect.robust.veil import estimate
@@ -114,10 +115,13 @@ def _thick(image: Pixels) -> bool:
     step = max(1, -(-max(image.shape[:2]) // MOST_VEIL_SIDE))
     size = (max(1, image.shape[1] // step), max(1, image.shape[0] // step))
     small: Pixels = cv2.resize(image, size, interpolation=cv2.INTER_AREA)  # type: ignore[assignment]
-    veil = estimate(grey_levels(small))
-    return veil is not None and float(np.median(veil.share)) >= THICK
+    found = estimate(grey_levels(small))
+    return found is not None and float(np.median(found.share)) >= THICK
 
 
 def search(params: VisionConfig, now_ns: NowNs) -> SummingSearch:
-    """The robust method's, frame after frame."""
+    """The robust method's, frame after frame. Its kernels are loaded and compared now: that takes longer than a first
+    frame may."""
+    for module in (candidates, measurement, red_change, refinement, veil):
+        module.compiled_kernel()
     return SummingSearch(RoiSearch(params, now_ns), params.sum_frames)

@@ -25,7 +25,7 @@ ALIKE = 1e-6  # px, log units, grey levels and shares: so far the kernel may dif
 
 def gather(levels: Sequence[PyramidLevel], seeds: Sequence[Seed]) -> list[Evidence | None]:
     """For each seed, in order; None where no rim fits the edges round it."""
-    kernel = _kernel()
+    kernel = compiled_kernel()
     if kernel is None or not possible(levels):
         return gather_plain(levels, seeds)
     return kernel.gather(levels, seeds)
@@ -33,14 +33,14 @@ def gather(levels: Sequence[PyramidLevel], seeds: Sequence[Seed]) -> list[Eviden
 
 def of_ellipses(levels: Sequence[PyramidLevel], rims: Sequence[Ellipse]) -> list[Evidence | None]:
     """For each rim that is already known, in order; None where hardly any of it is in the picture."""
-    kernel = _kernel()
+    kernel = compiled_kernel()
     if kernel is None or not possible(levels):
         return of_ellipses_plain(levels, rims)
     return kernel.of_ellipses(levels, rims)
 
 
 @lru_cache(maxsize=1)
-def _kernel() -> EvidenceKernel | None:
+def compiled_kernel() -> EvidenceKernel | None:
     return load()
 
 

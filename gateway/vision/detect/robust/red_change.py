@@ -40,7 +40,7 @@ class RedRegions:
 
 def red_regions(image: Pixels, followed: Circle) -> RedRegions:
     """The red spots of a (H, W, 3) BGR picture that are not `followed` itself."""
-    kernel = _kernel()
+    kernel = compiled_kernel()
     if kernel is None or not adjacent(image):
         return red_regions_plain(image, followed)
     step = sparse_step(image)
@@ -89,7 +89,7 @@ def sparse_place(circle: Circle, step: int) -> tuple[tuple[int, int], float]:
 
 
 @lru_cache(maxsize=1)
-def _kernel() -> RegionKernel | None:
+def compiled_kernel() -> RegionKernel | None:
     return load()
 
 

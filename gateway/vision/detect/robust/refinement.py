@@ -52,14 +52,14 @@ def refine(
     0: the seed is good to about half a pixel (a tracked target), the coarse stage is left out. `doubt`: see
     `support.fit`. `opponent`: the rim of red against green only, see `normal_profiles.sample`.
     """
-    kernel = _kernel()
+    kernel = compiled_kernel()
     if kernel is None or not adjacent(image):
         return refine_plain(image, seed, search_px=search_px, doubt=doubt, opponent=opponent)
     return kernel.refine(image, seed, search_px, doubt, opponent)
 
 
 @lru_cache(maxsize=1)
-def _kernel() -> RimKernel | None:
+def compiled_kernel() -> RimKernel | None:
     return load()
 
 
@@ -93,7 +93,7 @@ def fall(image: Colours, rim: Ellipse, share: float) -> float:
     """How much redder the picture is well inside a refined rim than well outside: OPPONENT times a*, the median over
     32 rays; 0 where none of them is in the picture. `share`: so much of the semi-minor axis inside and outside.
     """
-    kernel = _kernel()
+    kernel = compiled_kernel()
     if kernel is None or not adjacent(image):
         return fall_plain(image, rim, share)
     return kernel.fall(image, rim, share)

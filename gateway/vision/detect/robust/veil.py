@@ -86,7 +86,7 @@ def less_veil(levels: list[PyramidLevel]) -> list[PyramidLevel]:
     """Each level less the veil over it; in clear air the levels themselves."""
     coarse = next((level.bgr for level in levels if max(level.bgr.shape[:2]) <= MOST_VEIL_SIDE), levels[-1].bgr)
     sparse = -(-max(coarse.shape[:2]) // MOST_VEIL_SIDE)  # of a picture without a pyramid
-    kernel = _kernel()
+    kernel = compiled_kernel()
     if kernel is not None and adjacent(coarse) and kernel.is_clear(coarse, sparse):
         return levels
     veil = estimate(coarse[::sparse, ::sparse].copy())
@@ -94,7 +94,7 @@ def less_veil(levels: list[PyramidLevel]) -> list[PyramidLevel]:
 
 
 @lru_cache(maxsize=1)
-def _kernel() -> AirKernel | None:
+def compiled_kernel() -> AirKernel | None:
     return load()
 
 
