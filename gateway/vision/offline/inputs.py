@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.errors import ConfigError, GatewayError
+from gateway.vision.offline.orientation import orientation, upright
 from gateway.vision.pixels import PICTURE_SUFFIXES, Image, Picture, bgr, bgr8, natural_key
 from gateway.vision.source import ffmpeg
 
@@ -124,13 +125,15 @@ def decode(data: bytes) -> Image:
 
 def _decoded(data: bytes) -> NDArray[Any]:
     """The same as it is stored."""
+    webp = data[8:12] == b"WEBP"
+    flags = _FLAGS | (cv2.IMREAD_IGNORE_ORIENTATION if webp else 0)
     try:
-        picture = cv2.imdecode(np.frombuffer(data, np.uint8), _FLAGS) if data else None
+        picture = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if data else None
     except cv2.error as error:
         raise InputError(_reason(error)) from error
     if picture is None:
         raise InputError("damaged, cut short, or not a picture in a known format")
-    return picture
+    return upright(picture, orientation(data)) if webp else picture
 
 
 def _colours(picture: NDArray[Any]) -> Picture:
@@ -159,9 +162,9 @@ def _frames(data: bytes) -> Iterator[InputPicture]:
     if not _decode_batch(data, 1, 1):
         yield InputPicture(_colours(first))
         return
-    start = 0
+    start, stated = 0, orientation(data)
     while frames := _decode_batch(data, start, batch):
-        yield from (InputPicture(_colours(frame), start + i) for i, frame in enumerate(frames))
+        yield from (InputPicture(_colours(upright(frame, stated)), start + i) for i, frame in enumerate(frames))
         start += len(frames)
 
 

@@ -119,6 +119,46 @@ def test_exif_orientation_is_applied(put: Put) -> None:
     assert np.abs(np.rot90(the_picture(put("b.jpg", plain)), -1).astype(int) - image).max() == 0
 
 
+def with_exif(data: bytes, exif: bytes) -> bytes:
+    """The WebP or PNG file with this chunk at its end, or before its pixels."""
+    if data.startswith(b"\x89PNG"):
+        chunk = b"eXIf" + exif
+        return data[:33] + struct.pack(">I", len(exif)) + chunk + struct.pack(">I", zlib.crc32(chunk)) + data[33:]
+    extended = data[12:16] == b"VP8X"
+    size = data[24:30] if extended else struct.pack("<I", 63)[:3] + struct.pack("<I", 47)[:3]
+    flags = bytes([(data[20] if extended else 0) | 8, 0, 0, 0])
+    inner = data[30:] if extended else data[12:]
+    body = b"VP8X" + struct.pack("<I", 10) + flags + size + inner
+    body += b"EXIF" + struct.pack("<I", len(exif)) + exif + b"\0" * (len(exif) % 2)
+    return b"RIFF" + struct.pack("<I", len(body) + 4) + b"WEBP" + body
+
+
+@pytest.mark.parametrize(("order", "prefix"), [("<", b""), (">", b"Exif\0\0")])
+@pytest.mark.parametrize("suffix", [".png", ".webp"])
+@pytest.mark.parametrize("stated", range(1, 9))
+def test_an_animation_is_turned_like_a_still_jpeg_of_the_same_orientation(
+    put: Put, suffix: str, stated: int, order: str, prefix: bytes
+) -> None:
+    picture = np.zeros((48, 64, 3), np.uint8)
+    picture[:24, :32] = RED
+    picture[:24, 32:] = 90
+    mark = b"II*\0" if order == "<" else b"MM\0*"
+    exif = b"Exif\0\0" + mark + struct.pack(f"{order}IHHHIHHI", 8, 1, 0x112, 3, 1, stated, 0, 0)
+    plain = encoded(".jpg", picture)
+    still = the_picture(put("a.jpg", plain[:2] + b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif + plain[2:]))
+    animation = cv2.Animation()
+    animation.frames, animation.durations = [picture, picture // 2], np.array([100, 100])  # type: ignore[assignment]
+    data = with_exif(cv2.imencodeanimation(suffix, animation)[1].tobytes(), prefix + exif[6:])
+    first, second = inputs.read(put(f"b{suffix}", data))
+    assert first.image.shape == still.shape
+    assert np.abs(first.image.astype(int) - still).mean() < 8
+    assert np.abs(second.image.astype(int) - still // 2).mean() < 8
+    one = the_picture(put(f"c{suffix}", with_exif(encoded(suffix, picture), prefix + exif[6:])))
+    if suffix == ".webp" or not prefix:  # "Exif" before it is no PNG that OpenCV turns, and none that anybody writes
+        assert one.shape == still.shape
+        assert np.abs(one.astype(int) - still).mean() < 8
+
+
 # -- sizes -------------------------------------------------------------------------------------------------------------
 
 
