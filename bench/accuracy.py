@@ -22,9 +22,9 @@ from bench.scene import BEYOND, RECIPES, Truth, draw
 from gateway.config import VisionConfig
 from gateway.core.detection import Ellipse
 from gateway.vision.detect.paper import pipeline
-from gateway.vision.detect.robust.colours import clearest_rim
+from gateway.vision.detect.robust.clearest_rim import clearest_rim
 from gateway.vision.detect.robust.refinement import refine
-from gateway.vision.detect.robust.rim import Rim
+from gateway.vision.detect.robust.rim_fine import Rim
 
 SEED_OFF = 0.05  # of R: the refinement starts from a circle up to so far off, in place and in size
 FLOOR_EVERY = 6

@@ -18,7 +18,7 @@ from bench.scene import BEYOND, RECIPES, draw
 from gateway.core.detection import Circle
 from gateway.vision.detect.robust import candidates, measurement, red_change
 from gateway.vision.detect.robust.kernel import candidate_kernel
-from gateway.vision.detect.robust.kernel.region_kernel import RegionTask
+from gateway.vision.detect.robust.kernel.sparse_kernel import RegionTask
 from gateway.vision.detect.robust.redness import LOG, PyramidLevel, pyramid, redness
 from gateway.vision.pixels import Colours
 

@@ -1,5 +1,5 @@
 /* Runs the refinement on tasks from a file, and prints each result in full: `bench/rim_bits.py` has both ends of it. */
-#include "fall.h"
+#include "refined.h"
 #include "task_file.h"
 
 int gateway_rim(Task *task, const Tables *tables, Work *work);

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 Image = NDArray[np.uint8]  # (H, W, 3), BGR, 255 is white, unless noted otherwise
 DeepImage = NDArray[np.uint16]  # the same with more than 8 bits: 65535 is white, whatever the camera's own is
 GreyLevels = NDArray[np.float32]  # the same in grey levels and parts of them, 0 to 255
-Picture = Image | DeepImage  # of a camera or a file
+AnyImage = Image | DeepImage  # of a camera or a file
 Colours = Image | GreyLevels
 Pixels = Colours | DeepImage  # what the data type says: white is never guessed from the contents
 
@@ -53,7 +53,7 @@ def bgr8(picture: NDArray[Any]) -> Image:
     return bgr
 
 
-def bgr(picture: NDArray[Any]) -> Picture:
+def bgr(picture: NDArray[Any]) -> AnyImage:
     """As `bgr8`, but colours of 16 bits keep them: (H, W, 3) uint16. Grey becomes 8 bits: it has no red in it."""
     if picture.dtype == np.uint16 and picture.ndim == 3 and picture.shape[2] in (3, 4) and picture.size:
         return np.ascontiguousarray(picture[:, :, :3])

@@ -13,7 +13,7 @@ from gateway.vision.track.follower import Follower
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from gateway.vision.pixels import Image, Picture
+    from gateway.vision.pixels import AnyImage, Image
 
 
 def method(name: str) -> Method:
@@ -39,7 +39,7 @@ def once(params: VisionConfig, now_ns: NowNs = lambda: 0) -> Detector:
     return (made.once or made.detector)(params, now_ns)
 
 
-def given(params: VisionConfig, pixels: "Picture") -> "Image":
+def given(params: VisionConfig, pixels: "AnyImage") -> "Image":
     """What the method is given of a picture: all its bits where it takes more than 8."""
     return cast("Image", pixels) if method(params.method).deep else bgr8(pixels)
 

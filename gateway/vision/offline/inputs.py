@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from gateway.errors import ConfigError, GatewayError
 from gateway.vision.offline.orientation import orientation, upright
-from gateway.vision.pixels import PICTURE_SUFFIXES, Image, Picture, bgr, bgr8, natural_key
+from gateway.vision.pixels import PICTURE_SUFFIXES, AnyImage, Image, bgr, bgr8, natural_key
 from gateway.vision.source import ffmpeg
 
 log = logging.getLogger(__name__)
@@ -59,7 +59,7 @@ class InputError(GatewayError):
 class InputPicture:
     """One decoded picture; `frame` counts from 0 in files that hold several, and is None in those that hold one."""
 
-    pixels: Picture
+    pixels: AnyImage
     frame: int | None = None
 
     @property
@@ -136,7 +136,7 @@ def _decoded(data: bytes) -> NDArray[Any]:
     return upright(picture, orientation(data)) if webp else picture
 
 
-def _colours(picture: NDArray[Any]) -> Picture:
+def _colours(picture: NDArray[Any]) -> AnyImage:
     height, width = picture.shape[:2]
     if height * width > MAX_PIXELS:
         raise InputError(f"{width} x {height} px is more than {MAX_PIXELS} pixels")

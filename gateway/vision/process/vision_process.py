@@ -27,7 +27,7 @@ from gateway.vision.detect import registry
 from gateway.vision.detect.method import Detector, RadiusLimited, Summing, TimedPicture
 from gateway.vision.detect.radii import MarkerRadii
 from gateway.vision.picture.measure import PictureMeter
-from gateway.vision.pixels import Image, Picture, bgr8
+from gateway.vision.pixels import AnyImage, Image, bgr8
 from gateway.vision.process.exposure_loop import ExposureLoop
 from gateway.vision.source.checks import FrameChecks
 from gateway.vision.source.contract import Controlled, Needs, Source, SourceSpec
@@ -241,7 +241,7 @@ class CaptureThread:
             discarded += 1 + source.read().damaged
         checks = FrameChecks(spec.label, job.rules, self._progress.size_px(), may_repeat=source.may_repeat)
         seq, opened = job.first_seq - 1, False
-        last: Picture | None = None
+        last: AnyImage | None = None
         while True:
             frame = source.read()
             if last is not None and np.may_share_memory(last, frame.pixels):

@@ -10,7 +10,7 @@ from typing import Protocol, runtime_checkable
 
 from gateway.clock import Clock
 from gateway.vision.exposure.settings import Exposure, ExposureLimits, ExposureRules
-from gateway.vision.pixels import Image, Picture, bgr8
+from gateway.vision.pixels import AnyImage, Image, bgr8
 from gateway.vision.source.v4l2_controls import CameraControls
 
 
@@ -19,7 +19,7 @@ class Frame:
     """One picture and the time it was taken, as far as its source reports it. The source never writes it again: it is
     processed in place while further ones are read."""
 
-    pixels: Picture  # (H, W, 3), BGR; the data type says what is white: uint8, or uint16 of more than 8 bits
+    pixels: AnyImage  # (H, W, 3), BGR; the data type says what is white: uint8, or uint16 of more than 8 bits
     t_capture_ns: int
     # Frames since the one before that could not be decoded, and were skipped.
     damaged: int = field(default=0, kw_only=True)

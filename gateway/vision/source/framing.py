@@ -9,7 +9,7 @@ from typing import cast
 
 from gateway.config import CameraConfig
 from gateway.errors import LinkError
-from gateway.vision.pixels import Picture
+from gateway.vision.pixels import AnyImage
 from gateway.vision.source.contract import Frame
 
 SizePx = tuple[int, int]
@@ -51,5 +51,5 @@ class Framing:
         if self.rotation_deg:
             import cv2  # noqa: PLC0415 - OpenCV stays out of the main process
 
-            pixels = cast("Picture", cv2.rotate(pixels, self.rotation_deg // 90 - 1))  # ROTATE_90_CLOCKWISE is 0
+            pixels = cast("AnyImage", cv2.rotate(pixels, self.rotation_deg // 90 - 1))  # ROTATE_90_CLOCKWISE is 0
         return replace(frame, pixels=pixels)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gateway.core.detection import Circle
 from gateway.durations import NS_PER_S
-from gateway.vision.pixels import Picture
+from gateway.vision.pixels import AnyImage
 
 TILES = (12, 16)  # rows and columns of tiles
 ROWS = 5  # of pixels that are compared in each tile: 0.02 ms at VGA, 0.04 ms at 1080p
@@ -38,12 +38,12 @@ class FrozenFrameDetector:
 
     def __init__(self, frozen_s: float) -> None:
         self._frozen_ns = round(frozen_s * NS_PER_S)
-        self._last: Picture | None = None
+        self._last: AnyImage | None = None
         self._sparse: Samples | None = None  # one row of each row of tiles of it, (12, 3 * width)
         self._first_ns = 0
         self.changed_ns: Changes = np.zeros(TILES, np.int64)
 
-    def judge(self, image: Picture, t_ns: int) -> Freshness:
+    def judge(self, image: AnyImage, t_ns: int) -> Freshness:
         """The verdict on the frame of `t_ns`; afterwards `changed_ns` holds for this frame.
 
         A source opened again must change once before it is believed.
@@ -108,7 +108,7 @@ def _by_tile(ufunc: np.ufunc, sample: Samples, columns: NDArray[np.intp]) -> Sam
     return np.asarray(ufunc.reduceat(rows, columns, axis=1))
 
 
-def _sampled(image: Picture) -> Samples:
+def _sampled(image: AnyImage) -> Samples:
     """(12 * ROWS, 3 * width): the rows that are compared."""
     height = image.shape[0]
     return image.reshape(height, -1).take(_edges(height, TILES[0] * ROWS), axis=0)

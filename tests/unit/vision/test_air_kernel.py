@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from gateway.vision.detect.robust.kernel.air_kernel import AirKernel
+from gateway.vision.detect.robust.kernel.sparse_kernel import AirKernel
 from gateway.vision.detect.robust.veil import estimate, load
 from gateway.vision.pixels import Image
 from tests.examples import examples

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from gateway.core.detection import Circle
 from gateway.vision.detect.robust import red_change
-from gateway.vision.detect.robust.kernel.region_kernel import RegionKernel
+from gateway.vision.detect.robust.kernel.sparse_kernel import RegionKernel
 from gateway.vision.detect.robust.red_change import (
     SPARSE_PX,
     RedRegions,

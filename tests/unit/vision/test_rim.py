@@ -15,7 +15,7 @@ from gateway.core.detection import Ellipse
 from gateway.vision.detect.robust import refinement
 from gateway.vision.detect.robust.conic import from_ellipse
 from gateway.vision.detect.robust.refinement import load, refine
-from gateway.vision.detect.robust.rim import Rim
+from gateway.vision.detect.robust.rim_fine import Rim
 from gateway.vision.pixels import Image
 from tests.examples import examples
 

@@ -13,7 +13,7 @@ from gateway.vision.detect.robust import refinement
 from gateway.vision.detect.robust.kernel import lab
 from gateway.vision.detect.robust.kernel.rim_kernel import RimKernel
 from gateway.vision.detect.robust.refinement import DOUBT, fall, fall_plain, load, refine, refine_plain
-from gateway.vision.detect.robust.rim import Rim
+from gateway.vision.detect.robust.rim_fine import Rim
 from gateway.vision.pixels import Image
 from tests.examples import examples
 from tests.unit.vision.kernel_examples import seed_near, shot

@@ -7,9 +7,9 @@ import pytest
 
 from gateway.config import VisionConfig
 from gateway.core.detection import Circle, Ellipse
+from gateway.vision.detect.robust.clearest_rim import rim_behind_veil
 from gateway.vision.detect.robust.decision import Limits
 from gateway.vision.detect.robust.detect import detect
-from gateway.vision.detect.robust.faint_rim import rim_behind_veil
 from gateway.vision.detect.robust.red_change import red_regions
 from gateway.vision.detect.robust.redness import PyramidLevel, pyramid, redness
 from gateway.vision.detect.robust.search import search_expected

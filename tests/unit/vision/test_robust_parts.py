@@ -8,14 +8,14 @@ import pytest
 
 from gateway.core.detection import Ellipse
 from gateway.vision.detect.geometry import same_ellipse
-from gateway.vision.detect.robust import candidates, colours, constants, ellipses, measurement
+from gateway.vision.detect.robust import candidates, constants, ellipses, measurement
 from gateway.vision.detect.robust.candidates import Seed
-from gateway.vision.detect.robust.colours import EVEN_PX, GOOD, clearest_rim, even, quality, roundness
+from gateway.vision.detect.robust.clearest_rim import EVEN_PX, GOOD, clearest_rim, even, quality, roundness
 from gateway.vision.detect.robust.decision import ODDS, POWERS, Candidate, Limits, confidence, failed_gate, weight
 from gateway.vision.detect.robust.evidence import Evidence, masked_median
 from gateway.vision.detect.robust.redness import pyramid, redness
 from gateway.vision.detect.robust.refinement import refine
-from gateway.vision.detect.robust.rim import Rim
+from gateway.vision.detect.robust.rim_fine import Rim
 from gateway.vision.detect.robust.search import _rim_near
 from tests import decoys
 from tools.detection_methods import SHARE_MEANING
@@ -302,5 +302,8 @@ def test_a_crease_in_red_cloth_is_not_taken_for_its_rim(
     sheet = decoys.sheet(160, 120, "concrete", 2)
     sheet.disc(80.0, 60.0, 30.0)
     uneven, crease = replace(RIM, support=0.7, wave_px=0.5), replace(RIM, contrast=contrast)
-    monkeypatch.setattr(colours, "refine", lambda *_, opponent=False, **__: crease if opponent else uneven)
+    monkeypatch.setattr(
+        "gateway.vision.detect.robust.clearest_rim.refine",
+        lambda *_, opponent=False, **__: crease if opponent else uneven,
+    )
     assert clearest_rim(sheet.finished(), RIM.ellipse) == (crease if taken else uneven)

@@ -31,7 +31,7 @@ DISC = Circle(80, 60, 30)
 RED, WOOD, GREY = (40, 35, 190), (60, 110, 160), (130, 128, 126)  # H 179, S 208 / H 15, S 159 / nearly grey
 
 
-def hsv(*colours: tuple[int, int, int]) -> samples.Colours:
+def hsv(*colours: tuple[int, int, int]) -> samples.HsvColours:
     return np.array(colours, np.int16)
 
 

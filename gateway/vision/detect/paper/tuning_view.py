@@ -14,7 +14,7 @@ from gateway.vision.detect.paper.exact.geometry import Opening
 from gateway.vision.detect.paper.pipeline import Trace
 from gateway.vision.detect.paper.stages import Corner
 from gateway.vision.offline.tuning import thresholds
-from gateway.vision.offline.tuning.samples import Colours, disc, example
+from gateway.vision.offline.tuning.samples import HsvColours, disc, example
 from gateway.vision.offline.tuning.thresholds import Red
 from gateway.vision.pixels import Image
 from gateway.vision.view.drawing import scaled
@@ -104,7 +104,7 @@ class ExactRanges(Red):
 
     boxes: tuple[tuple[Corner, Corner], ...] = ()
 
-    def admits(self, colours: Colours) -> NDArray[np.bool_]:
+    def admits(self, colours: HsvColours) -> NDArray[np.bool_]:
         hsv = colours.copy()
         hsv[:, 0] %= 180
         passes = [((hsv >= low) & (hsv <= high)).all(axis=1) for low, high in self.boxes]

@@ -165,14 +165,12 @@ def distinct(seeds: list[Seed], limit: int) -> list[Seed]:
     return kept
 
 
-@lru_cache(maxsize=1)
-def compiled_kernel() -> CandidateKernel | None:
-    return load()
-
-
 def load(library: Path = LIBRARY) -> CandidateKernel | None:
     """The compiled loops; None where there are none, or ones that differ (logged)."""
     return compiled.load(CandidateKernel, agrees, _peaks, library)
+
+
+compiled_kernel = lru_cache(maxsize=1)(load)
 
 
 def agrees(kernel: CandidateKernel) -> bool:

@@ -22,7 +22,7 @@ SCALED_ROUNDS = 2  # then the rim no longer moves, and further rounds only settl
 FIT_RIDGE = 1e-6  # share of the weight: only keeps the equations solvable
 FEWEST_EDGES = 8
 
-# Rim, fine (`rim_fine`, `rim`).
+# Rim, fine (`rim_fine`).
 REACH_PX, REACH_PART, FARTHEST = 4.0, 6.0, 0.8  # of the coarse stage: a sixth of the semi-minor axis; at most
 ROOM = 0.75  # of the semi-minor axis: a ray reaches no farther inside
 STEP_PX, STEP_SIGMAS, LEAST_STEPS = 0.75, 0.6, 4  # along a ray; in the room there are so many, at least

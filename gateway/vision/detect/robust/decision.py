@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 from gateway.config.sections.vision import Proposals
 from gateway.core.detection import Circle, Ellipse
-from gateway.vision.detect.robust.colours import roundness
+from gateway.vision.detect.robust.clearest_rim import roundness
 from gateway.vision.detect.robust.constants import FULL_REDNESS
 from gateway.vision.detect.robust.evidence import Evidence
-from gateway.vision.detect.robust.rim import Rim
+from gateway.vision.detect.robust.rim_fine import Rim
 from gateway.vision.detect.robust.veil import contrast_left
 
 MIN_ASPECT = 0.55  # a disc tilted by 57 degrees

@@ -39,14 +39,12 @@ def of_ellipses(levels: Sequence[PyramidLevel], rims: Sequence[Ellipse]) -> list
     return kernel.of_ellipses(levels, rims)
 
 
-@lru_cache(maxsize=1)
-def compiled_kernel() -> EvidenceKernel | None:
-    return load()
-
-
 def load(library: Path = LIBRARY) -> EvidenceKernel | None:
     """The compiled evidence; None where there is none, or one that differs (logged)."""
     return compiled.load(EvidenceKernel, agrees, gather_plain, library)
+
+
+compiled_kernel = lru_cache(maxsize=1)(load)
 
 
 def agrees(kernel: EvidenceKernel) -> bool:

@@ -13,7 +13,7 @@ from gateway.vision.compiled import library as compiled
 from gateway.vision.compiled.build import LIBRARY
 from gateway.vision.detect.robust import constants
 from gateway.vision.detect.robust.candidates import red_plane
-from gateway.vision.detect.robust.kernel.region_kernel import RegionKernel
+from gateway.vision.detect.robust.kernel.sparse_kernel import RegionKernel
 from gateway.vision.detect.robust.redness import PyramidLevel
 from gateway.vision.detect.robust.veil import less_veil
 from gateway.vision.pixels import Pixels, adjacent, grey_levels
@@ -88,14 +88,12 @@ def sparse_place(circle: Circle, step: int) -> tuple[tuple[int, int], float]:
     return (round(u), round(v)), min(circle.radius_px / step, far)
 
 
-@lru_cache(maxsize=1)
-def compiled_kernel() -> RegionKernel | None:
-    return load()
-
-
 def load(library: Path = LIBRARY) -> RegionKernel | None:
     """The compiled check; None where there is none, or one that differs (logged)."""
     return compiled.load(RegionKernel, agrees, red_regions_plain, library)
+
+
+compiled_kernel = lru_cache(maxsize=1)(load)
 
 
 def agrees(kernel: RegionKernel) -> bool:

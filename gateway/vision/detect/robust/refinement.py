@@ -31,7 +31,7 @@ from gateway.vision.detect.robust import constants, rim_coarse, rim_fine
 from gateway.vision.detect.robust.conic import from_ellipse
 from gateway.vision.detect.robust.kernel.rim_kernel import RimKernel
 from gateway.vision.detect.robust.normal_profiles import sample
-from gateway.vision.detect.robust.rim import Rim, sane
+from gateway.vision.detect.robust.rim_fine import Rim, sane
 from gateway.vision.pixels import Colours, Image, adjacent
 
 DOUBT = 4.0
@@ -58,14 +58,12 @@ def refine(
     return kernel.refine(image, seed, search_px, doubt, opponent)
 
 
-@lru_cache(maxsize=1)
-def compiled_kernel() -> RimKernel | None:
-    return load()
-
-
 def load(library: Path = LIBRARY) -> RimKernel | None:
     """The compiled refinement; None where there is none, or one that differs (logged)."""
     return compiled.load(RimKernel, agrees, refine_plain, library)
+
+
+compiled_kernel = lru_cache(maxsize=1)(load)
 
 
 def refine_plain(

@@ -14,7 +14,7 @@ from gateway.vision.compiled.sizes import COARSE_RAYS, HALF_STEPS
 from gateway.vision.detect.robust import constants, support
 from gateway.vision.detect.robust.conic import SupportEllipse
 from gateway.vision.detect.robust.normal_profiles import Floats, Rays, directions, sample
-from gateway.vision.detect.robust.order import quantile
+from gateway.vision.detect.robust.support import quantile
 from gateway.vision.pixels import Colours
 
 SUBSETS = ((5, 64, 4.0), (3, 48, 3.0))  # rays each, how many, how much an error of one ray may be blown up

@@ -11,17 +11,44 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.core.detection import Ellipse
 from gateway.vision.compiled.sizes import LEAST_RAYS, MOST_RAYS, RAYS_STEP, SECTORS, SMOOTH_ROWS
 from gateway.vision.detect.robust import constants, support
 from gateway.vision.detect.robust.conic import SupportEllipse, to_ellipse
 from gateway.vision.detect.robust.normal_profiles import Floats, Profile, Rays, directions, profile, sample
-from gateway.vision.detect.robust.order import quantile
-from gateway.vision.detect.robust.rim import Rim, sane
+from gateway.vision.detect.robust.support import quantile
 from gateway.vision.pixels import Colours
 
 FEW_RAYS = 128  # where a first fine round only brings the rim near
 _AT_REST = np.zeros(5)
 _QUARTER_TURN = np.array((1.0, -1.0, -1.0))  # from the variance across the rim to that along it
+
+
+@dataclass(frozen=True, slots=True)
+class Rim:
+    """A fitted rim and its evidence."""
+
+    ellipse: Ellipse
+    rms_px: float  # of the inlying edges about the ellipse
+    support: float  # share of the rays inside the frame that have an inlying edge
+    visible: float  # share of the entire rim that is inside the frame and has an inlying edge
+    contrast: float  # median colour difference across the rim, grey levels (Euclidean over the channels)
+    inliers: int  # rays with an inlying edge
+    blur_px: float  # sigma of the edge, sampling included
+    wave_px: float  # rms over SECTORS of the rim of their edges' mean distance: what no averaging over rays takes away
+
+
+def sane(outline: SupportEllipse, image: Colours) -> bool:
+    """Large enough, not absurdly so, and in touch with the frame."""
+    if (
+        not outline.real
+        or outline.minor_px < constants.SMALLEST_AXIS_PX
+        or outline.major_px > constants.LARGEST_AXIS_PX
+    ):
+        return False
+    height, width = image.shape[:2]
+    reach = outline.major_px
+    return bool(-reach < outline.u < width + reach and -reach < outline.v < height + reach)
 
 
 @dataclass(frozen=True, slots=True)

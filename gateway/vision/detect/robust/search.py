@@ -9,7 +9,7 @@ from gateway.core.detection import Circle, Ellipse
 from gateway.vision.detect.geometry import same_candidate, same_ellipse
 from gateway.vision.detect.robust import candidates, constants, measurement, proposer, veil
 from gateway.vision.detect.robust.candidates import Seed
-from gateway.vision.detect.robust.colours import CLEARLY, quality
+from gateway.vision.detect.robust.clearest_rim import CLEARLY, quality, rim_behind_veil
 from gateway.vision.detect.robust.decision import (
     Candidate,
     Limits,
@@ -20,9 +20,8 @@ from gateway.vision.detect.robust.decision import (
     weight,
 )
 from gateway.vision.detect.robust.evidence import Evidence
-from gateway.vision.detect.robust.faint_rim import rim_behind_veil
 from gateway.vision.detect.robust.redness import PyramidLevel, pyramid
-from gateway.vision.detect.robust.rim import Rim
+from gateway.vision.detect.robust.rim_fine import Rim
 from gateway.vision.detect.stage_timer import StageTimer
 from gateway.vision.pixels import Colours
 

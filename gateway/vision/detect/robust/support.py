@@ -101,6 +101,14 @@ def _scale(sizes: Floats, cut: float) -> float:
     return float(np.partition(sizes, at)[at]) / constants.QUANTILE_SIGMAS
 
 
+def quantile(values: Floats, share: float) -> float:
+    """Without interpolation; 0 of nothing."""
+    at = int(share * len(values))
+    if not len(values):
+        return 0.0
+    return float(np.partition(values, at)[at])
+
+
 def _toward_circle(
     outline: SupportEllipse, change: Floats, information: Floats, heft: Floats, residuals: Floats, doubt: float
 ) -> Floats:

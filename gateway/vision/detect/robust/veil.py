@@ -17,7 +17,7 @@ from gateway.vision.compiled import library as compiled
 from gateway.vision.compiled.build import LIBRARY
 from gateway.vision.compiled.sizes import MOST_VEIL_SIDE, VEIL_CELLS
 from gateway.vision.detect.robust import constants
-from gateway.vision.detect.robust.kernel.air_kernel import AirKernel
+from gateway.vision.detect.robust.kernel.sparse_kernel import AirKernel
 from gateway.vision.detect.robust.redness import DARK, Plane, PyramidLevel
 from gateway.vision.pixels import Colours, adjacent
 
@@ -93,14 +93,12 @@ def less_veil(levels: list[PyramidLevel]) -> list[PyramidLevel]:
     return levels if veil is None else [unveiled(level, veil) for level in levels]
 
 
-@lru_cache(maxsize=1)
-def compiled_kernel() -> AirKernel | None:
-    return load()
-
-
 def load(library: Path = LIBRARY) -> AirKernel | None:
     """The compiled decision on clear air; None where there is none, or one that differs (logged)."""
     return compiled.load(AirKernel, agrees, estimate, library)
+
+
+compiled_kernel = lru_cache(maxsize=1)(load)
 
 
 def agrees(kernel: AirKernel) -> bool:

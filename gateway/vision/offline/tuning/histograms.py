@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.vision.offline.reports.chart import Chart, ChartAxis
-from gateway.vision.offline.tuning.samples import Colours, Example
+from gateway.vision.offline.tuning.samples import Example, HsvColours
 from gateway.vision.offline.tuning.thresholds import Red
 
 HUE_BANDS = (("violet", -60, -25), ("red", -24, 3), ("orange, brown", 4, 10), ("brown, yellow", 11, 25))
@@ -15,7 +15,7 @@ _BLOCKS = " ▁▂▃▄▅▆▇█"
 _AXES = (("hue, 0: red (H above 90 less 180)", 0, -90, 90), ("S", 1, 0, 256), ("V", 2, 0, 256))
 
 
-def pooled(examples: Sequence[Example]) -> tuple[Colours, Colours, Colours]:
+def pooled(examples: Sequence[Example]) -> tuple[HsvColours, HsvColours, HsvColours]:
     """Marker, surroundings and background of all examples, each example alike."""
     empty = np.empty((0, 3), np.int16)
     return (

@@ -18,7 +18,7 @@ INSIDE = 0.85  # of R: the blur smears the rim
 RING = (1.2, 2.5)  # of R: what the marker would merge with
 MOST = 6000  # pixels kept of each class of one example, evenly spread
 
-Colours = NDArray[np.int16]  # (n, 3): signed hue -90..89, S and V 0..255
+HsvColours = NDArray[np.int16]  # (n, 3): signed hue -90..89, S and V 0..255
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,9 +27,9 @@ class Example:
 
     name: str
     circle: Circle | None
-    marker: Colours
-    ring: Colours
-    far: Colours
+    marker: HsvColours
+    ring: HsvColours
+    far: HsvColours
     marker_px: int  # how many pixels the classes have in truth
     far_px: int
 
@@ -69,7 +69,7 @@ def disc(image: NDArray[np.uint8], circle: Circle, share: float = 1.0) -> NDArra
     return np.asarray(away2 <= (share * circle.radius_px) ** 2, np.bool_)
 
 
-def _some(hsv: NDArray[np.uint8]) -> Colours:
+def _some(hsv: NDArray[np.uint8]) -> HsvColours:
     step = max(1, -(-len(hsv) // MOST))
     colours = hsv[::step].astype(np.int16)
     colours[:, 0] = (colours[:, 0] + 90) % 180 - 90

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.config import VisionConfig
-from gateway.vision.offline.tuning.samples import Colours, Example
+from gateway.vision.offline.tuning.samples import Example, HsvColours
 
 AS_GOOD = 0.004  # of score: values that lose no more do as well
 ROUNDS = 8
@@ -31,7 +31,7 @@ class Red:
     s_min: int
     v_min: int
 
-    def admits(self, colours: Colours) -> NDArray[np.bool_]:
+    def admits(self, colours: HsvColours) -> NDArray[np.bool_]:
         hue, s, v = colours.T
         found = (hue >= -self.hue_low) & (hue <= self.hue_high) & (s >= self.s_min) & (v >= self.v_min)
         return np.asarray(found, np.bool_)
@@ -214,7 +214,7 @@ def _scores(red: Red, name: str, examples: Sequence[Example]) -> tuple[NDArray[n
     open_ = replace(red, **{name: {"hue_low": 90, "hue_high": 90}.get(name, 0)})
     limits = -values if name == "hue_low" else values
 
-    def passing(colours: Colours) -> NDArray[np.float64]:
+    def passing(colours: HsvColours) -> NDArray[np.float64]:
         """Share of the colours that pass, for every value."""
         if not len(colours):
             return np.zeros(len(values))

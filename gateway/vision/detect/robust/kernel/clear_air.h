@@ -4,7 +4,7 @@
 
 #include "bilinear.h"
 
-typedef struct { /* `air_kernel._PICTURE`: pixels that lie so many bytes apart */
+typedef struct { /* `sparse_kernel._PICTURE`: pixels that lie so many bytes apart */
     const uint8_t *pixels;
     int64_t down, right, height, width;
 } Sparse;

@@ -5,7 +5,7 @@
 #include "bilinear.h"
 #include "clear_air.h"
 
-typedef struct { /* `region_kernel.RegionTask`; px of the sparse picture: every `step`-th from the middle of the first on */
+typedef struct { /* `sparse_kernel.RegionTask`; px of the sparse picture: every `step`-th from the middle of the first on */
     Picture picture;
     int64_t step, u, v, inner, outer; /* of what is followed: its centre, the radius that is surely it, and its whole one */
     const float *log;

@@ -7,7 +7,7 @@
  *
  * No allocation, no global state: the caller gives all memory, and the tables, which Python computes once.
  */
-#include "fall.h"
+#include "refined.h"
 #include "wide_registers.h"
 #include "wide.h"
 

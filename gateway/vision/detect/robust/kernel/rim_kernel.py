@@ -12,7 +12,7 @@ from gateway.vision.compiled.sizes import COARSE_RAYS, FALL_RAYS, LEAST_RAYS, MO
 from gateway.vision.detect.robust import normal_profiles, rim_coarse, rim_fine
 from gateway.vision.detect.robust.conic import SupportEllipse, from_ellipse, to_ellipse
 from gateway.vision.detect.robust.kernel import lab
-from gateway.vision.detect.robust.rim import Rim
+from gateway.vision.detect.robust.rim_fine import Rim
 from gateway.vision.pixels import Image
 
 NONE, FOUND, NO_PROFILE = 0, 1, 2

@@ -7,7 +7,7 @@
 #endif
 #include "blobs.h"
 #include "evidence.h"
-#include "fall.h"
+#include "refined.h"
 #include "votes.h"
 #include "wide_registers.h"
 

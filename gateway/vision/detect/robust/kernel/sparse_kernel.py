@@ -1,6 +1,10 @@
-"""The red spots of a sparse picture, in C: `red_change.red_regions_plain` in clear air. Pure."""
+"""What is looked at in a sparse picture, in C: whether its air is clear, and what is red in it. Pure.
+
+References: `veil.estimate`, `red_change.red_regions_plain` in clear air.
+"""
 
 import ctypes
+import struct
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +12,28 @@ from numpy.typing import NDArray
 from gateway.vision.detect.robust.redness import LOG
 from gateway.vision.pixels import Image
 
+_PICTURE = struct.Struct("=5q")
 _Pointer, _Int = ctypes.c_void_p, ctypes.c_int64
+
+
+class AirKernel:
+    """The compiled decision. May be called from any thread."""
+
+    def __init__(self, library: ctypes.CDLL) -> None:
+        self._call = library.gateway_air_is_clear
+        self._call.argtypes = [ctypes.c_char_p]
+        self._call.restype = ctypes.c_int
+
+    def is_clear(self, picture: Image, every: int = 1) -> bool:
+        """Whether `veil.estimate` finds no veil in every so many pixels of a picture whose pixels lie side by side.
+
+        These make a picture of `sizes.MOST_VEIL_SIDE` at most.
+        """
+        height, width = picture.shape[:2]
+        stride = picture.strides[0]
+        at = picture.__array_interface__["data"][0]
+        described = _PICTURE.pack(at, every * stride, 3 * every, -(-height // every), -(-width // every))
+        return bool(self._call(described))
 
 
 class RegionTask(ctypes.Structure):
