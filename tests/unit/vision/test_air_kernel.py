@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from gateway.vision.detect.robust.kernel.sparse_kernel import AirKernel
-from gateway.vision.detect.robust.veil import estimate, load
+from gateway.vision.detect.robust.redness import PyramidLevel
+from gateway.vision.detect.robust.veil import estimate, less_veil, load
 from gateway.vision.pixels import Image
 from tests.examples import examples
 
@@ -54,6 +55,13 @@ def test_every_so_many_pixels_are_a_picture_too(kernel: AirKernel) -> None:
             image[1::every, 1::every] = 0  # none of those that count, unless all do
             cut = image[: image.shape[0] - every // 2, : image.shape[1] - every // 2]
             assert kernel.is_clear(cut, every) == (estimate(cut[::every, ::every].copy()) is None), (every, cut.shape)
+
+
+def test_clear_air_of_a_large_picture_needs_no_estimate(kernel: AirKernel, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gateway.vision.detect.robust.veil.compiled_kernel", lambda: kernel)
+    monkeypatch.setattr("gateway.vision.detect.robust.veil.estimate", lambda _: pytest.fail("estimated"))
+    levels = [PyramidLevel(np.zeros((480, 640, 3), np.uint8), 1)]
+    assert less_veil(levels) is levels
 
 
 def test_opencvs_mean_of_nine_is_a_whole_number_rounded() -> None:
