@@ -47,6 +47,9 @@ class MqttConfig(Section):
     urls: tuple[BrokerUrl, ...] = Field(
         (), max_length=16, description="instead of `url`: several brokers, the preferred one first"
     )
+    urls_shuffled: bool = Field(
+        False, description="each gateway prefers the brokers of `urls` in an order of its own, so that they share them"
+    )
     return_s: float = Field(
         60.0,
         ge=0.1,

@@ -69,7 +69,10 @@ class BrokerSession:
         self._config = config
         self._client_id = client_id
         self._will_at_disconnect = will_at_disconnect
-        self._endpoints = Endpoints(brokers_of(config), Lookup().addresses, config.protocol)
+        brokers = list(brokers_of(config))
+        if config.urls_shuffled:
+            random.Random(client_id).shuffle(brokers)  # the same after each start
+        self._endpoints = Endpoints(brokers, Lookup().addresses, config.protocol)
         self._certificates = certificates_of(config, self._endpoints.brokers)
         self._reading: asyncio.Future[ssl.SSLContext] | None = None
         self._clock = clock or SystemClock()

@@ -5,6 +5,7 @@ import contextlib
 import random
 import socket
 import threading
+from collections import Counter
 from collections.abc import AsyncIterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -326,3 +327,19 @@ def test_a_slow_lookup_is_waited_for_by_the_next_round(monkeypatch: pytest.Monke
         assert calls == ["broker"] * 2  # what was found is not kept
 
     asyncio.run(scenario())
+
+
+def test_a_hundred_gateways_share_the_brokers_where_the_list_is_shuffled() -> None:
+    urls = [f"mqtt://192.0.2.{n}" for n in (1, 2, 3)]
+
+    def preferred(*, shuffled: bool) -> Counter[str]:
+        config = MqttConfig.model_validate({"urls": urls, "urls_shuffled": shuffled})
+        sessions = [BrokerSession(config, f"gateway-site1-bay-{n:03}") for n in range(100)]
+        assert {frozenset(session.peer.split(", ")) for session in sessions} == {
+            frozenset(f"{url}:1883" for url in urls)
+        }
+        return Counter(session.peer.split(",")[0] for session in sessions)
+
+    assert preferred(shuffled=False) == {"mqtt://192.0.2.1:1883": 100}
+    assert min(preferred(shuffled=True)[f"{url}:1883"] for url in urls) >= 20
+    assert preferred(shuffled=True) == preferred(shuffled=True)  # a restart changes nothing
