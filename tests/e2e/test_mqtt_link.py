@@ -11,7 +11,7 @@ from gateway import event_loop
 from gateway.core.events import EventKind
 from gateway.sinks.mqtt.broker_link import MAX_IN_FLIGHT, connect
 from gateway.sinks.mqtt.topics import MqttMessage
-from tests.e2e.mqtt_packets import Stream
+from tests.e2e.mqtt_packets import Packet, Stream
 from tests.e2e.mqtt_plant import Plant
 from tests.mqtt_endpoints import at
 
@@ -84,19 +84,33 @@ def test_never_more_messages_are_on_their_way_than_the_broker_receive_maximum(re
 
 
 class SwallowingBroker:
-    """An MQTT 5 broker that takes each of these events once without a trace. `passed`: the others, by connection."""
+    """An MQTT 5 broker that takes each of these events once without a trace. `passed`: the others, by connection.
 
-    def __init__(self, *swallowed: int) -> None:
+    `simple`: it accepts QoS 0 only and retains nothing, also of last wills.
+    """
+
+    def __init__(self, *swallowed: int, simple: bool = False) -> None:
         self._swallowed = set(swallowed)
+        self._simple = simple
         self.passed: list[list[int]] = []
+        self.packets: list[Packet] = []
+        self.connections = 0
 
     async def serve(self, reader: StreamReader, writer: StreamWriter) -> None:
+        self.connections += 1
         stream, passed = Stream(True, len(self.passed), [5]), list[int]()
         self.passed.append(passed)
         while data := await reader.read(65_536):
             answers = b""
-            for packet in stream.feed(data):
-                if packet.kind == "CONNECT":
+            self.packets += (packets := stream.feed(data))
+            for packet in packets:
+                if packet.kind == "CONNECT" and self._simple and packet.will_qos:
+                    answers += b"\x20\x03\x00\x9b\x00"  # QoS not supported
+                elif packet.kind == "CONNECT" and self._simple and packet.will_retain:
+                    answers += b"\x20\x03\x00\x9a\x00"  # Retain not supported
+                elif packet.kind == "CONNECT" and self._simple:
+                    answers += b"\x20\x07\x00\x00\x04\x24\x00\x25\x00"  # Maximum QoS, Retain Available
+                elif packet.kind == "CONNECT":
                     answers += b"\x20\x03\x00\x00\x00"
                 elif packet.kind == "PUBLISH":
                     number = int(json.loads(packet.payload)["id"].split("-")[1]) if "/event" in packet.topic else 0
@@ -104,10 +118,11 @@ class SwallowingBroker:
                         self._swallowed.remove(number)
                         continue
                     passed += [number] if number else []
-                    answers += b"\x40\x02" + packet.mid.to_bytes(2, "big")
+                    answers += b"\x40\x02" + packet.mid.to_bytes(2, "big") if packet.qos else b""
             await asyncio.sleep(0.02)  # a round trip: several are on their way
             writer.write(answers)
         writer.close()
+        self.connections -= 1
 
 
 def delivered(broker: SwallowingBroker, count: int, timeout_s: float, **settings: Any) -> None:
@@ -118,6 +133,8 @@ def delivered(broker: SwallowingBroker, count: int, timeout_s: float, **settings
             for _ in range(count):
                 plant.happen(EventKind.STOP_RAISED)
             await plant.until(lambda: plant.publisher.stats.queued == 0, timeout_s)
+            await plant.until(lambda: sum(map(len, broker.passed)) >= count)
+        await plant.until(lambda: broker.connections == 0)
 
     event_loop.run(scenario())
 
@@ -134,3 +151,14 @@ def test_with_one_event_on_its_way_none_overtakes_one_that_a_broker_loses() -> N
     broker = SwallowingBroker(3, 7)
     delivered(broker, 10, 60, keepalive_s=2, events_in_flight=1)
     assert broker.passed == [[1, 2], [3, 4, 5, 6], [7, 8, 9, 10]]
+
+
+def test_a_broker_without_qos_1_and_retained_messages_gets_neither() -> None:
+    """Each of them would end the connection (0x9A, 0x9B)."""
+    broker = SwallowingBroker(simple=True)
+    delivered(broker, 3, 30)
+    wills = [(packet.will_qos, packet.will_retain) for packet in broker.packets if packet.kind == "CONNECT"]
+    assert wills == [(1, True), (0, True), (0, False)]
+    published = [packet for packet in broker.packets if packet.kind == "PUBLISH"]
+    assert {(packet.qos, packet.retain) for packet in published} == {(0, False)}
+    assert [number for passed in broker.passed for number in passed] == [1, 2, 3]

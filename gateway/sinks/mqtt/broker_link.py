@@ -20,6 +20,7 @@ import math
 import socket
 import ssl
 from collections.abc import AsyncIterator, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -44,6 +45,7 @@ MAX_PACKET_BYTES = 65_536  # one of more ends the connection: MQTT allows 256 MB
 MAX_IN_FLIGHT = 64  # messages without acknowledgement at once; more wait their turn
 MAX_IN_FLIGHT_311 = 20  # MQTT 3.1.1 brokers state no Receive Maximum
 NO_SUBSCRIBERS, PACKET_TOO_LARGE = 0x10, 0x95  # reason codes of MQTT 5
+RETAIN_NOT_SUPPORTED, QOS_NOT_SUPPORTED = 0x9A, 0x9B
 
 CERTIFICATE_HINT = (
     "; a broker that requires a client certificate, or refuses ours, does so: mqtt.tls.cert_file and mqtt.tls.key_file"
@@ -65,11 +67,12 @@ _VERSIONS: dict[Version, aiomqtt.ProtocolVersion] = {
 
 class NotAcceptedError(LinkError):
     """A peer is there, but did not accept the connection. `certain`: because it does not support this version of
-    MQTT."""
+    MQTT. `will`: a last will that it may accept in the place of the one it was given."""
 
-    def __init__(self, text: str, *, certain: bool) -> None:
+    def __init__(self, text: str, *, certain: bool, will: MqttMessage | None = None) -> None:
         super().__init__(text)
         self.certain = certain
+        self.will = will
 
 
 class PublishRefusedError(LinkError):
@@ -124,6 +127,7 @@ class BrokerLink:
 
         Raises RefusedError: the broker did not take it; LinkError: the link is of no more use.
         """
+        message = _within(message, self._client.maximum_qos, retain=self._client.retain_available)
         properties = None if self.version == "3.1.1" else _properties(message)
         size, accepted = _packet_bytes(message, properties), self._client.maximum_packet_bytes
         if size > accepted:
@@ -181,6 +185,20 @@ class BrokerLink:
 
 def _code(error: MqttConnectError) -> int | None:
     return error.rc.value if isinstance(error.rc, ReasonCode) else error.rc
+
+
+def _within(message: MqttMessage, maximum_qos: int, *, retain: bool) -> MqttMessage:
+    """What a broker of these limits accepts."""
+    if message.qos <= maximum_qos and (retain or not message.retain):
+        return message
+    return replace(message, qos=min(message.qos, maximum_qos), retain=message.retain and retain)
+
+
+def _lesser(will: MqttMessage | None, code: int | None) -> MqttMessage | None:
+    """Of a last will that was refused for its QoS or its retain flag."""
+    if will is None or code not in (QOS_NOT_SUPPORTED, RETAIN_NOT_SUPPORTED):
+        return None
+    return _within(will, 0 if code == QOS_NOT_SUPPORTED else will.qos, retain=code != RETAIN_NOT_SUPPORTED)
 
 
 def _properties(message: MqttMessage) -> Properties:
@@ -274,9 +292,9 @@ async def connect(
             try:
                 await client.open()
             except MqttConnectError as error:
-                if _code(error) not in UNSUPPORTED_PROTOCOL_VERSION:
-                    raise
-                raise NotAcceptedError(f"{endpoint}: {error}", certain=True) from error
+                code = _code(error)
+                certain = code in UNSUPPORTED_PROTOCOL_VERSION
+                raise NotAcceptedError(f"{endpoint}: {error}", certain=certain, will=_lesser(will, code)) from error
             except aiomqtt.MqttError as error:
                 hint = CERTIFICATE_HINT if tls is not None and client.end is not None and client.end.bare else ""
                 raise NotAcceptedError(f"{endpoint}: {error}{hint}", certain=False) from error
@@ -325,6 +343,7 @@ class _Client(aiomqtt.Client):
         )
         self.receive_maximum = MAX_IN_FLIGHT
         self.maximum_packet_bytes: float = math.inf
+        self.maximum_qos, self.retain_available = 2, True
         self.unanswered: list[str] = []
         self.newest_refusal: tuple[str, str, float] | None = None
         self._answers: dict[int, tuple[str, asyncio.Future[ReasonCode]]] = {}  # topic, answer; by packet identifier
@@ -354,10 +373,15 @@ class _Client(aiomqtt.Client):
         self._loop.add_writer(sock.fileno(), client.loop_write)
 
     def accepted(self, client: Any, userdata: Any, flags: Any, reason_code: Any, properties: Any = None) -> None:
-        """MQTT 5 states how many messages the broker takes at once, and how large; it may close the connection on more
-        (3.3.4) and on larger ones (3.2.2.3.6)."""
+        """MQTT 5 states how many messages the broker takes at once, how large, and of which QoS, and whether it retains
+        any; it may close the connection on others (3.2.2.3, 3.3.4)."""
         self.receive_maximum = min(MAX_IN_FLIGHT, getattr(properties, "ReceiveMaximum", MAX_IN_FLIGHT))
         self.maximum_packet_bytes = getattr(properties, "MaximumPacketSize", math.inf)
+        self.maximum_qos = getattr(properties, "MaximumQoS", self.maximum_qos)
+        self.retain_available = bool(getattr(properties, "RetainAvailable", True))
+        if not self.maximum_qos or not self.retain_available:
+            _log.warning("the broker supports QoS %d at most, retained messages: %s", self.maximum_qos,
+                         "yes" if self.retain_available else "no")  # fmt: skip
         # paho's setter refuses on an open connection; nothing is in flight yet
         self._client._max_inflight_messages = self.receive_maximum
         self._told[0](client, userdata, flags, reason_code, properties)

@@ -195,9 +195,10 @@ class BrokerSession:
         client_id: str,
         will: MqttMessage | None,
     ) -> BrokerLink:
-        """A refusal decides which version is tried next time; that of a version, which is tried at once."""
-        versions = self._endpoints.versions(endpoint)
-        for last in (False, True):
+        """A refusal decides which version is tried next time; that of a version, which is tried at once, as is another
+        last will after that of a last will."""
+        versions, last = self._endpoints.versions(endpoint), False
+        while True:
             try:
                 link = await stack.enter_async_context(
                     self._connect(
@@ -212,12 +213,15 @@ class BrokerSession:
                     )
                 )
             except NotAcceptedError as error:
+                if error.will not in (None, will):
+                    will = error.will
+                    continue
                 if last or not (versions.failed(certain=error.certain) and error.certain):
                     raise
+                last = True
             else:
-                break
-        versions.accepted()
-        return link
+                versions.accepted()
+                return link
 
     async def _tls(self) -> ssl.SSLContext | None:
         """With the certificates that are on disk now. A disk that hangs holds up nothing: the last ones are used."""
