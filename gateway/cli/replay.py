@@ -25,6 +25,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("recording", nargs="+", type=Path, metavar="RECORDING", help="folder of one bay, or segments")
     parser.add_argument("--against", type=Path, metavar="TOML", help="decide by this configuration instead")
     parser.add_argument("--bay", metavar="NAME", help="of TOML; default: the bay of the recording's name")
+    parser.add_argument("--from", dest="begin", metavar="TIME", help="as for `gateway why`; default: the beginning")
+    parser.add_argument("--to", dest="end", metavar="TIME", help="default: the end")
     parser.add_argument("--frames", action="store_true", help="run vision anew on the kept pictures instead")
     parser.add_argument("--json", action="store_true", help="one JSON object, for programs")
 
@@ -35,6 +37,8 @@ def main(args: argparse.Namespace) -> int:
 
     if args.bay is not None and args.against is None:
         raise ConfigError("--bay names a bay of the configuration that --against gives: add --against TOML")
+    if args.frames and (args.begin is not None or args.end is not None):
+        raise ConfigError("--frames judges every kept picture: leave out --from and --to")
     other = None if args.against is None else config.load(args.against)
     if args.frames:
         vision_args.quiet_opencv()

@@ -60,16 +60,7 @@ class Excerpt:
     def of(folder: Path, begin: str | None, end: str | None, hz: float | None = None) -> "Excerpt":
         """Times as people write them (moment.py); None: the recording's own. Raises ConfigError."""
         paths = recording.segments_of([folder])
-        first_ns, last_ns = _span(paths)
-        begin_ns, end_ns = first_ns, last_ns
-        if begin is not None:
-            begin_ns = moment.resolved(moment.parsed(begin), first_ns, last_ns)
-        if end is not None:
-            asked = moment.parsed(end)
-            end_ns = moment.resolved(asked, first_ns, last_ns)
-            end_ns += round(asked.length_s * NS_PER_S) if asked.length_s < 60 else 0  # to 03:30: its first moment
-        if end_ns < begin_ns:
-            raise ConfigError(f"--to {moment.shown(end_ns)} is before --from {moment.shown(begin_ns)}")
+        begin_ns, end_ns = asked_span(paths, begin, end)
         return Excerpt(folder, paths, begin_ns, end_ns, hz)
 
     def moments(self) -> Iterator[Step | tuple[int, EventRecord]]:
@@ -113,7 +104,7 @@ class Excerpt:
         return found
 
     def _items(self, events: list[tuple[int, EventRecord]]) -> Iterator[Item | MissingItem]:
-        for item in recording.records(self._needed()):
+        for item in recording.records(needed(self.paths, self.begin_ns, self.end_ns)):
             if not isinstance(item, MissingItem):
                 place, record = item
                 at_ns = unix_ns(place.head, record.t_ns)
@@ -126,11 +117,28 @@ class Excerpt:
                     break
             yield item
 
-    def _needed(self) -> list[Path]:
-        """Without the segments that end before the excerpt begins, by the names of those behind them."""
-        begins = [name.unix_s for path in self.paths if (name := names.parsed(path.name)) is not None]
-        first = max((n for n, unix_s in enumerate(begins) if (unix_s + 60) * NS_PER_S < self.begin_ns), default=0)
-        return self.paths[first:]
+
+def asked_span(paths: list[Path], begin: str | None, end: str | None) -> tuple[int, int]:
+    """From when to when (Unix ns), of times as people write them; None: the recording's own. Raises ConfigError."""
+    first_ns, last_ns = _span(paths)
+    begin_ns, end_ns = first_ns, last_ns
+    if begin is not None:
+        begin_ns = moment.resolved(moment.parsed(begin), first_ns, last_ns)
+    if end is not None:
+        asked = moment.parsed(end)
+        end_ns = moment.resolved(asked, first_ns, last_ns)
+        end_ns += round(asked.length_s * NS_PER_S) if asked.length_s < 60 else 0  # to 03:30: its first moment
+    if end_ns < begin_ns:
+        raise ConfigError(f"--to {moment.shown(end_ns)} is before --from {moment.shown(begin_ns)}")
+    return begin_ns, end_ns
+
+
+def needed(paths: list[Path], begin_ns: int, end_ns: int) -> list[Path]:
+    """Without the segments that end before that time or begin behind it, by their names."""
+    begins = [name.unix_s for path in paths if (name := names.parsed(path.name)) is not None]
+    first = max((n for n, unix_s in enumerate(begins) if (unix_s + 60) * NS_PER_S < begin_ns), default=0)
+    last = max((n for n, unix_s in enumerate(begins) if (unix_s - 60) * NS_PER_S <= end_ns), default=first)
+    return paths[first : last + 1]
 
 
 def state_row(step: Step) -> Row:

@@ -1,0 +1,89 @@
+"""What other rules would have meant for each truck: in place, and where it was stopped at the mark. Pure."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from gateway.core.state import Reason
+from gateway.core.visit_summary import VisitEnd, VisitSummary
+from gateway.durations import NS_PER_MS
+from gateway.records.moment import unix_ns
+from gateway.records.record import Decision, VisitRecord
+from gateway.records.recording import Item, MissingItem
+from gateway.records.replay import Step
+
+
+class ThenNow(NamedTuple):
+    """Of one truck, by the recorded decisions or by the other rules. `stop_mm`: Z when it was first stopped at the
+    mark; None: it was not, or Z was not known."""
+
+    in_place: bool = False
+    stop_mm: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ComparedTruck:
+    """`begun_ns`, `ended_ns`: of its visit, Unix time."""
+
+    begun_ns: int
+    ended_ns: int
+    then: ThenNow
+    now: ThenNow
+
+    @property
+    def earlier_mm(self) -> float | None:
+        """So much farther away the other rules stop it; negative: nearer. None: it is not stopped both times."""
+        if self.then.stop_mm is None or self.now.stop_mm is None:
+            return None
+        return self.now.stop_mm - self.then.stop_mm
+
+
+@dataclass(slots=True)
+class Trucks:
+    """Follows the items of a replay and its steps. `found`: the trucks whose visit is over, and then the open one."""
+
+    found: list[ComparedTruck] = field(default_factory=list)
+    _open: VisitSummary | None = None
+    _before: list[Decision | None] = field(default_factory=lambda: [None, None])  # then, and now
+    _marks: list[tuple[int, int, ThenNow]] = field(default_factory=list)  # Unix ns; 0: then, 1: now
+
+    def visits(self, items: Iterable[Item | MissingItem]) -> Iterator[Item | MissingItem]:
+        """The same items."""
+        for item in items:
+            if not isinstance(item, MissingItem) and isinstance(record := item[1], VisitRecord):
+                self._open = record.visit
+                if record.visit.end is not VisitEnd.OPEN:
+                    self._end()
+            yield item
+        self._end()
+
+    def step(self, step: Step) -> None:
+        at_ns, z_mm = unix_ns(step.place.head, step.state.t_ns), step.state.range.distance_mm
+        began = step.observation is None
+        for which, decision in enumerate((step.recorded, Decision.of(step.state))):
+            if decision is None:
+                continue
+            before, self._before[which] = self._before[which], decision
+            stopped = _at_mark(decision) and not began and before is not None and not _at_mark(before)
+            if stopped or (decision.in_place and (before is None or not before.in_place)):
+                self._marks.append((at_ns, which, ThenNow(decision.in_place, z_mm if stopped else None)))
+
+    def _end(self) -> None:
+        visit, self._open = self._open, None
+        if visit is None:
+            return
+        begun_ns, ended_ns = visit.begun_ms * NS_PER_MS, visit.last_seen_ms * NS_PER_MS
+        of = [mark for mark in self._marks if begun_ns <= mark[0] <= ended_ns]
+        self._marks = [mark for mark in self._marks if mark[0] > ended_ns]
+        then, now = (
+            ThenNow(
+                any(mark.in_place for _, by, mark in of if by == which),
+                next((mark.stop_mm for _, by, mark in of if by == which and mark.stop_mm is not None), None),
+            )
+            for which in (0, 1)
+        )
+        self.found.append(ComparedTruck(begun_ns, ended_ns, then, now))
+
+
+def _at_mark(decision: Decision) -> bool:
+    return decision.stop and decision.reason is Reason.TARGET_REACHED
