@@ -6,7 +6,7 @@ are not are printed. With it, the table shows what the PLC would have been told 
 examples:
   gateway replay /var/lib/loading-gateway/records/site1.gateway/bay1
   gateway replay bay1/00000042-20261123T031500Z.seg
-  gateway replay bay1 --against new.toml        what would the new thresholds have decided?
+  gateway replay bay1 --against new.toml --from 04:00     what would the new thresholds have decided, truck by truck?
   gateway replay bay1 --frames                  what does vision find in the kept pictures now?
   gateway replay bay1 --frames --against new.toml     and with other settings of it?
 exit code 1 when anything differs or is missing

@@ -109,7 +109,7 @@ def _plots(answer: Answer) -> list[str]:
     """R and Z with their thresholds and the outputs, seconds before and after the moment."""
     radii: list[Point] = []
     distances: list[Point] = []
-    outputs: list[tuple[float, StateVector]] = []
+    outputs: list[list[tuple[float, StateVector]]] = []  # a list of its own from each new beginning on
     for step in answer.steps:
         t_s = (unix_ns(step.place.head, step.state.t_ns) - answer.at_ns) / NS_PER_S
         match step.observation:
@@ -117,7 +117,9 @@ def _plots(answer: Answer) -> list[str]:
                 radii.append((t_s, circle.radius_px))
             case RangeReading(distance_mm=float() as distance_mm):
                 distances.append((t_s, distance_mm))
-        outputs.append((t_s, step.state))
+        if step.observation is None or not outputs:
+            outputs.append([])
+        outputs[-1].append((t_s, step.state))
     begin_s, end_s = ((t_ns - answer.at_ns) / NS_PER_S for t_ns in (answer.begin_ns, answer.end_ns))
     time = ChartAxis("seconds from the moment asked for", begin_s, end_s)
     recipe = 0 if answer.state is None else answer.state.plc.recipe
@@ -133,7 +135,8 @@ def _plots(answer: Answer) -> list[str]:
         "The outputs after each step.",
     )
     for chart in found[:2]:
-        _shade(chart, outputs)
+        for part in outputs:
+            _shade(chart, part)
     for chart in found:
         chart.rule(x=0.0)
     return [figure(chart.svg(), caption) for chart, caption in zip(found, captions, strict=True)]
@@ -159,17 +162,17 @@ def _unbroken(points: list[Point]) -> list[list[Point]]:
     return parts
 
 
-def _outputs(time: ChartAxis, outputs: list[tuple[float, StateVector]]) -> Chart:
+def _outputs(time: ChartAxis, outputs: list[list[tuple[float, StateVector]]]) -> Chart:
     chart = Chart(time, ChartAxis("", 0.0, 3.4), width=CHART_WIDTH, height=150, title="outputs")
     for row, name in enumerate(("stop", "may_move", "in_place")):
-        points: list[Point] = []
-        for t_s, state in outputs:
-            level = 2.3 - 1.1 * row + 0.8 * bool(getattr(state, name))
-            if not points or points[-1][1] != level:
-                points.append((t_s, level))
-        if points:
-            points.append((outputs[-1][0], points[-1][1]))
-            chart.line(points, (1, 2, 0)[row], name, step=True)
+        for part in outputs:
+            points: list[Point] = []
+            for t_s, state in part:
+                level = 2.3 - 1.1 * row + 0.8 * bool(getattr(state, name))
+                if not points or points[-1][1] != level:
+                    points.append((t_s, level))
+            points.append((part[-1][0], points[-1][1]))
+            chart.line(points, (1, 2, 0)[row], name if part is outputs[0] else "", step=True)
     return chart
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from gateway.cli.main import main
 from gateway.core.state import Reason
-from gateway.records import recording
+from gateway.records import page, recording
 from gateway.records.inquiry import Answer, Inquiry
 from gateway.records.segment import MAGIC, BlockKind, block, blocks
 from tests.recorded_bay import T0_NS, Recorded, S, recorded, unix
@@ -83,6 +83,11 @@ class TestAMissingSegment:
         assert found.state.reason is Reason.NONE
         assert found.silence == ""
         assert "no tick" not in str([link.by for link in (*found.chain, *found.after)])
+
+    def test_the_report_draws_nothing_across_it(self, gap: Recorded) -> None:
+        text = page.html(answer(gap, 30), [], "now")
+        chart = text[: text.index("The outputs after each step")].rpartition("<svg")[2]
+        assert chart.count("<polyline") == 6, "each of three outputs has a line before the gap and one behind it"
 
     def test_the_replay_begins_again_behind_it(
         self, gap: Recorded, tmp_path: Path, capsys: pytest.CaptureFixture[str]
