@@ -272,6 +272,8 @@ def _of_place(truck: Truck, old: StateVector, state: StateVector, unix_ns: int) 
     so_far = truck.so_far
     if visit.moved is not Moved.NO and visit.moved is not so_far.moved:
         truck = replace(truck, so_far=replace(so_far, moved=visit.moved))
+    if state.unintended_motion and not truck.so_far.unintended:
+        truck = replace(truck, so_far=replace(truck.so_far, unintended=True))
     if visit.released and not old.visit.released:
         truck = replace(truck, so_far=replace(truck.so_far, released_s=since_s))
     return truck

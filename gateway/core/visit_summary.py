@@ -53,6 +53,7 @@ class VisitSummary:
     frame_id: int | None = None  # the picture, and when it was taken (Unix time)
     frame_ms: int | None = None
     moved: Moved = Moved.NO  # it left its place without release
+    unintended: bool = False  # it moved though it was to stand (`StateVector.unintended_motion`)
     faults: tuple[Fault, ...] = ()
     interruptions: int = 0  # restarts of the gateway meanwhile
     off_s: float = 0.0  # how long it was not watched because of them
@@ -111,6 +112,7 @@ def joined(earlier: VisitSummary, later: VisitSummary) -> VisitSummary:
         halt_s=stopped.halt_s,
         overrun_mm=stopped.overrun_mm,
         moved=placed.moved if later.moved is Moved.NO else later.moved,
+        unintended=earlier.unintended or later.unintended,
         faults=merged(earlier.faults, later.faults),
         interruptions=earlier.interruptions + later.interruptions + 1,
         off_s=earlier.off_s + later.off_s + max(0.0, shift_s - earlier.length_s),

@@ -111,6 +111,7 @@ def summary(alarms: tuple[models.AlarmView, ...]) -> models.AlarmSummary:
         silent_sensors=0,
         function_checks=0,
         by_bay=by_bay,
+        highest_by_bay={each.bay: each.priority for each in reversed(shown) if each.bay is not None},
         first=shown[0] if shown else None,
         newest_change=len(alarms),
     )

@@ -1,6 +1,6 @@
 import assert from 'node:assert/strict';
 import test from 'node:test';
-import { VISIT_KINDS, abnormal, bucketAt, bucketText, columns, faultsText, firstScale, frameMs, hashOf, pictureAt, placeOf, spanOf, stamp, stopOf, windowAt, zone } from '../static/lib/history.js';
+import { VISIT_KINDS, abnormal, abnormalEvent, bucketAt, bucketText, columns, faultsText, firstScale, frameMs, hashOf, pictureAt, placeOf, spanOf, stamp, stopOf, usual, windowAt, zone } from '../static/lib/history.js';
 
 const MIN = 60_000;
 const bucket = (t_ms, more = {}) => ({ t_ms, recorded_s: 60, may_move_s: 0, in_place_s: 0, stop_s: {}, r_min: null, r_mean: null, r_max: null, z_min: null, z_mean: null, z_max: null, ...more });
@@ -35,6 +35,11 @@ test('a bucket in words says what was not recorded', () => {
 test('stop for a fault is told from stop in place', () => {
   assert.deepEqual(stopOf(bucket(0, { stop_s: { target_reached: 20, vision_stale: 10, plc_lost: 1 } })), { all: 31, fault: 11 });
   assert.ok(abnormal('sensor_fault') && abnormal('ranger_down') && abnormal('moved'));
+  const left = { begun_ms: 1000, length_s: 60, unintended: false, faults: [], interrupted: false, to_position_s: 9, end: 'clear' };
+  const rolled = { ...left, begun_ms: 100_000, unintended: true };
+  const bad = (t_ms, kind = 'moved') => abnormalEvent({ t_ms, kind }, [left, rolled]);
+  assert.deepEqual([bad(30_000), bad(130_000), bad(130_000, 'rolling'), bad(90_000), bad(0, 'sensor_fault')], [false, true, true, false, true]);
+  assert.deepEqual([left, rolled, { ...left, to_position_s: null }, { ...left, end: 'gateway_off' }].map(usual), [true, false, false, false]);
   assert.ok(!abnormal('operator_mark') && !abnormal('no_target') && !abnormal('start'));
 });
 

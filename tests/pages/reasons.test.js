@@ -31,7 +31,10 @@ test('in place: loading may start or go on, unless the truck rolls', () => {
   const placed = { ...REACHED, in_place: true };
   assert.deepEqual(said(placed), ['loading may start', 'Loading may start.']);
   assert.deepEqual(said({ ...placed, held: true }), ['held, marker covered', 'In place: loading may go on. The marker is covered; the distance shows that the truck stands still.']);
-  assert.deepEqual(said({ ...placed, held: true, rolling: true }), ['TRUCK ROLLS', 'The truck rolls: if it is being loaded, stop loading and raise the spout.']);
+  assert.equal(said({ ...FREE, rolling: true, phase: 'LEAVING' })[0], 'leaves'); // where no PLC releases trucks
+  const blind = { stop: true, may_move: false, reason: { name: 'CAMERA_DOWN', text: '' }, guidance: { name: 'FAULT' } };
+  assert.equal(said({ ...blind, rolling: true })[0], 'no camera');
+  assert.deepEqual(said({ ...placed, held: true, rolling: true, guidance: { name: 'BRAKE' } }), ['TRUCK ROLLS', 'The truck rolls: if it is being loaded, stop loading and raise the spout.']);
 });
 
 test('nothing known, and a reason that this page does not know', () => {

@@ -41,6 +41,9 @@ class KeptPicturesView(View):
 class RecordedVisitView(VisitPayload):
     """A visit that is over."""
 
+    unintended: bool = Field(
+        description="the truck rolled though it was to stand; not: it left where no PLC writes and none is released"
+    )
     picture: KeptPictureView | None = Field(
         description="kept within 2 s of the moment when it was last found in place, the nearest; null: none, or not "
         "for this caller"

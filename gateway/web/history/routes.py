@@ -231,7 +231,11 @@ async def _with_pictures(
             bay, lambda folder: kept_pictures.nearest(folder, times_ns, PICTURE_NEAR_NS)
         )
     return [
-        RecordedVisitView(**dict(visit_payload(visit)), picture=None if picture is None else _picture_view(picture))
+        RecordedVisitView(
+            **dict(visit_payload(visit)),
+            unintended=visit.unintended,
+            picture=None if picture is None else _picture_view(picture),
+        )
         for visit, picture in zip(visits, pictures, strict=True)
     ]
 

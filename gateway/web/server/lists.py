@@ -72,6 +72,11 @@ def alarm_summary(client: GatewayClient) -> AlarmSummary:
         silent_sensors=sum(at.quality in DEAD for state in states for at in (state.vision, state.range)),
         function_checks=sum(state.function_check is not FunctionCheck.OFF for state in states),
         by_bay=dict(Counter(alarm.bay for alarm in shown if alarm.bay is not None)),
+        highest_by_bay={
+            alarm.bay: ALARM_DEFINITIONS[alarm.kind].priority.name.lower()
+            for alarm in reversed(shown)
+            if alarm.bay is not None
+        },
         first=alarm_view(client, shown[0]) if shown else None,
         newest_change=reported.newest_change,
     )

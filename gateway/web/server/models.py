@@ -247,6 +247,7 @@ class AlarmSummary(View):
     silent_sensors: Count = Field(description="cameras and rangers of all bays that deliver nothing now")
     function_checks: Count = Field(description="bays whose function check is on")
     by_bay: dict[str, int] = Field(description="alarms that are shown (neither normal nor hidden), by bay, if any")
+    highest_by_bay: dict[str, str] = Field(description="the highest priority of these, by name")
     first: AlarmView | None = Field(description="the most important of those that are shown; null: none")
     newest_change: Count = Field(description="number of the newest change; grows with each")
 

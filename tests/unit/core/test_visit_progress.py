@@ -300,12 +300,21 @@ def test_a_bay_that_was_clear_since_the_start_can_not_hold_the_truck_from_before
     assert ended.end is VisitEnd.GATEWAY_OFF
 
 
+@pytest.mark.parametrize("writes", [True, False])
+def test_a_truck_that_leaves_was_to_stand_only_where_a_plc_could_have_released_it(writes: bool) -> None:
+    legs = [{"distance_cm": 28, "speed_cm_s": 25, "hold_s": 6}, {"distance_cm": 130, "speed_cm_s": 40, "hold_s": 30}]
+    bench = Bench(truck(*legs, start={"distance_cm": 115}), gateway(writes=writes))
+    bench.run(25)
+    (visit,) = bench.visits
+    assert (visit.moved, visit.unintended) == (Moved.DISTANCE, writes)
+
+
 def test_two_parts_of_a_visit_add_up() -> None:
     phases = (0.0,) * len(VisitPhase)
     earlier = VisitSummary(
         10_000, 30.0, phases_s=phases, at_mark_s=8.0, to_position_s=10.0, in_place_s=20.0, times_in_place=1,
         corrections=2, stop_latency_ms=50.0, halt_s=1.0, overrun_mm=5.0, radius_px=190.0, distance_mm=280.0,
-        frame_id=7, frame_ms=20_000, faults=((Reason.NO_TARGET, 1, 2.0),),
+        frame_id=7, frame_ms=20_000, unintended=True, faults=((Reason.NO_TARGET, 1, 2.0),),
     )  # fmt: skip
     later = VisitSummary(
         50_000, 25.0, VisitEnd.CLEAR, phases, at_mark_s=1.0, to_position_s=2.0, released_s=9.0, in_place_s=4.0,
@@ -316,7 +325,7 @@ def test_two_parts_of_a_visit_add_up() -> None:
     assert (both.at_mark_s, both.to_position_s, both.released_s) == (8.0, 10.0, 49.0)
     assert (both.in_place_s, both.times_in_place, both.corrections) == (24.0, 1, 2)
     assert (both.stop_latency_ms, both.radius_px, both.frame_id) == (50.0, 190.0, 7)
-    assert both.moved is Moved.MARKER
+    assert (both.moved, both.unintended) == (Moved.MARKER, True)
     assert both.faults == ((Reason.NO_TARGET, 3, 3.0), (Reason.PLC_LOST, 1, 3.0))
     assert (both.interruptions, both.off_s) == (1, 10.0)
     assert merged((), ()) == ()

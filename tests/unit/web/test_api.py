@@ -271,6 +271,7 @@ class TestAlarms:
             now = next(one for one in view["alarms"] if one["id"] == "bay1.camera_down")
             assert (now["state"], now["who"], now["note"]) == ("acknowledged", "anna", "gone to look")
             assert view["summary"]["by_bay"]["bay1"] == len([a for a in view["alarms"] if a["bay"] == "bay1"])
+            assert view["summary"]["highest_by_bay"] == {"bay1": now["priority"]}
             change = view["changes"][-1]
             assert (change["cue"], change["after"], change["who"]) == ("acknowledge", "acknowledged", "anna")
             after = made.hub.state("bay1")

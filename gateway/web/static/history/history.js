@@ -3,7 +3,7 @@
 
 import { html, useEffect, useErrorBoundary, useMemo, useRef, useState } from '../lib/page.js';
 import { words } from '../lib/format.js';
-import { MARKED, SCALES, abnormal, firstScale, hashOf, inputTime, placeOf, spanOf, stamp, windowAt, zone } from '../lib/history.js';
+import { MARKED, SCALES, abnormalEvent, firstScale, hashOf, inputTime, placeOf, spanOf, stamp, windowAt, zone } from '../lib/history.js';
 import { listed, t, text } from '../lib/lang.js';
 import { titled } from '../lib/title.js';
 import { start } from '../lib/start.js';
@@ -28,15 +28,15 @@ function Empty({ records, bay }) {
   </section>`;
 }
 
-function Events({ view, wrong, pick }) {
-  const events = (view?.events ?? []).slice(-300).reverse();
+function Events({ of, wrong, pick }) {
+  const events = of.slice(-300).reverse();
   return html`<section class="panel events" aria-labelledby="events-title">
     <header><h2 id="events-title">Events in this time</h2><span class="small muted">a press chooses its moment</span></header>
     ${wrong && html`<p class="notice warn small" role="status">${wrong}</p>`}
     <div class="scroll" tabindex="0" role="region" aria-label="events, newest first"><table class="stack"><tbody>
       ${events.map((event) => html`<tr>
         <td class="nowrap"><button type="button" class="plain link mono" onClick=${() => pick(event.t_ms)}>${stamp(event.t_ms)}</button></td>
-        <td class="nowrap">${abnormal(event.kind) ? html`<span class="tag bad">${words(event.kind)}</span>` : words(event.kind)}</td>
+        <td class="nowrap">${event.bad ? html`<span class="tag bad">${words(event.kind)}</span>` : words(event.kind)}</td>
         <td>${listed([event.sensor && t(words(event.sensor)), event.quality && event.quality !== 'GOOD' && t(words(event.quality)), event.detail])}</td></tr>`)}
     </tbody></table>
     ${events.length === 0 && html`<p class="muted">None.</p>`}</div>
@@ -65,6 +65,7 @@ function Bay({ bay, place, records, scale, setScale }) {
   useEffect(() => {
     history.replaceState(null, '', hashOf({ bay, atMs: Math.round(atMs ?? middleMs), scale }));
   }, [bay, atMs, middleMs, scale]);
+  const events = (marks.answer?.events ?? []).map((event) => ({ ...event, bad: abnormalEvent(event, visits.answer?.visits ?? []) }));
   const go = (ms) => setMiddleMs(Math.max(0, Math.min(ms, lastMs)));
   const pan = (share) => go((sinceMs + untilMs) / 2 + share * SCALES[scale].ms);
   const choose = (ms) => {
@@ -98,12 +99,12 @@ function Bay({ bay, place, records, scale, setScale }) {
         </div>
       </header>
       ${trend.wrong && html`<p class="notice warn small" role="status">${trend.wrong}</p>`}
-      <${Timeline} label="timeline" view=${trend.answer} viewed=${spanOf(trend.path)} busy=${trend.busy} events=${marks.answer?.events ?? []} sinceMs=${sinceMs} untilMs=${untilMs} atMs=${atMs} pick=${setAtMs} pan=${pan} />
+      <${Timeline} label="timeline" view=${trend.answer} viewed=${spanOf(trend.path)} busy=${trend.busy} events=${events} sinceMs=${sinceMs} untilMs=${untilMs} atMs=${atMs} pick=${setAtMs} pan=${pan} />
       <p class="small muted">Line: mean; band: least to largest. Hatched: not recorded. Red: stop for a fault. Scroll sideways, or with the arrow keys. ${text('Recorded from {0} to {1}.', stamp(records.first_ms), stamp(lastMs))}</p>
     </section>
     ${visit && html`<${Film} key=${visit.begun_ms} bay=${bay} visit=${visit} pictures=${records.pictures} ask=${ask} close=${() => setVisit(null)} />`}
     <${Why} bay=${bay} atMs=${atMs} asked=${asked} ask=${() => ask()} />
-    <${Events} view=${marks.answer} wrong=${marks.wrong} pick=${choose} />
+    <${Events} of=${events} wrong=${marks.wrong} pick=${choose} />
     <${Visits} bay=${bay} view=${visits.answer} wrong=${visits.wrong} busy=${visits.busy} sinceMs=${sinceMs} untilMs=${untilMs}
       chosen=${visit?.begun_ms ?? null} choose=${(one) => setVisit(one.begun_ms === visit?.begun_ms ? null : one)} />`;
 }

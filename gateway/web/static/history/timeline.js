@@ -5,7 +5,7 @@ import { html, useEffect, useRef, useState } from '../lib/page.js';
 import { nice, written } from '../lib/bars.js';
 import { FONT, cleared, hatched, textScale } from '../lib/canvas.js';
 import { clock, day, words } from '../lib/format.js';
-import { abnormal, bucketAt, bucketText, columns, stamp, stopOf } from '../lib/history.js';
+import { bucketAt, bucketText, columns, stamp, stopOf } from '../lib/history.js';
 import { listed, t, text } from '../lib/lang.js';
 import { colour, ink } from '../lib/theme.js';
 import { inUnit, lengthUnit } from '../lib/units.js';
@@ -94,7 +94,7 @@ function strip(canvas, plot, { buckets, lengthMs, events, sinceMs, untilMs, atMs
   }
   const [y, tall] = box(3);
   for (const event of events) {
-    const [at, bad] = [x(event.t_ms), abnormal(event.kind)];
+    const [at, bad] = [x(event.t_ms), event.bad];
     g.fillStyle = bad ? colour('--red') : colour('--text');
     g.beginPath();
     if (bad) { // a triangle on its base, else a bar: never colour alone
@@ -200,7 +200,7 @@ export function Timeline({ view, viewed, busy, events, sinceMs, untilMs, atMs, p
   };
   return html`<div class="timeline">
     <p class="read small"><span class="value">${readMs === null ? '' : stamp(readMs)}</span> ${read}
-      ${near.map((event) => html` <span class=${`tag ${abnormal(event.kind) ? 'bad' : ''}`}>${listed([clock(event.t_ms), t(words(event.kind)), event.detail?.slice(0, 60)])}</span>`)}</p>
+      ${near.map((event) => html` <span class=${`tag ${event.bad ? 'bad' : ''}`}>${listed([clock(event.t_ms), t(words(event.kind)), event.detail?.slice(0, 60)])}</span>`)}</p>
     <div class="charts" ref=${holder} tabindex=${pan ? 0 : undefined} onKeyDown=${keys} role="img"
       aria-label=${text('{0}: R in px, Z in {1}, outputs and events from {2} to {3}; {4}', t(label), lengthUnit(), stamp(sinceMs), stamp(untilMs), read)}>
       <div></div><div></div><canvas class="strip"></canvas>

@@ -5,7 +5,7 @@ import { number, px, signed, words } from '../lib/format.js';
 import { listed, t, text } from '../lib/lang.js';
 import { quantity } from '../lib/quantity.js';
 import { distance, signedDistance } from '../lib/units.js';
-import { VISIT_KINDS, faultsText, stamp } from '../lib/history.js';
+import { VISIT_KINDS, faultsText, stamp, usual } from '../lib/history.js';
 
 /** Address of a kept picture. */
 export const pictureUrl = (bay, { file, place }, width) =>
@@ -24,10 +24,12 @@ export function Visits({ bay, view, wrong, busy, sinceMs, untilMs, chosen, choos
   const [wanted, setWanted] = useState('');
   const visits = view?.visits ?? [];
   const shown = visits.filter((visit) => VISIT_KINDS[kind][1](visit) && wanted.toLowerCase().split(/\s+/).every((word) => searched(visit).includes(word)));
+  const odd = visits.filter((visit) => !usual(visit)).length;
   const csv = `/api/bays/${encodeURIComponent(bay)}/visits.csv?since_ms=${sinceMs}&until_ms=${untilMs}`;
   return html`<section class="panel visits" aria-labelledby="visits-title">
     <header>
-      <h2 id="visits-title">Visits in this time <span class="small">${view ? `${shown.length}${view.more ? ' newest' : ''}` : ''}</span></h2>
+      <h2 id="visits-title">Visits in this time <span class="small">${view ? `${shown.length}${view.more ? ' newest' : ''}` : ''}</span>
+        ${view && html` <span class="small">${listed([text('{0} as usual', visits.filter(usual).length), odd > 0 && text('{0} not', odd)])}</span>`}</h2>
       <div class="row compact">
         <select aria-label="which visits" value=${kind} onChange=${(event) => setKind(event.target.value)}>
           ${Object.entries(VISIT_KINDS).map(([key, [name]]) => html`<option value=${key} selected=${key === kind}>${name}</option>`)}
@@ -50,7 +52,7 @@ export function Visits({ bay, view, wrong, busy, sinceMs, untilMs, chosen, choos
           <td class="right nowrap" data-name="Z">${quantity(distance(visit.distance_mm))}</td>
           <td class="right nowrap" data-name="offset">${quantity(visit.offset_mm === null ? signed(visit.offset_px, 1, 'px') : signedDistance(visit.offset_mm))}</td>
           <td class="right" data-name="corrections">${number(visit.corrections)}</td>
-          <td>${visit.moved !== 'NO' && html`<span class="tag bad">${text('moved: {0}', t(words(visit.moved)))}</span> `}
+          <td>${visit.moved !== 'NO' && html`<span class=${`tag ${visit.unintended ? 'bad' : ''}`}>${text('moved: {0}', t(words(visit.moved)))}</span> `}
             ${visit.faults.length > 0 && html`<span class="tag warn">${faultsText(visit)}</span> `}
             ${visit.interrupted && html`<span class="tag">interrupted</span> `}
             ${listed([visit.to_position_s === null ? t('never in place') : visit.released_s === null && t('not released'), visit.end !== 'clear' && t(words(visit.end))])}</td>

@@ -24,6 +24,15 @@ const NORMAL = new Set(['none', 'target_reached', 'stop_latched', 'clearing', 's
 export const MARKED = ['sensor_fault', 'plc_lost', 'rolling', 'moved', 'operator_mark', 'function_check_begun', 'settings_changed', 'alarm_action', 'pictures_not_kept', 'start', 'shutdown'];
 const BAD = new Set(['sensor_fault', 'plc_lost', 'rolling', 'moved']);
 
+/** A visit in which nothing was abnormal. */
+export const usual = (visit) => !visit.unintended && !visit.faults.length && !visit.interrupted && visit.to_position_s !== null && visit.end !== 'gateway_off';
+
+/** Is an event something abnormal? Where no PLC releases trucks, each one that leaves rolls and moves: its visit says whether it was to stand. */
+export const abnormalEvent = (event, visits) =>
+  ['rolling', 'moved'].includes(event.kind)
+    ? visits.some((visit) => visit.unintended && event.t_ms >= visit.begun_ms && event.t_ms <= visit.begun_ms + 1000 * visit.length_s)
+    : abnormal(event.kind);
+
 /** Is a stop for this reason, or an event of this kind, something abnormal? */
 export const abnormal = (name) => BAD.has(name) || !(NORMAL.has(name) || MARKED.includes(name));
 
@@ -136,7 +145,8 @@ export function bucketText(bucket, lengthMs) {
 export const VISIT_KINDS = {
   all: ['all', () => true],
   faults: ['with faults', (visit) => visit.faults.length > 0],
-  moved: ['moved unreleased', (visit) => visit.moved !== 'NO'],
+  odd: ['not as usual', (visit) => !usual(visit)],
+  moved: ['moved, though it was to stand', (visit) => visit.unintended],
   never: ['never in place', (visit) => visit.to_position_s === null],
   corrected: ['with corrections', (visit) => visit.corrections > 0],
   interrupted: ['interrupted', (visit) => visit.interrupted],

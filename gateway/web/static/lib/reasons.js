@@ -43,7 +43,7 @@ const TOO_FAR_IN = {
 /** @returns {[string, string]} @param {any} state null: not known */
 function reasonText(state) {
   if (state === null) return ['nothing known', 'Nothing new from the gateway: treat the bay as STOP.'];
-  if (state.rolling) return ['TRUCK ROLLS', 'The truck rolls: if it is being loaded, stop loading and raise the spout.'];
+  if (state.guidance?.name === 'BRAKE') return ['TRUCK ROLLS', 'The truck rolls: if it is being loaded, stop loading and raise the spout.'];
   if (state.in_place && state.held) return ['held, marker covered', 'In place: loading may go on. The marker is covered; the distance shows that the truck stands still.'];
   if (state.in_place) return ['loading may start', 'Loading may start.'];
   if (state.stop && state.reason.name === 'TARGET_REACHED') return TOO_FAR_IN[state.guidance?.name] ?? REASONS.TARGET_REACHED;

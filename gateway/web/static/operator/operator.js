@@ -46,13 +46,13 @@ function Bar({ session, bay, live, known, alarms }) {
   return html`<${Top} session=${session} title=${site.site ?? 'Loading bays'} more=${site.instance ?? ''} bay=${bay} current="Operator" alarms=${alarms} next="/" facts=${facts} />`;
 }
 
-function BayBar({ names, bay, alarmsOf }) {
+function BayBar({ names, bay, alarmsOf, highestOf }) {
   const at = names.indexOf(bay);
   const go = (name) => { location.hash = encodeURIComponent(name); };
   if (names.length <= 6)
     return html`<nav class="bays" aria-label="bays">
       <a href="#" class="button">All bays</a>
-      ${names.map((name) => html`<a class="button" href=${`#${encodeURIComponent(name)}`} aria-current=${name === bay ? 'true' : undefined}><span translate="no">${name}</span>${alarmsOf(name) > 0 ? html` <span class="tag bad">${alarmsOf(name)}</span>` : ''}</a>`)}
+      ${names.map((name) => html`<a class="button" href=${`#${encodeURIComponent(name)}`} aria-current=${name === bay ? 'true' : undefined}><span translate="no">${name}</span>${alarmsOf(name) > 0 ? html` <span class=${`tag ${highestOf(name)}`}>${alarmsOf(name)}</span>` : ''}</a>`)}
     </nav>`;
   return html`<nav class="bays" aria-label="bays">
     <a href="#" class="button">All bays</a>
@@ -80,6 +80,7 @@ function App({ session }) {
   const list = { answer: alarms, wrong, again: () => setAsked((n) => n + 1), session };
   const byBay = !known ? {} : view?.alarms.by_bay ?? {};
   const alarmsOf = (name) => (Object.hasOwn(byBay, name) ? byBay[name] : 0);
+  const highestOf = (name) => view?.alarms.highest_by_bay[name] ?? '';
   const one = bay === null ? null : byName.get(bay) ?? null;
   const state = stateOf(bay);
   const newest = view?.events_newest ?? null;
@@ -95,10 +96,10 @@ function App({ session }) {
       <${Notice} kind="bad" loud wide say=${!known && view !== null && html`<b>NO CONNECTION TO THE GATEWAY.</b> Nothing here is live; treat the bay as STOP. Trying again.`} />
       <${Notice} kind="bad" loud wide say=${live.refusal} />
       ${bay === null
-        ? html`<${Overview} names=${names} live=${live} limitsOf=${(name) => (byName.has(name) ? limitsOf(byName.get(name)) : null)} alarmsOf=${alarmsOf} />
+        ? html`<${Overview} names=${names} live=${live} limitsOf=${(name) => (byName.has(name) ? limitsOf(byName.get(name)) : null)} alarmsOf=${alarmsOf} highestOf=${highestOf} />
             <div class="below"><${Alarms} bay=${null} ...${list} known=${known} /><${Events} bay=${null} newest=${newest} /></div>`
         : html`
-            ${!single && html`<${BayBar} names=${names} bay=${bay} alarmsOf=${alarmsOf} />`}
+            ${!single && html`<${BayBar} names=${names} bay=${bay} alarmsOf=${alarmsOf} highestOf=${highestOf} />`}
             <h1 class="sr" translate="no">${bay}</h1>
             <div class="column a"><${LivePicture} key=${bay} bay=${bay} aim=${one ? aimOf(one) : null} connected=${known} fault=${cameraFault(state)} onShape=${setShape} />${one ? html`<${Bars} state=${state} limits=${limitsOf(one)} />` : html`<div class="panel room bars-room"></div>`}${wide && large && events}</div>
             <div class="column b"><${Decision} state=${state} age=${html`<${Age} of=${live} partMs=${one?.age_ms} />`} bay=${bay} alarm=${(alarms?.alarms ?? []).some((each) => each.active && standing(each) && (each.bay === bay || each.bay === null))} />${one ? html`<${Trend} bay=${bay} state=${state} limits=${limitsOf(one)} />` : html`<div class="panel room trend-room"></div>`}</div>

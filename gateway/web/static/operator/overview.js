@@ -62,7 +62,7 @@ function Thumbnail({ name, everyMs, state }) {
     ${why && html`<span class="no-picture">${why}</span>`}</span>`;
 }
 
-function Tile({ name, state, age, limits, alarms, everyMs }) {
+function Tile({ name, state, age, limits, alarms, highest, everyMs }) {
   const trouble = state === null || state.ne107.name === 'FAILURE';
   return html`<li><a class=${`tile ${trouble ? 'trouble' : ''}`} href=${`#${encodeURIComponent(name)}`}>
     <span class="row spread"><b translate="no">${name}</b><${Ne107} name=${state?.ne107.name ?? null} label=${false} alarm=${alarms > 0} /></span>
@@ -70,14 +70,14 @@ function Tile({ name, state, age, limits, alarms, everyMs }) {
     <span class="state"><${Decision} stop=${state?.stop ?? null} mayMove=${state?.may_move ?? null} inPlace=${state?.in_place ?? false} fault=${trouble} /><span><b>${decisionWords(state)}</b> ${age}</span></span>
     <span class="why">${state && html`<${Arrow} name=${CODES[state.guidance.name]?.symbol ?? 'stop'} />`}${shortWhy(state)}</span>
     ${limits && html`<${SmallBars} state=${state} limits=${limits} />`}
-    ${alarms > 0 && html`<span class="tag bad">${alarmCount(alarms, 0)}</span>`}
+    ${alarms > 0 && html`<span class=${`tag ${highest}`}>${alarmCount(alarms, 0)}</span>`}
   </a></li>`;
 }
 
 const GROUPS = [['all', 'all'], ['trouble', 'in trouble'], ['stop', 'stop'], ['in_place', 'in place'], ['may_move', 'may move']];
 
 /** `live`: as from `useLive`; `limitsOf`: the thresholds of a bay, null: not known. */
-export function Overview({ names, live, limitsOf, alarmsOf }) {
+export function Overview({ names, live, limitsOf, alarmsOf, highestOf }) {
   const [wanted, setWanted] = useState('');
   const [group, setGroup] = useState('all');
   const [pictures, setPictures] = useKept('overview.pictures', true);
@@ -85,7 +85,7 @@ export function Overview({ names, live, limitsOf, alarmsOf }) {
     const state = live.stateOf(name);
     const alarms = alarmsOf(name);
     const age = html`<${Age} of=${live} partMs=${live.last?.bays.find(({ bay }) => bay === name)?.age_ms} />`;
-    return { name, state, age, limits: limitsOf(name), alarms, rank: urgency(state, alarms) };
+    return { name, state, age, limits: limitsOf(name), alarms, highest: highestOf(name), rank: urgency(state, alarms) };
   }));
   const fits = {
     all: () => true,
