@@ -139,12 +139,17 @@ def nothing(test: Test, gateway: Simulated) -> None:
     """The test makes everything happen itself."""
 
 
-def death_of_a_bay_and_end(test: Test, gateway: Simulated) -> None:
+def death_of_a_bay(test: Test, gateway: Simulated) -> None:
+    """And its return: what the node itself shows changes with it."""
     test.wait_for("DBIRTH")
     os.kill(gateway.pid, signal.SIGUSR1)
-    test.wait_for("DDEATH")
+    test.wait_for("NDATA")
     os.kill(gateway.pid, signal.SIGUSR1)
-    test.wait_for("DBIRTH", 2)
+    test.wait_for("NDATA", 2)
+
+
+def death_of_a_bay_and_end(test: Test, gateway: Simulated) -> None:
+    death_of_a_bay(test, gateway)
     gateway.kill(signal.SIGTERM)
 
 
@@ -161,7 +166,7 @@ class Case:
 CASES = (
     Case("SessionEstablishment"),
     Case("SessionTermination", death_of_a_bay_and_end),
-    Case("SendData"),
+    Case("SendData", death_of_a_bay),
     # It counts data against the node from the moment of the first birth, before its command can have come: as seldom
     # as possible, and without the history that follows the births.
     Case("ReceiveCommand", more="period_s = 60\nhistory = 0\n"),

@@ -16,6 +16,7 @@ from gateway.values.visit_values import VISIT_VALUES
 
 NODE_REBIRTH = "Node Control/Rebirth"
 BD_SEQ = "bdSeq"
+BAYS_ALIVE = "Bays/Alive"  # of the node: how many devices have a birth
 _DATATYPES = {bool: DataType.BOOLEAN, int: DataType.INT32, float: DataType.DOUBLE}
 _DIGITS = {"px": 1, "mm": 0, "mm/s": 0, "Hz": 0, "s": 1, "ms": 1, "": 2}  # a change smaller than their last one is none
 

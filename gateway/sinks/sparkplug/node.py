@@ -17,7 +17,7 @@ from gateway.sinks.contract import BayAlarms
 from gateway.sinks.mqtt.topics import MqttMessage
 from gateway.sinks.sparkplug import metrics
 from gateway.sinks.sparkplug.history import BayChange, History
-from gateway.sinks.sparkplug.metrics import BD_SEQ, HISTORY, NODE_REBIRTH, Reading, Surroundings
+from gateway.sinks.sparkplug.metrics import BAYS_ALIVE, BD_SEQ, HISTORY, NODE_REBIRTH, Reading, Surroundings
 from gateway.sinks.sparkplug.wire import DataType, Metric, Payload, WireError, booleans, encode
 
 NAMESPACE = "spBv1.0"
@@ -75,6 +75,7 @@ class EdgeNode:
     _rebirth_due: bool = False  # one was deferred
     _host_ms: int = -1  # timestamp of the newest STATE believed in this session
     _sent_values: dict[str, dict[str, Reading]] = field(default_factory=dict)  # by device with a birth
+    _sent_alive: int = 0
     _visits: dict[str, VisitSummary] = field(default_factory=dict)  # the newest of each bay since the start
 
     @property
@@ -170,7 +171,8 @@ class EdgeNode:
     # From the bays.
 
     def states(self, states: Mapping[str, StateVector | None], now_ms: int) -> list[MqttMessage]:
-        """What has changed since it was last sent; deaths and births of bays that died or are alive again."""
+        """What has changed since it was last sent; deaths and births of bays that died or are alive again, and after
+        those their number, by NDATA."""
         if not self._born:
             return []
         self.history.arrived(now_ms - self.doubt_ms)
@@ -194,6 +196,9 @@ class EdgeNode:
                 if changed:
                     self._sent_values[bay] = now
                     out.append(self._data(bay, metrics.metrics(changed, now_ms), now_ms))
+        if len(self._sent_values) != self._sent_alive:
+            self._sent_alive = len(self._sent_values)
+            out.append(self._sequenced("NDATA", "", (self._alive(now_ms),), now_ms))
         return out + self._kept(now_ms)
 
     def changed(self, state: StateVector, timestamp_ms: int) -> None:
@@ -232,6 +237,7 @@ class EdgeNode:
         """NBIRTH with sequence number 0, then a DBIRTH for every bay that lives, then what was kept."""
         self._seq, self._born, self._rebirth_due = -1, True, False
         self._sent_values.clear()
+        self._sent_alive = sum(state is not None for state in states.values())
         self.stats.births += 1
         node = (
             Metric(BD_SEQ, now_ms, DataType.INT64, self._bd_seq),
@@ -239,10 +245,14 @@ class EdgeNode:
             Metric("Properties/Software", now_ms, DataType.STRING, "PLC loading gateway"),
             Metric("Properties/Version", now_ms, DataType.STRING, self.version),
             Metric("Properties/Bays", now_ms, DataType.STRING, ", ".join(states)),
+            self._alive(now_ms),
         )
         out = [self._sequenced("NBIRTH", "", node, now_ms)]
         out += [self._device_birth(bay, state, now_ms) for bay, state in states.items() if state is not None]
         return out + self._kept(now_ms)
+
+    def _alive(self, now_ms: int) -> Metric:
+        return Metric(BAYS_ALIVE, now_ms, DataType.INT32, self._sent_alive)
 
     def _device_birth(self, bay: str, state: StateVector, now_ms: int) -> MqttMessage:
         now = self._readings(bay, state)
@@ -262,6 +272,5 @@ class EdgeNode:
     def _sequenced(self, kind: str, bay: str, found: tuple[Metric, ...], now_ms: int) -> MqttMessage:
         self._seq = (self._seq + 1) % SEQ_MODULO
         payload = Payload(now_ms, found, self._seq)
-        return MqttMessage(
-            self.identity.topic(kind, bay), encode(payload, typed=self.typed_data or kind != "DDATA"), qos=0, text=False
-        )
+        typed = self.typed_data or not kind.endswith("DATA")
+        return MqttMessage(self.identity.topic(kind, bay), encode(payload, typed=typed), qos=0, text=False)

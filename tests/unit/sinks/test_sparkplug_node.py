@@ -257,7 +257,7 @@ def test_a_bay_that_comes_late_gets_its_history_with_its_birth() -> None:
     edge.will(0, T0 + 5)
     assert kinds(edge.connected({"bay1": None}, T0 + 5)) == ["NBIRTH"]
     messages = edge.states(STATES, T0 + 10)
-    assert kinds(messages) == ["DBIRTH", "DDATA"]
+    assert kinds(messages) == ["DBIRTH", "NDATA", "DDATA"]
     assert historical_stops(messages) == [1, 2]
 
 
@@ -266,7 +266,7 @@ def test_a_change_just_before_a_bay_died_is_history() -> None:
     session(edge, 0)
     change(edge, 5)
     messages = edge.states({"bay1": None}, T0 + 10)
-    assert kinds(messages) == ["DDATA", "DDEATH"]
+    assert kinds(messages) == ["DDATA", "DDEATH", "NDATA"]
     assert historical_stops(messages) == [5]
 
 
