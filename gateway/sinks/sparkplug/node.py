@@ -198,6 +198,7 @@ class EdgeNode:
                     out.append(self._data(bay, metrics.metrics(changed, now_ms), now_ms))
         if len(self._sent_values) != self._sent_alive:
             self._sent_alive = len(self._sent_values)
+            self.stats.data += 1
             out.append(self._sequenced("NDATA", "", (self._alive(now_ms),), now_ms))
         return out + self._kept(now_ms)
 
