@@ -86,12 +86,14 @@ def test_never_more_messages_are_on_their_way_than_the_broker_receive_maximum(re
 class SwallowingBroker:
     """An MQTT 5 broker that takes each of these events once without a trace. `passed`: the others, by connection.
 
-    `simple`: it accepts QoS 0 only and retains nothing, also of last wills.
+    `simple`: it accepts QoS 0 only and retains nothing, also of last wills. `unreadable`: it ends the connection of a
+    client that subscribes.
     """
 
-    def __init__(self, *swallowed: int, simple: bool = False) -> None:
+    def __init__(self, *swallowed: int, simple: bool = False, unreadable: bool = False) -> None:
         self._swallowed = set(swallowed)
         self._simple = simple
+        self._unreadable = unreadable
         self.passed: list[list[int]] = []
         self.packets: list[Packet] = []
         self.connections = 0
@@ -121,12 +123,14 @@ class SwallowingBroker:
                     answers += b"\x40\x02" + packet.mid.to_bytes(2, "big") if packet.qos else b""
             await asyncio.sleep(0.02)  # a round trip: several are on their way
             writer.write(answers)
+            if self._unreadable and any(packet.kind == "SUBSCRIBE" for packet in packets):
+                break
         writer.close()
         self.connections -= 1
 
 
-def delivered(broker: SwallowingBroker, count: int, timeout_s: float, **settings: Any) -> None:
-    async def scenario() -> None:
+def delivered(broker: SwallowingBroker, count: int, timeout_s: float, **settings: Any) -> Plant:
+    async def scenario() -> Plant:
         server = await asyncio.start_server(broker.serve, "127.0.0.1", 0)
         plant = Plant(f"mqtt://127.0.0.1:{server.sockets[0].getsockname()[1]}", **settings)
         async with server, plant.running():
@@ -135,8 +139,9 @@ def delivered(broker: SwallowingBroker, count: int, timeout_s: float, **settings
             await plant.until(lambda: plant.publisher.stats.queued == 0, timeout_s)
             await plant.until(lambda: sum(map(len, broker.passed)) >= count)
         await plant.until(lambda: broker.connections == 0)
+        return plant
 
-    event_loop.run(scenario())
+    return event_loop.run(scenario())
 
 
 def test_behind_a_message_that_a_broker_loses_all_are_sent_again_at_once_and_in_order() -> None:
@@ -162,3 +167,11 @@ def test_a_broker_without_qos_1_and_retained_messages_gets_neither() -> None:
     published = [packet for packet in broker.packets if packet.kind == "PUBLISH"]
     assert {(packet.qos, packet.retain) for packet in published} == {(0, False)}
     assert [number for passed in broker.passed for number in passed] == [1, 2, 3]
+
+
+def test_a_broker_that_permits_no_reading_is_asked_once() -> None:
+    """It ends the connection of a client that asks what an earlier start has left."""
+    broker = SwallowingBroker(unreadable=True)
+    plant = delivered(broker, 3, 30)
+    assert (plant.link_errors, sum(packet.kind == "SUBSCRIBE" for packet in broker.packets)) == (1, 1)
+    assert sorted({number for passed in broker.passed for number in passed}) == [1, 2, 3]

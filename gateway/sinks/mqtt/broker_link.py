@@ -20,7 +20,6 @@ import math
 import socket
 import ssl
 from collections.abc import AsyncIterator, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -127,7 +126,7 @@ class BrokerLink:
 
         Raises RefusedError: the broker did not take it; LinkError: the link is of no more use.
         """
-        message = _within(message, self._client.maximum_qos, retain=self._client.retain_available)
+        message = message.within(self._client.maximum_qos, retain=self._client.retain_available)
         properties = None if self.version == "3.1.1" else _properties(message)
         size, accepted = _packet_bytes(message, properties), self._client.maximum_packet_bytes
         if size > accepted:
@@ -187,18 +186,11 @@ def _code(error: MqttConnectError) -> int | None:
     return error.rc.value if isinstance(error.rc, ReasonCode) else error.rc
 
 
-def _within(message: MqttMessage, maximum_qos: int, *, retain: bool) -> MqttMessage:
-    """What a broker of these limits accepts."""
-    if message.qos <= maximum_qos and (retain or not message.retain):
-        return message
-    return replace(message, qos=min(message.qos, maximum_qos), retain=message.retain and retain)
-
-
 def _lesser(will: MqttMessage | None, code: int | None) -> MqttMessage | None:
     """Of a last will that was refused for its QoS or its retain flag."""
     if will is None or code not in (QOS_NOT_SUPPORTED, RETAIN_NOT_SUPPORTED):
         return None
-    return _within(will, 0 if code == QOS_NOT_SUPPORTED else will.qos, retain=code != RETAIN_NOT_SUPPORTED)
+    return will.within(0 if code == QOS_NOT_SUPPORTED else will.qos, retain=code != RETAIN_NOT_SUPPORTED)
 
 
 def _properties(message: MqttMessage) -> Properties:

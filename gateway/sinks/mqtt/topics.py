@@ -6,7 +6,7 @@ a gateway that serves a single bay may carry the bay's name (then `<bay>/status`
 """
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gateway.config import MqttConfig
 from gateway.errors import SettingError
@@ -27,6 +27,12 @@ class MqttMessage:
     expiry_s: int | None = None
     qos: int = 1
     text: bool = True
+
+    def within(self, maximum_qos: int, *, retain: bool) -> "MqttMessage":
+        """What a broker accepts of it that knows no higher QoS, or retains nothing."""
+        if self.qos <= maximum_qos and (retain or not self.retain):
+            return self
+        return replace(self, qos=min(self.qos, maximum_qos), retain=self.retain and retain)
 
 
 @dataclass(frozen=True, slots=True)
