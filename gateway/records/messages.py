@@ -54,11 +54,6 @@ class RecorderStatus(Message, frozen=True):
     """About once in ten seconds, and whenever `fault` changes; empty: none."""
 
     fault: str = ""
-    written_bytes: int = 0  # since the process started
-    stored_bytes: int = 0
-    oldest_unix_s: int | None = None
-    pictures: int = 0
-    deleted_files: int = 0
     index_fault: str = ""  # of index.sqlite; recording goes on
 
 

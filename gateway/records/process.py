@@ -78,7 +78,6 @@ class Recorder:
         self._unwritten: list[Records] = []
         self._index = Index(Path(job.folder))
         self._fault = ""
-        self._pictures = 0
         self._wall_offset_ns = self._offset_ns()
 
     def run(self) -> None:
@@ -180,12 +179,13 @@ class Recorder:
         matter = matters(incident.why)
         if missing := len(incident.pictures) - len(blocks):
             self._not_kept(bay, incident, missing, "picture_mb_per_day is used up", matters=matter)
+        if matter and not incident.pictures:
+            self._not_kept(bay, incident, 0, "none was there", matters=False)
         if incident.dropped:
             self._not_kept(bay, incident, incident.dropped, "too large for the memory", matters=matter)
         try:
             if blocks:
                 bay.store.pictures(blocks, matter=matter)
-                self._pictures += len(blocks)
         except OSError as error:
             bay.pictures.not_written(encoded)
             self._not_kept(bay, incident, len(blocks), str(error.strerror or error), matters=True)
@@ -207,26 +207,7 @@ class Recorder:
                 self._failed(error)
 
     def _report(self) -> None:
-        stored, oldest = 0, None
-        for bay in self._bays.values():
-            try:
-                files = bay.store.files()
-            except OSError:
-                continue
-            stored += sum(file.size_bytes for file in files)
-            times = [file.name.unix_s for file in files]
-            oldest = min([*times, *([oldest] if oldest is not None else [])], default=None)
-        bays = self._bays.values()
-        status = RecorderStatus(
-            fault=self._fault,
-            written_bytes=sum(bay.store.written_bytes for bay in bays),
-            stored_bytes=stored,
-            oldest_unix_s=oldest,
-            pictures=self._pictures,
-            deleted_files=sum(bay.store.deleted_files for bay in bays),
-            index_fault=self._index.fault,
-        )
-        self._channel.send(status)
+        self._channel.send(RecorderStatus(self._fault, self._index.fault))
 
     def _failed(self, error: OSError) -> None:
         fault = f"{self._job.folder}: {error.strerror or error}"

@@ -68,7 +68,6 @@ class Replay:
     exact: bool = True
     steps: int = 0
     images: int = 0
-    checkpoints: int = 0
     missing: list[str] = field(default_factory=list)
 
     def run(self, items: Iterable[Item | MissingItem]) -> Iterator[Step | Difference]:
@@ -103,7 +102,6 @@ class Replay:
             if isinstance(record, Checkpoint):
                 same_version = head is not None and head.gateway_version == __version__
                 if record.follows and state is not None and self.exact and same_version:
-                    self.checkpoints += 1
                     yield from _different(place, record.t_ns, _state_changes(record.state, state))
                 begins = begins or state is None
                 if begins:

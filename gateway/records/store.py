@@ -33,8 +33,6 @@ class Store:
     limits: RetentionLimits
     min_free_share: float
     head: Callable[[int], Head]
-    written_bytes: int = 0
-    deleted_files: int = 0
     _fd: int | None = None
     _begun_ns: int = 0
     _number: int | None = None  # the newest
@@ -56,7 +54,6 @@ class Store:
             self.close()
             raise
         self._dirty = True
-        self.written_bytes += len(data)
 
     def sync(self) -> None:
         if self._fd is None or not self._dirty:
@@ -86,7 +83,6 @@ class Store:
         try:
             for block in (head_block(head), *blocks):
                 write_all(fd, block)
-                self.written_bytes += len(block)
             os.fdatasync(fd)
         except OSError:
             with contextlib.suppress(OSError):
@@ -117,7 +113,6 @@ class Store:
                 continue
             deleted.append(file)
             self._matter.pop(file.name.number, None)
-        self.deleted_files += len(deleted)
         return deleted
 
     def files(self) -> list[StoredFile]:
@@ -159,7 +154,6 @@ class Store:
         except OSError:
             os.close(fd)
             raise
-        self.written_bytes += len(data)
         self._fd, self._begun_ns, self._dirty, self._open_number = fd, t_ns, True, number
 
     def _before(self) -> SegmentBefore:

@@ -36,9 +36,9 @@ def recorder(folder: Path, sent: Sent) -> Recorder:
     return Recorder(cast(Any, sent), job)
 
 
-def keep(process: Recorder, *why: str) -> None:
+def keep(process: Recorder, *why: str, number: int = 3) -> None:
     now_ns = LoopClock().now_ns()
-    pictures = tuple(Snapshot(NOISE, n, now_ns + n) for n in range(3))
+    pictures = tuple(Snapshot(NOISE, n, now_ns + n) for n in range(number))
     process._keep(process._bays["bay1"], Incident(now_ns, why, pictures), now_ns)
 
 
@@ -58,6 +58,14 @@ async def test_what_is_not_kept_is_told_and_a_restart_refills_nothing(tmp_path: 
         (2, False), (2, False), (3, False), (2, True),
     ]  # fmt: skip
     assert sent.not_kept[-1].detail == "2 of 3 of moved: picture_mb_per_day is used up"
+
+
+@in_virtual_time
+async def test_an_incident_that_matters_without_any_picture_is_told_but_no_alarm(tmp_path: Path) -> None:
+    sent = Sent()
+    keep(recorder(tmp_path, sent), "moved", number=0)
+    keep(recorder(tmp_path, sent), "stop_raised", number=0)
+    assert sent.not_kept == [PicturesNotKept("bay1", 0, "0 of 0 of moved: none was there", False)]
 
 
 @in_virtual_time

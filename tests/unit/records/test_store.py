@@ -48,7 +48,6 @@ def test_a_new_segment_begins_at_a_checkpoint_after_a_quarter_of_an_hour(tmp_pat
     names = [str(f.name) for f in files_in(tmp_path / "bay1")]
     assert names == ["00000001-20270115T080000Z.seg", "00000002-20270115T080000Z.seg"]
     assert read(tmp_path / "bay1") == ([1, 2, 3, 4], [])
-    assert kept.written_bytes == sum(f.size_bytes for f in files_in(tmp_path / "bay1"))
 
 
 def test_numbers_go_on_over_restarts_whatever_the_clock_says(tmp_path: Path) -> None:
@@ -173,7 +172,6 @@ def test_what_is_over_the_limits_is_deleted_with_its_pin(tmp_path: Path) -> None
     (tmp_path / "notes.txt").write_text("of a person")
     assert [f.name.number for f in kept.delete_surplus(None)] == [1, 3, 2]
     assert sorted(p.name for p in tmp_path.iterdir()) == ["00000004-20270115T080000Z.seg", "notes.txt"]
-    assert kept.deleted_files == 3
 
 
 def test_what_others_need_of_the_disk_is_left_to_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -253,7 +251,7 @@ def test_new_records_take_the_place_of_the_oldest(tmp_path: Path, monkeypatch: p
     kept.close()
     there = [file.name.number for file in files_in(tmp_path)]
     assert there == list(range(12 - len(there), 12))
-    assert kept.deleted_files == 11 - len(there) > 0
+    assert len(there) < 11
 
 
 def test_one_file_that_cannot_be_deleted_stops_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
