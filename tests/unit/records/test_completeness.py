@@ -147,7 +147,7 @@ class TestTheChain:
         path.write_bytes(path.read_bytes() + block(BlockKind.RECORDS, b""))
         code, lines = said("verify", whole, capsys)
         assert code == 1
-        assert f"{path.name}: not the bytes that were written, as {segment(whole, 3).name} proves" in lines
+        assert f"{path.name}: not the bytes that were written, by {segment(whole, 3).name}" in lines
 
     def test_one_that_was_cut(self, whole: Recorded, capsys: pytest.CaptureFixture[str]) -> None:
         path = segment(whole, 2)
