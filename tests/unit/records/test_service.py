@@ -8,8 +8,11 @@ import pytest
 from gateway.alarms.records import AlarmChange
 from gateway.alarms.states import AlarmEvent, AlarmState
 from gateway.config import GatewayConfig, parse
+from gateway.core import fusion
 from gateway.core.events import Event, EventKind
+from gateway.core.plc import Handshake, PlcLink
 from gateway.core.state import StateVector
+from gateway.records.incident import matters
 from gateway.records.messages import PicturesNotKept
 from gateway.records.record import EventRecord, array_of, unpacked
 from gateway.records.recorder_service import RecorderService, folder_of, head_of
@@ -82,7 +85,7 @@ async def test_where_nothing_is_recorded_nothing_runs_and_nothing_is_kept() -> N
 @in_virtual_time
 async def test_pictures_are_wanted_round_what_people_ask_about_and_alarms_that_occur() -> None:
     made = service()
-    record, state = made.of_bay("bay1"), StateVector("bay1")
+    record, state = made.of_bay("bay1"), StateVector("bay1", plc=Handshake(PlcLink.ALIVE))
     assert record is not None
     record(None, state, [Event(kind, "bay1", 5, state) for kind in EventKind], lambda: None)
     made.on_alarm(change("bay2", AlarmEvent.OCCURS))
@@ -133,3 +136,21 @@ async def test_pictures_that_were_not_kept_are_noted_and_those_that_matter_are_c
         ("pictures_not_kept", "8 of 9 of stop_raised: why"),
         ("pictures_not_kept", "2 of 3 of moved: why"),
     ]
+
+
+@pytest.mark.parametrize("link", [PlcLink.UNUSED, PlcLink.ALIVE])
+@in_virtual_time
+async def test_a_truck_that_leaves_where_no_plc_releases_any_is_no_incident(link: PlcLink) -> None:
+    """Else ordinary departures would use up what is reserved for the truck that rolls away."""
+    made = service()
+    state = fusion.initial("bay1", 0)
+    record = made.of_bay("bay1")
+    assert record is not None
+    record(
+        None,
+        replace(state, plc=replace(state.plc, link=link)),
+        [Event(EventKind.MOVED, "bay1", 5, state)],
+        lambda: None,
+    )
+    (wanted,) = made._wanted
+    assert matters([wanted.why]) == (link is PlcLink.ALIVE)
