@@ -85,7 +85,7 @@ def folders(config: GatewayConfig) -> Iterator[Finding]:
     if state is None:
         yield Finding("disk", "", Verdict.WARNING, "state_dir", "empty: nothing is kept", "set state_dir")
         return
-    yield _folder("state", state, 0.01, "state_dir")
+    yield _folder("state", state, 0.01)
     recordings = records.folder_of(config)
     if recordings is not None:
         kept_gb = len(config.bays) * config.records.max_mb / 1000
@@ -108,7 +108,7 @@ def _size_gb(folder: Path) -> float:
     return total / GB
 
 
-def _folder(name: str, folder: Path, needed_gb: float, key: str, free_percent: float = 0.0) -> Finding:
+def _folder(name: str, folder: Path, needed_gb: float, key: str = "", free_percent: float = 0.0) -> Finding:
     there = _existing(folder)
     tried = f"write a file to {there}"
     try:
@@ -119,7 +119,11 @@ def _folder(name: str, folder: Path, needed_gb: float, key: str, free_percent: f
         total, _, free = shutil.disk_usage(there)
     except OSError as error:
         remedy = "name a folder that this user may write to"
-        if there == folder:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            remedy = "free some space"
+        elif error.errno in (errno.EROFS, errno.EIO):
+            remedy = "the disk takes no writes: look at what the kernel says of it (dmesg); it may have to be replaced"
+        elif there == folder:
             remedy = f"give this user ({psutil.Process().username()}) the right to write there"
         return Finding("disk", name, Verdict.FAULT, tried, str(error.strerror), remedy)
     taken_gb = _size_gb(folder) if there == folder else 0.0
@@ -127,7 +131,7 @@ def _folder(name: str, folder: Path, needed_gb: float, key: str, free_percent: f
     result = f"{free / GB:.1f} GB of {total / GB:.1f} GB are free"
     if usable_gb + taken_gb < needed_gb:
         result += f", up to {needed_gb:.1f} are to be kept"
-        return Finding("disk", name, Verdict.WARNING, tried, result, f"lower {key}, or free some space")
+        return Finding("disk", name, Verdict.WARNING, tried, result, f"free some space{key and f', or lower {key}'}")
     return Finding("disk", name, Verdict.OK, tried, result)
 
 

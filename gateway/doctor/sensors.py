@@ -223,16 +223,19 @@ def _marker(bay: BayConfig, look: CameraLook, rate_hz: float) -> Iterator[Findin
     yield Finding("marker", bay.name, verdict, f'search for it, vision.method = "{bay.vision.method}"', result, remedy)
 
 
+_REMEDIES = (  # the first whose words are in the result
+    ("no such device", "plug it in, or correct camera.url; a name under /dev/v4l/by-id stays the same at each start"),
+    ("permission", "give this user the right to open it: group video"),
+    ("another program", "end the program that has it (fuser -v /dev/video*), or correct camera.url"),
+    ("cannot be opened", "is the address right, does another program have it, may this user open it?"),
+    ("camera.controls", "set it to what the camera takes (line `controls`), or remove the key"),
+    ("camera.crop", "make the crop fit the picture that the camera gives"),
+    ("frames are", "set the size that the camera gives, or set the camera to the size that is configured"),
+)
+
+
 def camera_remedy(result: str) -> str:
-    if "cannot be opened" in result:
-        return "is it plugged in, is the address right, does another program have it, may this user open it?"
-    if "camera.controls" in result:
-        return "set it to what the camera takes (line `controls`), or remove the key"
-    if "camera.crop" in result:
-        return "make the crop fit the picture that the camera gives"
-    if "frames are" in result:
-        return "set the size that the camera gives, or set the camera to the size that is configured"
-    return "check cable, power and address"
+    return next((remedy for words, remedy in _REMEDIES if words in result), "check cable, power and address")
 
 
 @dataclass(slots=True)

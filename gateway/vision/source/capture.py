@@ -1,6 +1,8 @@
 """Cameras (V4L2) and streams (FFmpeg) through OpenCV. Imported in the vision process only."""
 
+import os
 from dataclasses import replace
+from glob import glob
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -139,9 +141,10 @@ class CameraSource(CaptureSource):
 
 def open_camera(spec: "CameraSpec", clock: Clock) -> CameraSource:
     """A V4L2 camera. Raises LinkError when there is no such camera, or another program has it."""
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)  # it warns of what is raised here
     capture = cv2.VideoCapture(spec.device, cv2.CAP_V4L2)
     if not capture.isOpened():
-        raise LinkError(f"{spec.label}: cannot be opened: missing, busy, or no permission (group video)")
+        raise LinkError(f"{spec.label}: cannot be opened: {_why_not(device_path(spec.device))}")
     if spec.raw is not None:
         # Without the conversion OpenCV hands over the buffer as it is: bytes, or 16-bit samples of what it knows.
         capture.set(cv2.CAP_PROP_FOURCC, spec.raw.fourcc)
@@ -172,6 +175,17 @@ def open_camera(spec: "CameraSpec", clock: Clock) -> CameraSource:
             handle.close()
         raise
     return CameraSource(capture, spec, clock, controls, handle)
+
+
+def _why_not(path: str) -> str:
+    """OpenCV does not say."""
+    try:
+        os.close(os.open(path, os.O_RDWR | os.O_NONBLOCK))
+    except FileNotFoundError:
+        return f"no such device; there is {', '.join(sorted(glob('/dev/video*'))) or 'no /dev/video*'}"
+    except OSError as error:
+        return f"{path}: {error.strerror}".lower()
+    return "another program has it, or it is no camera"
 
 
 def open_stream(spec: "StreamSpec", clock: Clock) -> CaptureSource:

@@ -1,5 +1,6 @@
 """What the doctor says of the machine, for each answer that the machine may give."""
 
+import errno
 import os
 import resource
 import shutil
@@ -95,14 +96,24 @@ def test_room_for_what_is_to_be_kept(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("number", "remedy"),
+    [
+        (errno.EACCES, "give this user ("),
+        (errno.ENOSPC, "free some space"),
+        (errno.EROFS, "the disk takes no writes: look at what the kernel says of it (dmesg)"),
+    ],
+)
+def test_a_folder_that_cannot_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int, remedy: str
+) -> None:
     def no_file(**_: object) -> None:
-        raise PermissionError(13, "Permission denied")
+        raise OSError(number, os.strerror(number))
 
     monkeypatch.setattr(machine, "TemporaryFile", no_file)
-    found = folders(tmp_path)
-    assert {(f.verdict, f.result) for f in found if f.name in ("state", "records")} == {(FAULT, "Permission denied")}
-    assert "the right to write there" in found[0].remedy
+    found = [f for f in folders(tmp_path) if f.name in ("state", "records")]
+    assert {(f.verdict, f.result) for f in found} == {(FAULT, os.strerror(number))}
+    assert found[0].remedy.startswith(remedy)
 
 
 def test_a_folder_that_this_user_may_not_see_and_a_file_that_goes_meanwhile(

@@ -72,7 +72,7 @@ class Camera(Source):
 
 class Absent(Camera):
     def open(self, clock: Clock) -> Source:
-        raise LinkError("camera 7: cannot be opened: missing, busy, or no permission (group video)")
+        raise LinkError("camera 7: cannot be opened: no such device; there is /dev/video0")
 
 
 class Hung(Camera):
@@ -111,7 +111,7 @@ def test_a_camera_that_is_well(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("camera", "keys", "verdict", "result", "remedy"),
     [
-        (Absent(), {}, FAULT, "cannot be opened: missing", "plugged in"),
+        (Absent(), {}, FAULT, "cannot be opened: no such device", "plug it in"),
         (Hung(), {}, FAULT, "no answer: it opened, then no frame came", "cable"),
         (Camera(frames=3), {}, FAULT, "lost: it gave no further frame", "cable"),
         (Camera(), {"width_px": 640, "height_px": 480}, FAULT, "its frames are 160 x 120 px", "set the size"),
