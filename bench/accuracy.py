@@ -113,9 +113,9 @@ def measure(task: tuple[str, int, bool]) -> Shot:
     scene = draw(recipe, seed)
     truth, image = scene.truth(), scene.shot()
     start = seed_of(truth, np.random.default_rng([seed, 1]))
-    # The detector's own choice of cue, searching as far as `refine` does by itself.
-    shipped = clearest_rim(image, start, start.semi_minor_px / 6)
-    answers = {REFINED: answer_of(refine(image, start)), SHIPPED: answer_of(shipped)}
+    refined = refine(image, start, max(4.0, start.semi_minor_px / 6))
+    shipped = clearest_rim(image, start, start.semi_minor_px / 6)  # the detector's own choice of cue
+    answers = {REFINED: answer_of(refined), SHIPPED: answer_of(shipped)}
     if beside:
         trace = pipeline.trace(image, VisionConfig())
         answers |= {method: function(trace) for method, function in ON_MASK.items()}

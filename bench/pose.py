@@ -43,7 +43,8 @@ def pose_error(seed: int) -> PoseError | None:
     )
     own = scene.project(scene.position[np.newaxis])[0]
     truth = scene.truth()  # of the undistorted rim: near enough to start from
-    rim = refine(scene.shot(), Ellipse(float(own[0]), float(own[1]), truth.major, truth.minor, truth.angle))
+    start = Ellipse(float(own[0]), float(own[1]), truth.major, truth.minor, truth.angle)
+    rim = refine(scene.shot(), start, max(4.0, truth.minor / 6))
     if rim is None:
         return None
     lens = Intrinsics(fx=scene.focal, fy=scene.focal, cx=scene.width / 2, cy=scene.height / 2, distortion=DISTORTION)

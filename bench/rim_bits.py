@@ -21,7 +21,7 @@ from gateway.vision.compiled.build import EXACT, HERE, numbers
 from gateway.vision.compiled.sizes import COARSE_RAYS, FALL_RAYS, LEAST_RAYS, MOST_RAYS, RAYS_STEP
 from gateway.vision.detect.robust import rim_coarse
 from gateway.vision.detect.robust.kernel import lab, rim_kernel
-from gateway.vision.detect.robust.refinement import DOUBT, load
+from gateway.vision.detect.robust.refinement import load
 
 ROOM = Path(rim_kernel.__file__).parent
 
@@ -49,10 +49,10 @@ def asked(pictures: int) -> bytes:
             scene = draw(recipe, 500 + number, (12.0, 90.0))
             image, truth = scene.shot(), scene.truth()
             seed = Ellipse(truth.u + 0.3, truth.v, 1.01 * truth.major, truth.minor, truth.angle)
-            for search_px in (None, 0.0):
+            for search_px in (3.0, 8.0):
                 for opponent in (False, True):
-                    kernel.run(room, image, seed, search_px, DOUBT, opponent)  # for the profiles that it needs
-                    rim_kernel.set_task(room.task, image, seed, search_px, DOUBT, opponent)
+                    kernel.run(room, image, seed, search_px, opponent)  # for the profiles that it needs
+                    rim_kernel.set_task(room.task, image, seed, search_px, opponent)
                     room.task.stride = 3 * image.shape[1]
                     tasks += [bytes(room.task), image.tobytes()]
     parts += [room.keys.tobytes(), room.profiles.tobytes(), *tasks]

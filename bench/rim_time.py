@@ -18,7 +18,7 @@ from gateway.core.detection import Ellipse
 from gateway.vision.detect.robust.conic import from_ellipse
 from gateway.vision.detect.robust.kernel.rim_kernel import RimKernel
 from gateway.vision.detect.robust.normal_profiles import profile, sample
-from gateway.vision.detect.robust.refinement import DOUBT, load, refine_plain
+from gateway.vision.detect.robust.refinement import load, refine_plain
 
 
 def variants(radius: float, kernel: RimKernel | None = None) -> dict[str, Callable[[], object]]:
@@ -35,15 +35,14 @@ def variants(radius: float, kernel: RimKernel | None = None) -> dict[str, Callab
         "one remap": lambda: cv2.remap(image, columns, rows, cv2.INTER_LINEAR),
         "rays": lambda: sample(image, exact, 320, offsets, 2.0),
     }
-    asked: dict[str, tuple[Ellipse, float | None]] = {
-        "fine only (tracked)": (near, 0.0),
+    asked: dict[str, tuple[Ellipse, float]] = {
         "coarse and fine, 4 px": (near, 4.0),
-        "coarse and fine, R / 6": (seed, None),
+        "coarse and fine, R / 6": (seed, max(4.0, seed.semi_minor_px / 6)),
     }
     for name, (start, search_px) in asked.items():
-        table[f"{name}, NumPy"] = partial(refine_plain, image, start, search_px=search_px)
+        table[f"{name}, NumPy"] = partial(refine_plain, image, start, search_px)
         if kernel is not None:
-            table[f"{name}, kernel"] = partial(kernel.refine, image, start, search_px, DOUBT, False)
+            table[f"{name}, kernel"] = partial(kernel.refine, image, start, search_px, False)
     return table
 
 

@@ -13,7 +13,6 @@ from gateway.vision.detect.paper.exact.geometry import Box
 from gateway.vision.detect.robust.candidates import RADII, SHARES, Seed, blur_weights, gradients
 from gateway.vision.detect.robust.red_change import disc_of, sparse_step
 from gateway.vision.detect.robust.redness import Plane, pyramid, redness
-from gateway.vision.detect.robust.refinement import DOUBT
 from gateway.vision.pixels import Image
 
 Chance = np.random.Generator
@@ -77,11 +76,11 @@ def paper_job(chance: Chance) -> Callable[[Any], Any]:
 
 def rim_job(chance: Chance) -> Callable[[Any], Any]:
     image, disc = shot(chance)
-    seed, reach = seed_near(chance, disc), (None, None, 0.0, 2.0)[chance.integers(0, 4)]
+    seed, reach = seed_near(chance, disc), (4.0, 10.0, 2.0)[chance.integers(0, 3)]
     opponent = bool(chance.integers(0, 2))
 
     def job(kernel: Any) -> Any:
-        rim = kernel.refine(image, seed, reach, DOUBT, opponent)
+        rim = kernel.refine(image, seed, reach, opponent)
         return rim, rim and kernel.fall(image, rim.ellipse, 0.25)
 
     return job

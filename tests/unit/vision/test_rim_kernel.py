@@ -12,7 +12,7 @@ from gateway.core.detection import Ellipse
 from gateway.vision.detect.robust import refinement
 from gateway.vision.detect.robust.kernel import lab
 from gateway.vision.detect.robust.kernel.rim_kernel import RimKernel
-from gateway.vision.detect.robust.refinement import DOUBT, fall, fall_plain, load, refine, refine_plain
+from gateway.vision.detect.robust.refinement import fall, fall_plain, load, refine, refine_plain
 from gateway.vision.detect.robust.rim_fine import Rim
 from gateway.vision.pixels import Image
 from tests.examples import examples
@@ -34,23 +34,18 @@ def numbers(rim: Rim) -> tuple[float, ...]:
     return (*astuple(e)[:4], *lean, *astuple(rim)[1:])
 
 
-def cases(number: int) -> list[tuple[Image, Ellipse, float | None, bool]]:
+def cases(number: int) -> list[tuple[Image, Ellipse, float, bool]]:
     chance = np.random.default_rng(2025)
     made = []
     for _ in range(number):
         image, disc = shot(chance)
-        reach = (None, None, 0.0, 2.0, 0.25 * disc.semi_major_px, 1e9)[chance.integers(0, 6)]
+        reach = (4.0, 10.0, 2.0, 0.25 * disc.semi_major_px, 1e9)[chance.integers(0, 5)]
         made.append((image, seed_near(chance, disc), reach, bool(chance.integers(0, 2))))
     return made
 
 
-def both(
-    kernel: RimKernel, image: Image, seed: Ellipse, reach: float | None, opponent: bool
-) -> tuple[Rim | None, Rim | None]:
-    return (
-        kernel.refine(image, seed, reach, DOUBT, opponent),
-        refine_plain(image, seed, search_px=reach, opponent=opponent),
-    )
+def both(kernel: RimKernel, image: Image, seed: Ellipse, reach: float, opponent: bool) -> tuple[Rim | None, Rim | None]:
+    return kernel.refine(image, seed, reach, opponent), refine_plain(image, seed, reach, opponent=opponent)
 
 
 @pytest.mark.long
@@ -72,7 +67,7 @@ def test_the_same_fall_of_redness_as_without_a_compiler(kernel: RimKernel) -> No
     """To the last bit, also where the rim is cut by the picture's edge."""
     falls = []
     for image, seed, reach, opponent in cases(examples(200)):
-        rim = refine_plain(image, seed, search_px=reach, opponent=opponent)
+        rim = refine_plain(image, seed, reach, opponent=opponent)
         if rim is not None:
             for share in (0.1, 0.25, 0.9):
                 falls.append(fall_plain(image, rim.ellipse, share))
@@ -101,7 +96,7 @@ def test_samples_are_rounded_as_opencv_rounds_them(kernel: RimKernel) -> None:
     cv2.circle(clear, (54, 55), 36, (150, 60, 190), -1)
     for _ in range(examples(600)):
         image = np.clip(np.rint(clear + chance.normal(0, 60, clear.shape)), 0, 255).astype(np.uint8)
-        mine, plain = both(kernel, image, Ellipse(54.2, 54.7, 36.5, 35.5, 0.3), None, False)
+        mine, plain = both(kernel, image, Ellipse(54.2, 54.7, 36.5, 35.5, 0.3), 6.0, False)
         assert (mine is None) == (plain is None)
         assert mine is None or plain is None or numbers(mine) == pytest.approx(numbers(plain), rel=0, abs=1e-6)
 
@@ -112,7 +107,7 @@ def test_wild_seeds_and_reaches_as_without_a_compiler(kernel: RimKernel, place: 
     image, _ = shot(np.random.default_rng(8))
     fields = [60.0, 50.0, 30.0, 28.0, 0.4]
     fields[place] = wild
-    for reach in (None, 0.0, wild):
+    for reach in (6.0, wild):
         mine, plain = both(kernel, image, Ellipse(*fields), reach, False)
         assert (mine is None) == (plain is None)
         assert mine is None or plain is None or numbers(mine) == pytest.approx(numbers(plain), rel=0, abs=1e-6)
@@ -121,8 +116,7 @@ def test_wild_seeds_and_reaches_as_without_a_compiler(kernel: RimKernel, place: 
 def test_nothing_in_pictures_without_a_rim(kernel: RimKernel) -> None:
     for level in (0, 128, 255):
         image = np.full((90, 80, 3), level, np.uint8)
-        for reach in (None, 0.0):
-            assert kernel.refine(image, Ellipse(40.0, 45.0, 20.0, 20.0, 0.0), reach, DOUBT, False) is None
+        assert kernel.refine(image, Ellipse(40.0, 45.0, 20.0, 20.0, 0.0), 4.0, False) is None
 
 
 def disc_picture(width: int = 160) -> tuple[Image, Ellipse]:
@@ -147,7 +141,7 @@ def test_a_picture_whose_pixels_lie_apart_is_left_to_numpy(kernel: RimKernel, mo
     image, seed = disc_picture()
     apart = np.repeat(image, 2, axis=1)[:, ::2]
     monkeypatch.setattr(refinement, "compiled_kernel", lambda: kernel)
-    assert refine(apart, seed) == refine_plain(image, seed)
+    assert refine(apart, seed, 8.0) == refine_plain(image, seed, 8.0)
     assert fall(apart, seed, 0.25) == fall_plain(image, seed, 0.25)
 
 
@@ -156,7 +150,7 @@ def test_more_kinds_of_blur_than_are_kept(kernel: RimKernel, library: Path, monk
     small = load(library)
     assert small is not None
     for image, seed, reach, opponent in cases(40):
-        arguments = (image, seed, reach, DOUBT, opponent)
+        arguments = (image, seed, reach, opponent)
         assert small.refine(*arguments) == kernel.refine(*arguments)
 
 

@@ -236,7 +236,7 @@ def test_the_rim_of_a_dark_sign_with_a_white_line_is_measured_in_red_against_gre
     sheet.disc(80.0, 60.0, 21.5, (210, 210, 210))
     sheet.disc(80.0, 60.0, 20.0, (12, 12, 70))
     image, seed = sheet.finished(), Ellipse(80.5, 59.5, 20.3, 20.3, 0)
-    by_all_colours, rim = refine(image, seed, search_px=3.0), clearest_rim(image, seed)
+    by_all_colours, rim = refine(image, seed, 3.0), clearest_rim(image, seed)
     assert rim is not None
     assert by_all_colours is None or quality(by_all_colours) < quality(rim)
 
@@ -258,7 +258,7 @@ def test_the_rim_of_a_ball_with_a_shadow_on_the_floor_is_measured_in_red_against
     light = 1 - dark * low * np.clip(share, 0, 1) ** 6
     sheet.paint[share < 1] = (light[..., None] * np.array((60, 55, 200)))[share < 1]
     image, seed = sheet.finished(1.5), Ellipse(80.5, 59.5, 32.3, 32.3, 0)
-    by_all_colours, rim = refine(image, seed, search_px=3.0), clearest_rim(image, seed)
+    by_all_colours, rim = refine(image, seed, 3.0), clearest_rim(image, seed)
     assert by_all_colours is not None
     assert rim is not None
 
@@ -273,7 +273,7 @@ def test_half_hidden_but_even_rims_stay_with_all_colours() -> None:
     sheet.disc(80.0, 60.0, 32.0)
     sheet.polygon([(80, 60), (120, 20), (120, 75)], (190, 140, 60))
     image, seed = sheet.finished(), Ellipse(80.5, 59.5, 32.3, 32.3, 0)
-    by_all_colours, rim = refine(image, seed, search_px=3.0), clearest_rim(image, seed)
+    by_all_colours, rim = refine(image, seed, 3.0), clearest_rim(image, seed)
     assert by_all_colours is not None
 
     assert quality(by_all_colours) < GOOD

@@ -59,10 +59,10 @@ def clearest_rim(image: Colours, seed: Ellipse, reach_px: float = 0.0) -> Rim | 
     `reach_px`: how far off the seed's rim may be, if that is more than usual.
     """
     search_px = max(reach_px, SEARCH_PX, SEARCH * seed.semi_minor_px)
-    rim = refine(image, seed, search_px=search_px)
+    rim = refine(image, seed, search_px)
     if rim is not None and quality(rim) >= GOOD and even(rim):
         return rim
-    other = refine(image, seed, search_px=search_px, opponent=True)
+    other = refine(image, seed, search_px, opponent=True)
     if other is None or other.contrast < MOST * fall(image, other.ellipse, WELL):
         return rim
     if rim is None:

@@ -13,9 +13,11 @@ LEAST_SLOPE, MOST_SLOPE = 0.3, 1.5  # of the usual one: less is no edge, more do
 COARSE_STEP_PX, SHARP = 1.0, 0.4  # wider steps can't distinguish sharp from soft: so much of the blur is believed
 LEAST_BLUR_PX, MOST_BLUR_PX = 0.8, 3.0
 AGREED_PX, AGREED_SHARE, AGREED_STEPS = 0.8, 0.01, 0.5  # an edge so near the rim agrees: px, of its size, steps
-COARSE_SCALE_PX, COARSE_DOUBT, COARSE_ROUNDS = 0.1, 4.0, 2  # of the fit
+COARSE_SCALE_PX, COARSE_ROUNDS = 0.1, 2  # of the fit
+FARTHEST = 0.8  # of the semi-minor axis: the rim is searched for no farther off
 
 # Rim, fit (`support`).
+DOUBT = 4.0  # an ellipticity of so many (squared) sigma is taken for noise and the rim for a circle
 TUKEY = 4.0  # some 90 % efficient for Gaussian residuals
 SCALE_QUANTILE, QUANTILE_SIGMAS = 0.4, 0.5244  # of the absolute values of a standard Gaussian
 SCALED_ROUNDS = 2  # then the rim no longer moves, and further rounds only settle the weights
@@ -23,7 +25,6 @@ FIT_RIDGE = 1e-6  # share of the weight: only keeps the equations solvable
 FEWEST_EDGES = 8
 
 # Rim, fine (`rim_fine`).
-REACH_PX, REACH_PART, FARTHEST = 4.0, 6.0, 0.8  # of the coarse stage: a sixth of the semi-minor axis; at most
 ROOM = 0.75  # of the semi-minor axis: a ray reaches no farther inside
 STEP_PX, STEP_SIGMAS, LEAST_STEPS = 0.75, 0.6, 4  # along a ray; in the room there are so many, at least
 RAY_SIGMAS, RAY_PX, SHORTEST_RAY_PX = 2.5, 1.0, 3.0  # to either side

@@ -26,7 +26,7 @@ import numpy as np
 from gateway.core.detection import Ellipse
 from gateway.vision.compiled import library as compiled
 from gateway.vision.compiled.build import LIBRARY
-from gateway.vision.compiled.sizes import FALL_RAYS, MOST_RAYS
+from gateway.vision.compiled.sizes import FALL_RAYS
 from gateway.vision.detect.robust import constants, rim_coarse, rim_fine
 from gateway.vision.detect.robust.conic import from_ellipse
 from gateway.vision.detect.robust.kernel.rim_kernel import RimKernel
@@ -34,28 +34,19 @@ from gateway.vision.detect.robust.normal_profiles import sample
 from gateway.vision.detect.robust.rim_fine import Rim, sane
 from gateway.vision.pixels import Colours, Image, adjacent
 
-DOUBT = 4.0
 ALIKE = 1e-6  # px, px^2, grey levels and shares: so far the kernel may differ
 
 
-def refine(
-    image: Colours,
-    seed: Ellipse,
-    *,
-    search_px: float | None = None,
-    doubt: float = DOUBT,
-    opponent: bool = False,
-) -> Rim | None:
+def refine(image: Colours, seed: Ellipse, search_px: float, *, opponent: bool = False) -> Rim | None:
     """The rim near `seed` in a (H, W, 3) BGR picture; None where none is. Never raises for a wild seed.
 
-    `search_px`: how far off the seed's rim may be, along its normals; default: a sixth of its radius, at least 4 px;
-    0: the seed is good to about half a pixel (a tracked target), the coarse stage is left out. `doubt`: see
-    `support.fit`. `opponent`: the rim of red against green only, see `normal_profiles.sample`.
+    `search_px`: how far off the seed's rim may be, along its normals. `opponent`: the rim of red against green only,
+    see `normal_profiles.sample`.
     """
     kernel = compiled_kernel()
     if kernel is None or not adjacent(image):
-        return refine_plain(image, seed, search_px=search_px, doubt=doubt, opponent=opponent)
-    return kernel.refine(image, seed, search_px, doubt, opponent)
+        return refine_plain(image, seed, search_px, opponent=opponent)
+    return kernel.refine(image, seed, search_px, opponent)
 
 
 def load(library: Path = LIBRARY) -> RimKernel | None:
@@ -66,25 +57,15 @@ def load(library: Path = LIBRARY) -> RimKernel | None:
 compiled_kernel = lru_cache(maxsize=1)(load)
 
 
-def refine_plain(
-    image: Colours,
-    seed: Ellipse,
-    *,
-    search_px: float | None = None,
-    doubt: float = DOUBT,
-    opponent: bool = False,
-) -> Rim | None:
+def refine_plain(image: Colours, seed: Ellipse, search_px: float, *, opponent: bool = False) -> Rim | None:
     """`refine` by NumPy and OpenCV, on any machine: what the compiled one is compared with."""
     outline = from_ellipse(seed)
-    if not sane(outline, image):
+    if not (sane(outline, image) and search_px > 0):
         return None
-    reach = max(constants.REACH_PX, outline.minor_px / constants.REACH_PART) if search_px is None else search_px
-    if not reach > 0:
-        return rim_fine.fine(image, outline, 1.0, rim_fine.FEW_RAYS, doubt, opponent)
-    rough = rim_coarse.coarse(image, outline, min(reach, constants.FARTHEST * outline.minor_px), opponent)
+    rough = rim_coarse.coarse(image, outline, min(search_px, constants.FARTHEST * outline.minor_px), opponent)
     if rough is None or not sane(rough.outline, image):
         return None
-    return rim_fine.fine(image, rough.outline, rough.sigma_px, MOST_RAYS, doubt, opponent)
+    return rim_fine.fine(image, rough.outline, rough.sigma_px, opponent)
 
 
 def fall(image: Colours, rim: Ellipse, share: float) -> float:
@@ -112,7 +93,7 @@ def agrees(kernel: RimKernel) -> bool:
     return all(_alike(kernel, *example) for example in _examples())
 
 
-def _examples() -> Iterator[tuple[Image, Ellipse, float | None, bool]]:
+def _examples() -> Iterator[tuple[Image, Ellipse, float, bool]]:
     chance = np.random.default_rng(14)
     for number, (blur, noise, u) in enumerate(
         ((0.7, 0.0, 60.3), (1.6, 6.0, 58.8), (0.8, 12.0, 20.2), (2.5, 3.0, 61.5))
@@ -124,14 +105,14 @@ def _examples() -> Iterator[tuple[Image, Ellipse, float | None, bool]]:
         shot = cv2.GaussianBlur(flat, (0, 0), blur) + chance.normal(0, 1, flat.shape) * noise
         image = np.clip(np.rint(shot), 0, 255).astype(np.uint8)
         for opponent in (False, True):
-            yield image, Ellipse(u + 1.5, 60.0, 39.0, 39.0, 0.0), None, opponent
-            yield image, Ellipse(u, 61.2, 38.0, 38.0 - 3 * number, math.radians(25)), 0.0, opponent
-    yield chance.integers(0, 256, (60, 60, 3), np.uint8), Ellipse(30.0, 30.0, 20.0, 15.0, 1.0), None, False
+            yield image, Ellipse(u + 1.5, 60.0, 39.0, 39.0, 0.0), 6.5, opponent
+            yield image, Ellipse(u, 61.2, 38.0, 38.0 - 3 * number, math.radians(25)), 3.0, opponent
+    yield chance.integers(0, 256, (60, 60, 3), np.uint8), Ellipse(30.0, 30.0, 20.0, 15.0, 1.0), 4.0, False
 
 
-def _alike(kernel: RimKernel, image: Image, seed: Ellipse, search_px: float | None, opponent: bool) -> bool:
-    mine = kernel.refine(image, seed, search_px, DOUBT, opponent)
-    plain = refine_plain(image, seed, search_px=search_px, opponent=opponent)
+def _alike(kernel: RimKernel, image: Image, seed: Ellipse, search_px: float, opponent: bool) -> bool:
+    mine = kernel.refine(image, seed, search_px, opponent)
+    plain = refine_plain(image, seed, search_px, opponent=opponent)
     if mine is None or plain is None:
         return mine is plain
     if kernel.fall(image, plain.ellipse, 0.25) != fall_plain(image, plain.ellipse, 0.25):

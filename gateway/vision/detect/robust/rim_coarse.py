@@ -100,7 +100,6 @@ def coarse(image: Colours, outline: SupportEllipse, reach: float, opponent: bool
         smallest_scale_px=constants.COARSE_SCALE_PX,
         largest_scale_px=tolerance,
         rounds=constants.COARSE_ROUNDS,
-        doubt=constants.COARSE_DOUBT,
     )
     return None if found is None else Rough(found.outline, sigma)
 

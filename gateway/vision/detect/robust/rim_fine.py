@@ -19,7 +19,6 @@ from gateway.vision.detect.robust.normal_profiles import Floats, Profile, Rays, 
 from gateway.vision.detect.robust.support import quantile
 from gateway.vision.pixels import Colours
 
-FEW_RAYS = 128  # where a first fine round only brings the rim near
 _AT_REST = np.zeros(5)
 _QUARTER_TURN = np.array((1.0, -1.0, -1.0))  # from the variance across the rim to that along it
 
@@ -61,12 +60,10 @@ class _Edges:
     weight: Floats
 
 
-def fine(image: Colours, outline: SupportEllipse, sigma: float, first: int, doubt: float, opponent: bool) -> Rim | None:
-    """The rim near an outline that is good to a pixel or so; at first with `first` rays, `sigma` px of blur guessed."""
-    count = first
+def fine(image: Colours, outline: SupportEllipse, sigma: float, opponent: bool) -> Rim | None:
+    """The rim near an outline that is good to a pixel or so; at first `sigma` px of blur are guessed."""
     for turn in range(constants.ROUNDS):
-        full_rays = min(max(LEAST_RAYS, RAYS_STEP * round(2 * pi * outline.mean_px / RAYS_STEP)), MOST_RAYS)
-        count = full_rays if turn else min(first, full_rays)
+        count = min(max(LEAST_RAYS, RAYS_STEP * round(2 * pi * outline.mean_px / RAYS_STEP)), MOST_RAYS)
         room = constants.ROOM * outline.minor_px
         step = min(max(constants.STEP_PX, constants.STEP_SIGMAS * sigma), room / constants.LEAST_STEPS)
         length_px = max(constants.RAY_SIGMAS * sigma + constants.RAY_PX, constants.SHORTEST_RAY_PX)
@@ -88,7 +85,6 @@ def fine(image: Colours, outline: SupportEllipse, sigma: float, first: int, doub
             smallest_scale_px=constants.FINE_SCALE_PX,
             largest_scale_px=max(constants.LARGEST_SCALE_PX, constants.LARGEST_SCALE * outline.mean_px),
             rounds=constants.FINE_ROUNDS,
-            doubt=doubt if count == full_rays else 0.0,
         )
         if found is None or not sane(found.outline, image):
             return None
@@ -97,7 +93,7 @@ def fine(image: Colours, outline: SupportEllipse, sigma: float, first: int, doub
         was, sigma = sigma, min(max(round(sqrt(max(blur[0], 0.0)), 1), constants.SHARPEST_PX), softest_px)
         alike = -constants.SHRUNK * sigma <= sigma - was <= constants.GROWN * sigma
         still = alike and found.step_px < constants.STILL_SIGMAS * sigma
-        if count == full_rays and (still or turn == constants.ROUNDS - 1):
+        if still or turn == constants.ROUNDS - 1:
             return _rim(rays, edges, found, sigma)
     return None
 

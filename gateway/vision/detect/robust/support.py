@@ -43,13 +43,12 @@ def fit(
     smallest_scale_px: float,
     largest_scale_px: float,
     rounds: int,
-    doubt: float,
 ) -> Fit | None:
     """Tukey's biweight by reweighted least squares from the parameters `start` (5,), or None where rays don't suffice.
 
-    `weights` are the rays' precisions (0: unusable). `doubt`: an ellipticity of so many (squared) sigma is taken for
-    noise and the rim for a circle; larger ones are shrunk by less and less. A marker seen straight on is the rule, and
-    the semi-major axis of a noisy circle's free fit is always too long.
+    `weights` are the rays' precisions (0: unusable). An ellipticity up to DOUBT is taken for noise, larger ones are
+    shrunk by less and less. A marker seen straight on is the rule, and the semi-major axis of a noisy circle's free fit
+    is always too long.
     """
     usable = weights > 0
     if np.count_nonzero(usable) < constants.FEWEST_EDGES:
@@ -79,10 +78,9 @@ def fit(
         change = column.ravel()
         moves = change @ matrix
         residuals = offsets_px - moves
-    if doubt > 0:
-        change = _toward_circle(outline, change, information, heft, residuals, doubt)
-        moves = change @ matrix
-        residuals = offsets_px - moves
+    change = _toward_circle(outline, change, information, heft, residuals)
+    moves = change @ matrix
+    residuals = offsets_px - moves
     moved = _moved(outline, change)
     if moved is None:
         return None
@@ -110,7 +108,7 @@ def quantile(values: Floats, share: float) -> float:
 
 
 def _toward_circle(
-    outline: SupportEllipse, change: Floats, information: Floats, heft: Floats, residuals: Floats, doubt: float
+    outline: SupportEllipse, change: Floats, information: Floats, heft: Floats, residuals: Floats
 ) -> Floats:
     """Shrink the ellipticity by what noise explains, and move the other parameters as the data then require."""
     rays = float(heft.sum()) ** 2 / float(heft @ heft)  # so many equal ones weigh as much
@@ -123,7 +121,7 @@ def _toward_circle(
         return change
     precision = information[3:, 3:] - information[3:, :3] @ answer  # of the two, whatever the other three are
     evidence = float(ellipticity @ precision @ ellipticity) / max(variance, 1e-12)
-    away = ellipticity * min(1.0, doubt / evidence if evidence > 0 else 1.0)
+    away = ellipticity * min(1.0, constants.DOUBT / evidence if evidence > 0 else 1.0)
     # The other three go where they fit best, given the shrunken two.
     return np.concatenate([change[:3] + answer @ away, change[3:] - away])
 

@@ -129,8 +129,7 @@ static int coarsely(Rays *rays, const double *table, const double *filter, const
                     Outline *outline, double *sigma, Coarse *c, Fit *fit)
 {
     double tolerance = most(most(AGREED_PX, AGREED_SHARE * mean_of(outline)), AGREED_STEPS * step);
-    FitOptions options = {.smallest_scale = COARSE_SCALE_PX, .largest_scale = tolerance,
-                          .doubt = COARSE_DOUBT, .rounds = COARSE_ROUNDS};
+    FitOptions options = {.smallest_scale = COARSE_SCALE_PX, .largest_scale = tolerance, .rounds = COARSE_ROUNDS};
     int usable = 0, first = 0;
     *sigma = steepest(rays, filter, step, c);
     for (int i = 0; i < COARSE_RAYS; i++)

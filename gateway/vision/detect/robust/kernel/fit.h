@@ -5,7 +5,7 @@
 #include "rays.h"
 
 typedef struct {
-    double smallest_scale, largest_scale, doubt;
+    double smallest_scale, largest_scale;
     int rounds;
 } FitOptions;
 
@@ -51,7 +51,7 @@ INLINE double scale_of(const double *residuals, const double *weights, int count
 }
 
 /* `support._toward_circle` */
-static void doubted(const Outline *o, const double *information, const Fit *fit, int count, double doubt, double *change)
+static void doubted(const Outline *o, const double *information, const Fit *fit, int count, double *change)
 {
     double sum = total(fit->weights, count), squares = dot(fit->weights, fit->weights, count);
     double rays = sum * sum / squares;
@@ -79,7 +79,7 @@ static void doubted(const Outline *o, const double *information, const Fit *fit,
         }
     }
     double evidence = (y * (y * precision[0] + z * precision[2]) + z * (y * precision[1] + z * precision[3])) / most(variance, 1e-12);
-    double share = evidence > 0 ? least(1, doubt / evidence) : 1;
+    double share = evidence > 0 ? least(1, DOUBT / evidence) : 1;
     y *= share, z *= share;
     for (int i = 0; i < 3; i++)
         change[i] += b[2 * i] * y + b[2 * i + 1] * z;
@@ -137,10 +137,8 @@ static int fitted(const Outline *o, const double *offsets, const double *weights
         memcpy(change, solution, sizeof solution);
         answered(fit->design, change, offsets, count, fit->moves, fit->residuals);
     }
-    if (options->doubt > 0) {
-        doubted(o, information, fit, count, options->doubt, change);
-        answered(fit->design, change, offsets, count, fit->moves, fit->residuals);
-    }
+    doubted(o, information, fit, count, change);
+    answered(fit->design, change, offsets, count, fit->moves, fit->residuals);
     fit->step_px = 0;
     for (int i = 0; i < count; i++)
         fit->step_px = most(fit->step_px, fabs(fit->moves[i]));

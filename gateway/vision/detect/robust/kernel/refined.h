@@ -21,9 +21,8 @@ typedef struct { /* `rim_kernel._Tables` */
 typedef struct { /* `rim_kernel._Task`: what is asked, how far it has come, and the result */
     Picture picture;
     Outline outline;
-    double search_px; /* 0: fine only; below 0: the default */
-    double sigma, doubt;
-    int64_t opponent, first_rays, turn;
+    double search_px, sigma; /* 0: the coarse stage, which guesses the blur, is still to come */
+    int64_t opponent, turn;
     const int64_t *profile_keys; /* (n, 3): tenths of sigma, steps to either side, hundredths of a step */
     const Profile *profiles;
     int64_t profile_count;
@@ -83,8 +82,7 @@ static int round_of(Task *task, const Tables *tables, Work *w, int fused)
     Outline *o = &task->outline;
     double sigma = task->sigma, room = ROOM * minor_of(o);
     double even = RAYS_STEP * nearbyint(2 * PI * mean_of(o) / RAYS_STEP);
-    int full = (int)least(most(LEAST_RAYS, even), MOST_RAYS), first = (int)task->first_rays;
-    int count = task->turn || first > full ? full : first;
+    int count = (int)least(most(LEAST_RAYS, even), MOST_RAYS);
     double step = least(most(STEP_PX, STEP_SIGMAS * sigma), room / LEAST_STEPS);
     int64_t half = (int64_t)ceil(least(most(RAY_SIGMAS * sigma + RAY_PX, SHORTEST_RAY_PX), room) / step);
     int64_t key[3] = {(int64_t)nearbyint(10 * sigma), half, (int64_t)nearbyint(100 * step)};
@@ -108,7 +106,7 @@ static int round_of(Task *task, const Tables *tables, Work *w, int fused)
         offsets[i] = w->edges.shift[i] + most(along, 0) * (h * h * h * bend);
     }
     FitOptions options = {.smallest_scale = FINE_SCALE_PX, .largest_scale = most(LARGEST_SCALE_PX, LARGEST_SCALE * mean_of(o)),
-                          .doubt = count == full ? task->doubt : 0, .rounds = FINE_ROUNDS};
+                          .rounds = FINE_ROUNDS};
     designed(o, table, w->rays.support, count, w->fit.design);
     if (!fitted(o, offsets, w->edges.weight, count, change, &options, &w->fit) || !sane(&w->fit.outline, &task->picture))
         return NONE;
@@ -116,20 +114,17 @@ static int round_of(Task *task, const Tables *tables, Work *w, int fused)
     task->sigma = least(most(rounded_tenth(sqrt(most(blur[0], 0))), SHARPEST_PX), most(SOFTEST * minor_of(o), SOFTEST_PX));
     double grown = task->sigma - sigma;
     int still = w->fit.step_px < STILL_SIGMAS * task->sigma && -SHRUNK * task->sigma <= grown && grown <= GROWN * task->sigma;
-    if (count == full && (still || task->turn + 1 >= ROUNDS))
-        return reported(&w->rays, w, task->sigma, task);
-    return ++task->turn < ROUNDS ? -1 : NONE;
+    return still || ++task->turn >= ROUNDS ? reported(&w->rays, w, task->sigma, task) : -1;
 }
 
 static int refined(Task *task, const Tables *tables, Work *w, int fused)
 {
     Outline *o = &task->outline;
     w->rays.unit = task->opponent ? tables->opponent_unit : 1;
-    double reach = task->search_px < 0 ? most(REACH_PX, minor_of(o) / REACH_PART) : task->search_px;
-    if (!sane(o, &task->picture))
+    if (!sane(o, &task->picture) || !(task->search_px > 0))
         return NONE;
-    if (reach > 0) {
-        double offsets[COARSE_STEPS], step = least(reach, FARTHEST * minor_of(o)) / HALF_STEPS;
+    if (!(task->sigma > 0)) {
+        double offsets[COARSE_STEPS], step = least(task->search_px, FARTHEST * minor_of(o)) / HALF_STEPS;
         for (int s = 0; s < COARSE_STEPS; s++)
             offsets[s] = (double)(float)((s - HALF_STEPS) * step);
         if (!sampled(&task->picture, o, tables->coarse, COARSE_RAYS, offsets, COARSE_STEPS, 0, task->opponent ? &tables->lab : NULL,
@@ -137,7 +132,6 @@ static int refined(Task *task, const Tables *tables, Work *w, int fused)
             !coarsely(&w->rays, tables->coarse, tables->filter, tables->subsets, step, o, &task->sigma, &w->coarse, &w->fit) ||
             !sane(o, &task->picture))
             return NONE;
-        task->search_px = 0; /* what is left to do where a profile is missing */
     }
     for (;;) {
         int done = round_of(task, tables, w, fused);

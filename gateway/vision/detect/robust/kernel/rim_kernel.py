@@ -18,7 +18,6 @@ from gateway.vision.pixels import Image
 NONE, FOUND, NO_PROFILE = 0, 1, 2
 _DIRECTIONS = MOST_RAYS // RAYS_STEP + 1
 _PROFILES = 64  # kept
-_DEFAULT_SEARCH = -1.0
 
 # Four neighbouring pixels, shares to the right and downwards, and what a processor gives that multiplies and adds at
 # once; one that rounds in between gives another grey level each time.
@@ -55,8 +54,8 @@ class _Tables(ctypes.Structure):
 class _Task(ctypes.Structure):
     _fields_ = (
         *((name, _Int) for name in ("pixels", "stride", "height", "width")),
-        *((name, _Real) for name in ("u", "v", "alpha", "beta", "gamma", "search_px", "sigma", "doubt")),
-        *((name, _Int) for name in ("opponent", "first_rays", "turn")),
+        *((name, _Real) for name in ("u", "v", "alpha", "beta", "gamma", "search_px", "sigma")),
+        *((name, _Int) for name in ("opponent", "turn")),
         *((name, _Pointer) for name in ("profile_keys", "profiles")),
         ("profile_count", _Int),
         ("missing", _Int * 3),
@@ -66,7 +65,7 @@ class _Task(ctypes.Structure):
 
 
 # Read and written at one stroke: field by field takes ten times as long where the caches are cold.
-_ASKED, _OUTLINE, _RESULT = struct.Struct("=4q8d3q"), struct.Struct("=5d"), struct.Struct("=4d3q")
+_ASKED, _OUTLINE, _RESULT = struct.Struct("=4q7d2q"), struct.Struct("=5d"), struct.Struct("=4d3q")
 
 
 class Room:
@@ -109,10 +108,10 @@ class RimKernel:
         self.tables = self._made()
         self._tables_at = ctypes.addressof(self.tables)
 
-    def refine(self, image: Image, seed: Ellipse, search_px: float | None, doubt: float, opponent: bool) -> Rim | None:
+    def refine(self, image: Image, seed: Ellipse, search_px: float, opponent: bool) -> Rim | None:
         """As `refinement.refine_plain`, for a picture whose pixels lie side by side (`pixels.adjacent`)."""
         room = self._room()
-        found = self.run(room, image, seed, search_px, doubt, opponent)
+        found = self.run(room, image, seed, search_px, opponent)
         rim = _rim_of(room.task) if found else None
         self._rooms.append(room)
         return rim
@@ -120,16 +119,14 @@ class RimKernel:
     def fall(self, image: Image, rim: Ellipse, share: float) -> float:
         """As `refinement.fall_plain`, for a picture whose pixels lie side by side."""
         room = self._room()
-        set_task(room.task, image, rim, share * rim.semi_minor_px, 0.0, True)
+        set_task(room.task, image, rim, share * rim.semi_minor_px, True)
         found = float(self._fall(room.task_at, self._tables_at, room.work_at))
         self._rooms.append(room)
         return found
 
-    def run(
-        self, room: Room, image: Image, seed: Ellipse, search_px: float | None, doubt: float, opponent: bool
-    ) -> bool:
+    def run(self, room: Room, image: Image, seed: Ellipse, search_px: float, opponent: bool) -> bool:
         """Whether there is a rim; it is in the room's task then."""
-        set_task(room.task, image, seed, search_px, doubt, opponent)
+        set_task(room.task, image, seed, search_px, opponent)
         while (result := self._call(room.task_at, self._tables_at, room.work_at)) == NO_PROFILE:
             room.add_profile(*room.task.missing)
         return bool(result == FOUND)
@@ -162,8 +159,7 @@ class RimKernel:
         return lasting.ctypes.data
 
 
-def set_task(task: _Task, image: Image, seed: Ellipse, search_px: float | None, doubt: float, opponent: bool) -> None:
-    fine_only = search_px is not None and not search_px > 0
+def set_task(task: _Task, image: Image, seed: Ellipse, search_px: float, opponent: bool) -> None:
     _ASKED.pack_into(
         task,  # a Structure is a buffer
         0,
@@ -171,11 +167,9 @@ def set_task(task: _Task, image: Image, seed: Ellipse, search_px: float | None, 
         image.strides[0],
         *image.shape[:2],
         *from_ellipse(seed),
-        0.0 if fine_only else _DEFAULT_SEARCH if search_px is None else search_px,
-        1.0,
-        doubt,
+        search_px,
+        0.0,  # no guess at the blur yet
         opponent,
-        rim_fine.FEW_RAYS if fine_only else MOST_RAYS,
         0,
     )
 
