@@ -205,7 +205,10 @@ def test_values_of_another_type_permit_nothing(fields: dict[str, Any]) -> None:
 
 def test_a_bay_that_was_removed_is_forgotten() -> None:
     removed = {"topic": STATE_TOPIC, "payload": "", "retain": False}
-    (*_, ((views, alarms), status)) = run_function(JUDGE, [(0, ONLINE), (0, free()), (1, removed), (9999, TICK)])
+    (*_, ((gone, ended), _), ((views, alarms), status)) = run_function(
+        JUDGE, [(0, ONLINE), (0, free()), (1, removed), (9999, TICK)]
+    )
+    assert (gone, [alarm["payload"]["alarm"] for alarm in ended]) == ([], [False])
     assert (views, alarms, status) == ([], [], "0 of 0 bays alive")
 
 
@@ -214,8 +217,12 @@ def test_a_bay_that_the_status_of_its_gateway_does_not_list_is_not_shown(retaine
     """Renamed: its last state stays at the broker, where nothing clears it."""
     ghost = (0, free(bay="old") | {"topic": "loading/site1/old/state", "retain": True})
     messages = [ghost, (0, ONLINE)] if retained_first else [(0, ONLINE), ghost]
-    (*_, ((views, alarms), status)) = run_function(JUDGE, [*messages, (0, free()), (1, TICK)])
+    *rest, ((views, alarms), status) = run_function(JUDGE, [*messages, (0, free()), (1, TICK)])
     assert (views, alarms, status) == ([], [], "1 of 1 bays alive")
+    told = [alarm["payload"] for (_, found), _ in rest for alarm in found if alarm["payload"]["bay"] == "old"]
+    assert [(alarm["alarm"], alarm["reason"]) for alarm in told] == (
+        [(True, "GATEWAY_OFFLINE"), (False, "REMOVED")] if retained_first else []
+    )
 
 
 def test_the_number_of_bays_is_limited() -> None:
