@@ -7,12 +7,16 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
+from argon2 import PasswordHasher
 from playwright.sync_api import Locator, Page, Route, expect
 
+from gateway import config
 from tests.browser import judgements
 from tests.browser.chromium import Watch, until
 from tests.browser.conftest import Visit
 from tests.browser.plant import STANDING, Plant, plant
+
+PASSWORD = "truck stands under a spout"
 
 
 def free_port() -> int:
@@ -105,6 +109,46 @@ def test_taking_back_leaves_no_wrong_text_in_a_field(running: Plant, visit: Visi
     field.fill("99999")
     section(page, "mqtt").click()  # there, nobody sees what is wrong
     expect(bar.get_by_role("status")).to_have_text("No changes")
+
+
+def test_a_user_is_made_gets_a_new_password_and_is_removed(running: Plant, visit: Visit) -> None:
+    before = running.config.read_text()
+    page = visit(f"{running.url}/setup#hmi", width_px=1280)
+    hashed, bar = page.locator("[data-key='hmi.users.vera.password_hash']"), page.get_by_role("region", name="changes")
+    page.get_by_label("new name").fill("vera")
+    page.get_by_label("new name").press("Enter")
+    expect(page.locator("[data-key='hmi.users.vera.role']").get_by_role("combobox")).to_have_value("viewer")
+
+    def new_password(first: str, second: str) -> None:
+        hashed.get_by_label("password_hash").fill(first)
+        hashed.get_by_label("the same again").fill(second)
+        expect(page.get_by_role("button", name="Look at the changes")).to_be_disabled()  # typed, and not taken
+        hashed.get_by_role("button", name="Set password").click()
+
+    new_password(PASSWORD, PASSWORD[1:])
+    expect(hashed.get_by_role("alert").filter(has_text="The two passwords differ.")).to_be_visible()
+    new_password(PASSWORD, PASSWORD)
+    expect(hashed.get_by_role("status")).to_have_text("The new password holds from the save on.")
+    expect(hashed.get_by_label("password_hash")).to_have_value("")
+    judgements.accessible(page)
+    look(page)
+    page.get_by_role("dialog").get_by_role("button", name="Save").click()
+    expect(page.locator("[data-saved]")).to_be_visible()
+    first = config.load(running.config).hmi.users[0].password_hash
+    assert PasswordHasher().verify(first, PASSWORD)
+
+    new_password(f"{PASSWORD} 2", f"{PASSWORD} 2")
+    page.get_by_role("button", name="Look at the changes").click()
+    page.get_by_role("dialog").get_by_role("button", name="Save").click()  # though the difference shows none
+    expect(page.get_by_role("dialog")).to_have_count(0)
+    assert PasswordHasher().verify(config.load(running.config).hmi.users[0].password_hash, f"{PASSWORD} 2")
+
+    page.get_by_role("button", name="Remove hmi.users.vera").click()
+    expect(bar.get_by_role("status")).to_have_text("1 change")
+    look(page)
+    page.get_by_role("dialog").get_by_role("button", name="Save").click()
+    expect(page.get_by_role("dialog")).to_have_count(0)
+    assert running.config.read_text() == before
 
 
 def test_settings_of_vision_with_warnings_are_saved_only_after_they_were_read(

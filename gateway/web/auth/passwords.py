@@ -1,4 +1,5 @@
-"""Passwords of the pages' users: argon2id hashes, made by `gateway password` and checked at login. IO: a thread.
+"""Passwords of the pages' users: argon2id hashes, made by `gateway password` or for the settings page, and checked at
+login. IO: a thread.
 
 The memory and passes are the smallest that OWASP recommends (m=19 MiB, t=2, p=1): a check takes some tens of
 milliseconds of one core, on a separate thread, one at a time, so that many logins take nothing away from
@@ -7,8 +8,9 @@ the pictures. An unknown user costs the same check as a known one.
 
 import asyncio
 import unicodedata
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any, TypeVar
 
 from argon2 import PasswordHasher, extract_parameters
 from argon2.exceptions import VerifyMismatchError
@@ -21,6 +23,7 @@ MIN_LENGTH, MAX_LENGTH = 10, 256  # characters
 MAX_WAITING = 8  # checks, the running one included
 COMMON = ("password", "passwort", "12345", "qwert", "gateway", "admin", "letmein", "technician", "silo", "cement")
 MIN_DIFFERENT = 5
+Result = TypeVar("Result")
 
 
 class LoginsBusyError(GatewayError):
@@ -66,21 +69,28 @@ class Passwords:
 
     async def check(self, name: str, password: str) -> HmiUser | None:
         """The user, if there is one of this name with this password. Raises LoginsBusyError when too many wait."""
-        if self._waiting >= MAX_WAITING:
-            raise LoginsBusyError("too many logins at the same time; try again")
         user = self._users.get(name)
         known = self._dummy if user is None else user.password_hash
+        return user if await self._on_thread(_matches, known, password) and user is not None else None
+
+    async def hash(self, password: str) -> str:
+        """As `hashed`, in its turn among the checks. Raises LoginsBusyError when too many wait."""
+        return await self._on_thread(hashed, password)
+
+    async def _on_thread(self, work: Callable[..., Result], *given: str) -> Result:
+        if self._waiting >= MAX_WAITING:
+            raise LoginsBusyError("too many logins at the same time; try again")
         self._waiting += 1
-        job = self._thread.submit(_matches, known, password)
+        job = self._thread.submit(work, *given)
         loop = asyncio.get_running_loop()
         job.add_done_callback(lambda done: self._done(done, loop))
-        return user if await asyncio.wrap_future(job) and user is not None else None
+        return await asyncio.wrap_future(job)
 
     def close(self) -> None:
         """Waits for the running check."""
         self._thread.shutdown(cancel_futures=True)
 
-    def _done(self, job: Future[bool], loop: asyncio.AbstractEventLoop) -> None:
+    def _done(self, job: Future[Any], loop: asyncio.AbstractEventLoop) -> None:
         """Counted when the thread is done with it, not when the requesting page has disconnected. Called on either
         thread."""
         if not loop.is_closed():

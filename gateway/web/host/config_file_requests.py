@@ -121,7 +121,7 @@ class ConfigFileRequests:
             case ReadSettings():
                 return settings.read()
             case PreviewSettings():
-                return settings.preview(request.action)
+                return settings.preview(request.action, request.who)
             case SaveSettings():
                 return settings.save(request.action, request.who)
 

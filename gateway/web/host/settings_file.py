@@ -41,6 +41,10 @@ log = logging.getLogger(__name__)
 
 MAX_DIFF = 200_000  # characters
 MAX_LOGGED = 10  # keys
+NO_TECHNICIAN = (
+    "no technician would be left, and nobody could open this page: make another one first, or change the file on the "
+    "machine"
+)
 SWITCHED_OFF = "the settings page is switched off: hmi.setup_page = false"
 
 Check = Callable[[GatewayConfig, str, str], None]
@@ -129,7 +133,7 @@ class SettingsFile:
         changed = decision.differing(decision.keys_of(loaded, self._running), new)  # not what is applied, and not saved
         return tuple(key for key in decision.differing(self._in_force(bay), new) if key in changed)
 
-    def preview(self, wanted: PreviewSettings) -> SettingsPreview:
+    def preview(self, wanted: PreviewSettings, who: Writer) -> SettingsPreview:
         """Raises ConfigError, ChangedOnDiskError."""
         self._permitted()
         planned = self._planned(wanted)
@@ -139,7 +143,9 @@ class SettingsFile:
         return SettingsPreview(
             diff=diff if len(diff) <= MAX_DIFF else f"{diff[:MAX_DIFF]}\n(and more)\n",
             faults=planned.faults,
-            warnings=() if planned.settings is None else tuple(self._startup.warnings(planned.settings)),
+            warnings=()
+            if planned.settings is None
+            else (*self._startup.warnings(planned.settings), *_own_login(planned.before, planned.settings, who)),
             live=live,
             restart=restart,
             digest=former.digest,
@@ -191,6 +197,9 @@ class SettingsFile:
             faults = tuple(FileFault(path, None, why) for path, why in sent.items())
             return Planned(former, before, text, faults)
         settings, faults = self._checked(text)
+        about_users = wanted.undo or any(change.path[0] == "hmi" for change in wanted.changes)
+        if about_users and settings is not None and _technicians(before) and not _technicians(settings):
+            return Planned(former, before, text, (FileFault(("hmi", "users"), None, NO_TECHNICIAN),))
         return Planned(former, before, text, faults, settings)
 
     def _sent_elsewhere(self, former: str, text: str, changes: Sequence[SettingChange]) -> dict[KeyPath, str]:
@@ -263,6 +272,18 @@ class SettingsFile:
 
     def _shown(self, document: Mapping[str, Any]) -> dict[str, Any]:
         return by_name(plainly(document, self._fields))
+
+
+def _technicians(settings: GatewayConfig) -> set[str]:
+    """Who may open the settings page; empty name: anybody."""
+    anybody = {""} if settings.hmi.without_login == "technician" else set()
+    return anybody | {user.name for user in settings.hmi.users if user.role == "technician"}
+
+
+def _own_login(before: GatewayConfig, after: GatewayConfig, who: Writer) -> Iterator[str]:
+    left = _technicians(after)
+    if who.subject in _technicians(before) - left and "" not in left:
+        yield f"hmi.users: {who.subject}, who is you, is no technician then: only others can open this page afterwards"
 
 
 def _values(settings: GatewayConfig, document: Mapping[str, Any]) -> dict[str, Any]:

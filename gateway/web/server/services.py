@@ -24,6 +24,7 @@ from gateway.web.server.live import Live
 from gateway.web.server.metrics.family import PageStatistics
 from gateway.web.server.pictures import Pictures
 from gateway.web.setup.device_client import DeviceClient
+from gateway.web.setup.new_passwords import NewPasswords
 from gateway.web.testsets.client import SetsClient
 from gateway.web.testsets.scoring_service import ScoringService
 from gateway.web.tuning.teach_in import TeachInSessions
@@ -48,6 +49,7 @@ class Services:
     reader: HelperClient[Question]
     devices: DeviceClient
     languages: Languages
+    new_passwords: NewPasswords
     encoding: asyncio.Lock = field(default_factory=asyncio.Lock)
     refusals: Counter[str] = field(default_factory=Counter)
 
@@ -77,6 +79,7 @@ def services_of(client: GatewayClient, pace: Clock, thread: Executor | None = No
         reader=HelperClient(READER, client.about.questions),
         devices=DeviceClient(client.about.devices),
         languages=languages(of_memory(client.about.languages)),
+        new_passwords=NewPasswords(pace),
     )
 
 

@@ -5,6 +5,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Field
 
+from gateway.config.strict import forms
+from gateway.web.auth.passwords import MAX_LENGTH
 from gateway.web.profile.settings_edit import MAX_CHANGES, MAX_DEPTH
 from gateway.web.tuning.request_models import Accepted, Body
 
@@ -30,6 +32,22 @@ class SettingChangeBody(Body):
         "by their id"
     )
     value: Any = Field(None, description="null: removed, so that the default holds, or what is set for every bay")
+
+
+class NewPasswordBody(Body):
+    """A password for a user who is there, or is about to be made."""
+
+    name: str = Field(pattern=forms.USER_NAME, description="of the user, as in hmi.users")
+    password: str = Field(max_length=MAX_LENGTH, repr=False)
+
+
+class NewPasswordView(AnswerModel):
+    """What stands for the hash, which is not shown."""
+
+    password_hash: str = Field(
+        description="the value for hmi.users.<name>.password_hash in a preview or save: for an hour, this login and "
+        "this user"
+    )
 
 
 class ChangesBody(Body):

@@ -2,11 +2,14 @@
 file."""
 
 from msgspec import structs
+from starlette.requests import Request
 
 from gateway.errors import ConfigError
-from gateway.web.auth.access import Level
+from gateway.web.auth.access import LOGIN_BYTES, Level
 from gateway.web.auth.addresses import ApiAddresses
+from gateway.web.auth.logins import Logins
 from gateway.web.auth.refusals import RefusalError
+from gateway.web.auth.sessions import Caller
 from gateway.web.ipc.messages import (
     TRUCK_AT_BAY,
     PreviewSettings,
@@ -19,10 +22,12 @@ from gateway.web.ipc.messages import (
 )
 from gateway.web.profile.settings_edit import SettingChange
 from gateway.web.server.gateway_client import RefusedError
-from gateway.web.server.services import RequestCaller, WebServices
+from gateway.web.server.services import RequestCaller, Services, WebServices
 from gateway.web.setup.models import (
     BootView,
     ChangesBody,
+    NewPasswordBody,
+    NewPasswordView,
     PreviewView,
     RestartBody,
     RestartView,
@@ -50,10 +55,32 @@ async def _settings(services: WebServices, caller: RequestCaller) -> SettingsVie
 
 
 @ADDRESSES.post(
+    "/password",
+    "new_password",
+    "hash a user's new password for the next save",
+    body_bytes=LOGIN_BYTES,
+    audited=False,
+    errors={
+        400: "the password is too weak, or the body is not what is described here",
+        409: "",
+        422: "",
+        429: "too many passwords in a short time",
+        503: "too many logins are being checked",
+    },
+)
+async def _password(
+    request: Request, services: WebServices, caller: RequestCaller, body: NewPasswordBody
+) -> NewPasswordView:
+    logins: Logins = request.app.state.logins
+    kept = await services.new_passwords.keep(caller, body.name, body.password, logins.passwords)
+    return NewPasswordView(password_hash=kept)
+
+
+@ADDRESSES.post(
     "/preview", "preview_settings", "what changes of the file would do", body_bytes=BODY_BYTES, audited=False
 )
 async def _preview(services: WebServices, caller: RequestCaller, body: ChangesBody) -> PreviewView:
-    wanted = PreviewSettings(_changes(body), body.digest, body.undo)
+    wanted = PreviewSettings(_changes(services, caller, body), body.digest, body.undo)
     found = await services.client.ask(wanted, SettingsPreview, caller.writer)
     return PreviewView.model_validate(found)
 
@@ -66,7 +93,7 @@ async def _preview(services: WebServices, caller: RequestCaller, body: ChangesBo
     errors={409: f"the file was changed since it was read, or {warning_gate.REFUSED}"},
 )
 async def _save(services: WebServices, caller: RequestCaller, body: SaveChangesBody) -> SavedView:
-    client, changes = services.client, _changes(body)
+    client, changes = services.client, _changes(services, caller, body)
     if not body.undo:  # going back asks nothing
         planned = await client.ask(PreviewSettings(changes, body.digest), SettingsPreview, caller.writer)
         await warning_gate.check(services.tuning, planned.vision, body.accepted, "are saved", caller.writer)
@@ -98,5 +125,7 @@ async def _boot(services: WebServices) -> BootView:
     return BootView(boot=services.client.about.boot)
 
 
-def _changes(body: ChangesBody) -> tuple[SettingChange, ...]:
-    return tuple(SettingChange(tuple(change.path), change.value) for change in body.changes)
+def _changes(services: Services, caller: Caller, body: ChangesBody) -> tuple[SettingChange, ...]:
+    """Raises RefusalError (409) for a new password that is not known (any more)."""
+    listed = (SettingChange(tuple(change.path), change.value) for change in body.changes)
+    return tuple(services.new_passwords.filled_in(caller, change) for change in listed)

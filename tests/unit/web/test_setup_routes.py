@@ -6,12 +6,13 @@ import logging
 import tomllib
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import jsonschema
 import pytest
+from argon2 import PasswordHasher
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -24,9 +25,9 @@ from gateway.web.host.startup import Restart, Startup
 from tests.examples import examples
 from tests.unit.web.asgi import Answer
 from tests.unit.web.gateway_client import Plant, plant
-from tests.unit.web.programs import ApiClient, api_client
+from tests.unit.web.programs import ANNA, ApiClient, api_client
 from tests.unit.web.tuning import picture
-from tests.virtual_time import in_virtual_time, run
+from tests.virtual_time import in_real_time, in_virtual_time, run
 
 HASH = "$argon2id$v=19$m=19456,t=1,p=1$c29tZXNhbHRzb21lc2FsdA$W+2f2aTQVuXP2kOFsVBogWmXqhlPdId3xAJac1/d60o"
 FILE = f"""\
@@ -56,6 +57,7 @@ unit_id = 2
 camera.url = "1"
 ranger.port = "/dev/ttyACM1"
 """
+NEW = "truck stands under a spout"
 SECRETS = ("s3cret", "c29tZXNhbHRzb21lc2FsdA", "W+2f2aTQVuXP2k")
 
 
@@ -245,6 +247,80 @@ async def test_a_password_is_replaced_but_never_kept_for_another_address(tmp_pat
         assert 'url = "mqtt://g:n3w@elsewhere"  # old' in asked.path.read_text()
         (bad,) = (await asked.post("preview", ("hmi.users.anna.password_hash", "s3cret"))).json["faults"]
         assert "s3cret" not in str(bad)
+
+
+async def typed(asked: Page, user: str, password: str) -> Answer:
+    return await asked.api_client.post("/api/setup/password", {"name": user, "password": password})
+
+
+@in_real_time
+async def test_users_are_made_by_name_and_password_and_no_hash_reaches_the_page(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """In real time: a thread makes the hash."""
+    caplog.set_level(logging.DEBUG)
+    async with page(tmp_path / "plant.toml") as asked:
+        weak = await typed(asked, "vera", "vera98321!")
+        assert (weak.status, weak.json["detail"]) == (
+            400,
+            "this password is little more than 'vera', which is tried first",
+        )
+        answer = await typed(asked, "vera", NEW)
+        name = answer.json["password_hash"]
+        assert "argon2" not in answer.text
+        new = ("hmi.users.vera", {"role": "viewer"}), ("hmi.users.vera.password_hash", name)
+        seen = await asked.post("preview", *new)
+        assert seen.json["faults"] == []
+        assert '+password_hash = "***"' in seen.json["diff"].splitlines()
+        assert (await asked.post("save", *new)).status == 200
+        (anna, vera) = config.load(asked.path).hmi.users
+        assert (vera.name, vera.role, anna.password_hash) == ("vera", "viewer", HASH)
+        assert PasswordHasher().verify(vera.password_hash, NEW)
+        assert vera.password_hash.startswith("$argon2id$v=19$m=19456,t=2,p=1$")
+
+        assert (await asked.post("save", ("hmi.users.anna.password_hash", name))).json["error"] == "password"  # vera's
+        again = ("hmi.users.vera.password_hash", (await typed(asked, "vera", f"{NEW} 2")).json["password_hash"])
+        seen = await asked.post("preview", again)  # both are masked, and it is a change all the same
+        assert (seen.json["diff"], [*seen.json["live"], *seen.json["restart"]]) == (
+            "",
+            ['hmi.users.vera.password_hash: "***" -> "***"'],
+        )
+        asked.api_client.caller = replace(ANNA, csrf="of another login")
+        assert (await asked.post("save", again)).status == 409
+        asked.api_client.caller = ANNA
+        assert (await asked.post("save", again, ("hmi.users.vera.role", "technician"))).status == 200
+        assert (await asked.post("save", undo=True)).status == 200
+        (_, vera) = config.load(asked.path).hmi.users
+        assert PasswordHasher().verify(vera.password_hash, NEW)
+        assert [text for text in (NEW, name, "argon2") if text in caplog.text] == []
+        assert "hmi.users.vera, hmi.users.vera.password_hash saved by 10.0.0.7 (anna, role technician)" in caplog.text
+        statuses = [(await typed(asked, "vera", f"{NEW} {n}")).status for n in range(10)]
+        assert statuses == [200] * 8 + [429] * 2  # as many at once as a login may fail
+
+
+@in_virtual_time
+async def test_nobody_is_locked_out_silently(tmp_path: Path) -> None:
+    async with page(tmp_path / "plant.toml") as asked:
+        for change in (("hmi.users.anna", None), ("hmi.users.anna.role", "viewer")):
+            (fault,) = (await asked.post("preview", change)).json["faults"]
+            assert fault["path"] == ["hmi", "users"]
+            assert fault["message"].startswith("no technician would be left, and nobody could open this page")
+            assert (await asked.post("save", change)).status == 422
+        assert asked.path.read_text() == FILE
+        tom = {"role": "technician", "password_hash": HASH}
+        assert (await asked.post("save", ("hmi.users.tom", tom), ("hmi.users.anna.role", "viewer"))).status == 200
+        await asked.post("save", undo=True)
+        seen = (await asked.post("preview", ("hmi.users.tom", tom), ("hmi.users.anna", None))).json
+        assert (seen["faults"], seen["warnings"][1:]) == (
+            [],
+            ["hmi.users: anna, who is you, is no technician then: only others can open this page afterwards"],
+        )
+        await asyncio.sleep(10)  # requests for the file are limited
+        await asked.post("save", ("hmi.users.tom", tom))
+        assert len((await asked.post("preview", ("hmi.users.tom", None))).json["warnings"]) == 1  # of somebody else
+        await asked.post("save", ("hmi.users.anna", None))
+        write(asked.path.with_name("plant.toml.previous"), FILE.replace('role = "technician"', 'role = "viewer"'))
+        assert (await asked.post("save", undo=True)).status == 422
 
 
 @in_virtual_time

@@ -1,6 +1,7 @@
 // The controls of the settings page, one for each key, drawn from the schema.
 
 import { html, useEffect, useState } from '../lib/page.js';
+import { post } from '../lib/api.js';
 import { listed, t, text } from '../lib/lang.js';
 import { allowed, at, fallback, isArray, isNumber, numbersOf, read, same, shown } from './keys.js';
 
@@ -9,7 +10,7 @@ const idOf = (path) => `k-${path.join('-').replace(/[^A-Za-z0-9_-]/g, '_')}`;
 /** Does the command line set this key, or the list that it is in, whatever the file says? */
 export const isFixed = (edit, path) => edit.fixed.some((place) => same(path.slice(0, place.length), place));
 
-/** `edit`: what the page knows and does: schema, current, written, values, faults, fixed, set(path, value). */
+/** `edit`: what the page knows and does: schema, current, written, values, faults, fixed, csrf, set(path, value). */
 export function KeyRow({ one, edit, full = false }) {
   const { path, node, required } = one;
   const [typed, setTyped] = useState(null);
@@ -46,8 +47,8 @@ export function KeyRow({ one, edit, full = false }) {
       ${changed ? html`<span class="tag">changed</span>` : own !== undefined ? html`<span class="small muted">set in the file</span>` : html`<span class="small muted">${from === 'default' ? 'default' : 'as for every bay'}</span>`}
       ${own !== undefined && !fixed && !required && html`<button type="button" class="plain small" onClick=${reset} title="remove the key from the file">${from === 'default' ? 'to the default' : 'as for every bay'}<span class="sr" translate="no"> ${path.at(-1)}</span></button>`}
     </div>
-    <div class="pair"><${Control} node=${node} value=${value} typed=${typed} common=${common} set=${set} type=${type} leave=${leave} />
-      ${unit && html`<span class="unit">${unit}</span>`}</div>
+    ${path.at(-1) === 'password_hash' ? html`<${NewPassword} user=${path.at(-2)} common=${common} changed=${changed} edit=${edit} set=${set} unset=${(wrong) => edit.typing(path, wrong)} />` : html`<div class="pair"><${Control} node=${node} value=${value} typed=${typed} common=${common} set=${set} type=${type} leave=${leave} />
+      ${unit && html`<span class="unit">${unit}</span>`}</div>`}
     <div id=${`${id}-d`}>
       ${fixed && (edit.fixed.some((place) => same(place, path)) ? html`<p class="hint"><b>Set on the command line, whatever the file says.</b></p>` : html`<p class="hint">Other bays are set on the command line.</p>`)}
       ${fault && html`<p class="fault" role="alert"><span aria-hidden="true">▲</span> <span translate=${said ? undefined : 'no'}>${fault}</span></p>`}
@@ -55,6 +56,33 @@ export function KeyRow({ one, edit, full = false }) {
       <p class="hint small">${range && html`<span>${text('allowed: {0}', unit ? `${range} ${unit}` : range)}; </span>`}<span>default: <span class="mono" translate="no">${standard}</span></span></p>
     </div>
   </div>`;
+}
+
+/** A user's new password. The gateway makes the hash, and answers what stands for it until the save. */
+function NewPassword({ user, common, changed, edit, set, unset }) {
+  const [[first, second], setTyped] = useState(['', '']);
+  const [wrong, setWrong] = useState('');
+  const type = (...next) => {
+    setTyped(next);
+    setWrong('');
+    unset(next.join('') || undefined); // a password that was typed only once is not forgotten at the save
+  };
+  const take = async (event) => {
+    event.preventDefault();
+    if (first !== second) return setWrong(t('The two passwords differ.'));
+    try {
+      set((await post('/api/setup/password', { name: user, password: first }, edit.csrf)).password_hash);
+      type('', '');
+    } catch (error) {
+      setWrong(error.message);
+    }
+  };
+  return html`<form class="pair" onSubmit=${take}>
+      <input ...${common} type="password" autocomplete="new-password" placeholder="new password" value=${first} onInput=${(event) => type(event.target.value, second)} />
+      <input ...${common} id=${`${common.id}-again`} type="password" autocomplete="new-password" placeholder="the same again" aria-label="the same again" value=${second} onInput=${(event) => type(first, event.target.value)} />
+      <button disabled=${common.disabled || !first || !second}>Set password</button></form>
+    ${changed && html`<p class="hint" role="status">The new password holds from the save on.</p>`}
+    ${wrong && html`<p class="fault" role="alert" translate="no"><span aria-hidden="true">▲</span> ${wrong}</p>`}`;
 }
 
 function Control({ node, value, typed, common, set, type, leave }) {
@@ -79,13 +107,14 @@ export function Group({ group, edit, first }) {
   const title = list ? `[[${name}]]` : path.length ? `[${name}]` : 'above all tables';
   const removable = own && (node.optional || node.item) && path.length > 0;
   const faults = edit.faults.filter((each) => same(each.path, path) && keys.length >= 0 && path.length > 0);
-  if (list) return html`<section class="table"><${NewItem} path=${path} node=${node} edit=${edit} title=${title} /></section>`;
+  const wrong = faults.map((each) => html`<p class="fault" role="alert" translate="no"><span aria-hidden="true">▲</span> ${each.message}</p>`);
+  if (list) return html`<section class="table"><${NewItem} path=${path} node=${node} edit=${edit} title=${title} />${wrong}</section>`;
   return html`<section class="table" aria-label=${name ? listed([name]) : 'gateway'}>
     ${!(first && !absent && !removable) && html`<header class="row spread"><h3 class="mono" translate="no">${title}</h3>
       ${removable && html`<button type="button" onClick=${() => edit.set(path, null)}>Remove<span class="sr" translate="no"> ${name}</span></button>`}
       ${absent && html`<button type="button" onClick=${() => edit.set(path, {})}>Add<span class="sr" translate="no"> ${name}</span></button>`}</header>`}
     ${node.description && !first && html`<p class="hint">${node.description}</p>`}
-    ${faults.map((each) => html`<p class="fault" role="alert" translate="no"><span aria-hidden="true">▲</span> ${each.message}</p>`)}
+    ${wrong}
     ${absent && html`<p class="muted">Not in the file.</p>`}
     <div class="keys">${keys.map((one) => html`<${KeyRow} key=${one.path.join('.')} one=${one} edit=${edit} />`)}</div>
   </section>`;

@@ -39,7 +39,7 @@ export function Review({ body, session, close, done }) {
     setQuestion(null);
     return accepted;
   };
-  const nothing = plan !== null && plan.diff === '' && plan.faults.length === 0;
+  const nothing = plan !== null && plan.diff === '' && plan.faults.length + plan.live.length + plan.restart.length === 0; // a new password shows no difference
   return html`<${Dialog} id="dialog-title" title=${body.undo ? 'Undo the last save' : 'Save to the configuration\u2019s file'} close=${close}>
     ${plan === null && !wrong && html`<p role="status">The gateway checks the changes …</p>`}
     ${plan !== null && html`

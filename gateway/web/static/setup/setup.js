@@ -124,7 +124,7 @@ function Editor({ session, file, load }) {
   };
   const typed = (place, wrong) => setTyping((was) => ({ ...was, [place.join('.')]: wrong }));
   const wrong = Object.values(typing).filter(Boolean).length;
-  const edit = { schema, current, written: file.written, values: file.values, faults, fixed: file.command_line, set, typing: typed };
+  const edit = { schema, current, written: file.written, values: file.values, faults, fixed: file.command_line, csrf: session.csrf, set, typing: typed };
   const list = sections(schema, current);
   const flat = list.flatMap((one) => [one, ...one.below.map((each) => ({ ...each, title: `${one.title}: ${each.title}` }))]); // names of the file
   const go = (place) => { location.hash = hashOf(place); };
