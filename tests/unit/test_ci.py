@@ -54,3 +54,12 @@ def test_without_npms_packages_a_build_machine_fails() -> None:
     done = without_npm("1")
     assert (done.returncode, done.stdout) == (1, "")
     assert "npm could not install what nowhere/package-lock.json lists" in done.stderr
+
+
+def test_a_checkout_that_can_not_be_written_is_named(tmp_path: Path) -> None:
+    """A file where the folder is to be: the rights of root would make any folder one that can be written."""
+    shutil.copy(ROOT / "dev", tmp_path / "dev")
+    (tmp_path / ".dev").touch()
+    done = subprocess.run([tmp_path / "dev", "run"], capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 1
+    assert done.stderr.startswith(f"dev: {tmp_path} can't be written by ")
