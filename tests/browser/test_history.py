@@ -134,7 +134,7 @@ def test_why_is_asked_of_the_chosen_moment(site: Plant, page: Page) -> None:
     expect(page.locator(".why-panel header")).to_contain_text(re.compile(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d{3} [+-]"))
     page.get_by_role("button", name="Why?", exact=True).click()
     # The recording has no complete state.
-    expect(page.locator(".why-panel")).to_contain_text("no complete state of that moment is recorded")
+    expect(page.locator(".why-panel")).to_contain_text("No complete state of that moment is recorded")
     report = page.get_by_role("link", name="Report").get_attribute("href")
     assert report is not None
     assert re.search(rf"/api/bays/bay1/why\.html\?at_ms={LATER_MS + 59_000}$", report)
