@@ -26,9 +26,7 @@ class Directions:
     """Unit normals at `count` even directions. Shared and cached: never written to."""
 
     normal: Floats  # (2, count): cos phi, sin phi
-    across: Samples  # the same
     waves: Floats  # (3, count): 1, cos 2 phi, sin 2 phi
-    everywhere: NDArray[np.bool_]  # (count,): all true
 
 
 @lru_cache(maxsize=64)
@@ -36,11 +34,9 @@ def directions(count: int) -> Directions:
     phi = np.arange(count) * (2 * pi / count)
     normal = np.stack([np.cos(phi), np.sin(phi)])
     waves = np.stack([np.ones(count), np.cos(2 * phi), np.sin(2 * phi)])
-    across = normal.astype(np.float32)
-    everywhere = np.ones(count, np.bool_)
-    for shared in (normal, across, waves, everywhere):
+    for shared in (normal, waves):
         shared.setflags(write=False)
-    return Directions(normal, across, waves, everywhere)
+    return Directions(normal, waves)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,19 +75,15 @@ def sample(
         return None
     crossing[0] += outline.u - left
     crossing[1] += outline.v - top
-    steps = offsets_px[:, np.newaxis]
-    columns = steps * normals.across[0]
-    columns += crossing[0]
-    rows = steps * normals.across[1]
+    columns, rows = (offsets_px[:, np.newaxis] * across for across in normals.normal.astype(np.float32))
+    columns += crossing[0]  # in single precision
     rows += crossing[1]
     # A view of the neighbourhood: remap refuses pictures of 32768 px and more, and the maps keep their precision.
     near = image[top:bottom, left:right]
     colours = cv2.remap(near, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    inside = normals.everywhere
-    if not (reach <= outline.u < width - 1 - reach and reach <= outline.v < height - 1 - reach):
-        wide, high = np.abs(normals.normal) * margin_px
-        u, v = crossing[0] + left, crossing[1] + top
-        inside = (u >= wide) & (u + wide <= width - 1) & (v >= high) & (v + high <= height - 1)
+    wide, high = np.abs(normals.normal) * margin_px
+    u, v = crossing[0] + left, crossing[1] + top
+    inside = (u >= wide) & (u + wide <= width - 1) & (v >= high) & (v + high <= height - 1)
     if opponent:
         whole = colours if colours.dtype == np.uint8 else colours / np.float32(255)  # OpenCV's white of either type
         lab = np.asarray(cv2.cvtColor(whole, cv2.COLOR_BGR2Lab))

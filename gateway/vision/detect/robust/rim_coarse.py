@@ -85,12 +85,8 @@ def coarse(image: Colours, outline: SupportEllipse, reach: float, opponent: bool
         return None
     changes = (_hypotheses() @ shift).reshape(-1, 5)
     tolerance = max(constants.AGREED_PX, constants.AGREED_SHARE * outline.mean_px, constants.AGREED_STEPS * step)
-    misfit = changes @ support.design(outline, rays.support)
-    misfit -= shift
-    misfit *= 1.0 / tolerance
-    misfit *= misfit
-    np.minimum(misfit, 1.0, out=misfit)
-    cost = misfit @ weight
+    misfit = (changes @ support.design(outline, rays.support) - shift) * (1.0 / tolerance)
+    cost = np.minimum(misfit**2, 1.0) @ weight
     found = support.fit(
         outline,
         rays.support,

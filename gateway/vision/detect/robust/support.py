@@ -62,12 +62,7 @@ def fit(
         if turn < constants.SCALED_ROUNDS:
             scale = min(max(_scale(np.abs(residuals[usable]), cut), smallest_scale_px), largest_scale_px)
             cut = constants.TUKEY * scale
-        heft = residuals * (1.0 / cut)
-        heft *= heft
-        np.subtract(1.0, heft, out=heft)
-        np.maximum(heft, 0.0, out=heft)
-        heft *= heft
-        heft *= weights
+        heft = np.maximum(1.0 - (residuals * (1.0 / cut)) ** 2, 0.0) ** 2 * weights
         weighted = matrix * heft
         information = weighted @ matrix.T
         information[3, 3] += ridge
