@@ -61,9 +61,12 @@ def surplus(
         (f for f in files if f.name.number not in kept), key=lambda f: (f.pinned, f.name.number, f.name.kind)
     )
     over_bytes = max(sum(file.size_bytes for file in files) + rows_bytes - limits.max_bytes, missing_bytes)
-    gone = [file for file in closed if not file.pinned and _too_old(file, limits, unix_s)]
+    gone: list[StoredFile] = []
+    rest: list[StoredFile] = []
+    for file in closed:
+        (gone if not file.pinned and _too_old(file, limits, unix_s) else rest).append(file)
     over_bytes -= sum(file.size_bytes for file in gone)
-    for file in _least_first([file for file in closed if file not in gone], matters):
+    for file in _least_first(rest, matters):
         if over_bytes <= 0:
             break
         gone.append(file)
@@ -76,11 +79,12 @@ def _least_first(files: Sequence[StoredFile], matters: Matters) -> Iterator[Stor
     pictures = [file for file in files if file.name.kind == PICTURES and not file.pinned]
     of_routine = (file for file in pictures if not matters(file))
     gone: set[FileName] = set()
+    oldest = (file for file in pictures if file.name not in gone)
     for file in files:
         if file.name.kind != PICTURES or file.pinned:
             yield file
             continue
-        least = next(of_routine, None) or next(one for one in pictures if one.name not in gone)
+        least = next(of_routine, None) or next(oldest)
         gone.add(least.name)
         yield least
 

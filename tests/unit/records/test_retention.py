@@ -75,6 +75,18 @@ def test_pictures_of_routine_stops_go_before_those_that_matter_and_records_when_
     assert numbers(surplus(files, RetentionLimits(0, 0, 0), NOW, matters=matters)) == [3, 6, 1, 5, 2]
 
 
+class NeverCompared(StoredFile):
+    def __eq__(self, other: object) -> bool:
+        raise AssertionError("with thousands of files this takes minutes")
+
+    __hash__ = StoredFile.__hash__
+
+
+def test_after_a_long_standstill_the_many_that_are_too_old_are_not_compared_with_each_other() -> None:
+    files = [NeverCompared(FileName(n, NOW - (9 - n) * DAY_S, SEGMENT), 100) for n in range(9)]
+    assert numbers(surplus(files, RetentionLimits(10**6, 5, 5), NOW)) == [0, 1, 2, 3]
+
+
 def test_pictures_may_go_earlier_than_records() -> None:
     files = [stored(1, days=5), stored(2, days=5, kind=PICTURES), stored(3, days=11), stored(4)]
     assert numbers(surplus(files, RetentionLimits(10**6, 10, 4), NOW)) == [2, 3]
