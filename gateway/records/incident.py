@@ -36,7 +36,7 @@ def budget_left(files: Sequence[StoredFile], unix_s: float, bytes_per_day: int) 
     for file in files:
         begin_s = min(file.name.unix_s, unix_s)
         refill = bytes_per_day * max(0.0, begin_s - then_s) / DAY_S
-        left, then_s = min(most, left + refill) - file.size_bytes, begin_s
+        left, then_s = max(0.0, min(most, left + refill) - file.size_bytes), begin_s  # it may have been larger then
     return min(most, left + bytes_per_day * (unix_s - then_s) / DAY_S)
 
 

@@ -184,6 +184,8 @@ def test_a_restart_does_not_refill_the_budget() -> None:
     assert budget_left([stored(1, 100, 10_000), stored(2, 50, 5000)], now, 86_400) == 21_600 - 15_000 + 100
     assert budget_left([stored(1, 86_400, 20_000), stored(2, 50, 5000)], now, 86_400) == 21_600 - 5000 + 50
     assert budget_left([stored(1, -9000, 5000)], now, 86_400) == 21_600 - 5000, "a clock that was put back"
+    larger = [stored(n, 30 * 86_400 - n * 8640, 50_000) for n in range(300)]
+    assert budget_left(larger, now, 86_400) == 8640, "a budget that was lowered since is empty, and fills again"
 
 
 def test_what_did_not_come_to_the_disk_costs_nothing() -> None:
