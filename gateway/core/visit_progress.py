@@ -176,7 +176,7 @@ def _step(
 def _begun(state: StateVector, unix_ns: int) -> Truck:
     return Truck(
         begun_ns=state.t_ns,
-        so_far=VisitSummary(unix_ns // NS_PER_MS, 0.0),
+        so_far=VisitSummary(unix_ns // NS_PER_MS, 0.0, unintended=False),
         phase=state.visit.phase,
         phase_since_ns=state.t_ns,
         circle=state.vision.circle,

@@ -53,7 +53,7 @@ class VisitSummary:
     frame_id: int | None = None  # the picture, and when it was taken (Unix time)
     frame_ms: int | None = None
     moved: Moved = Moved.NO  # it left its place without release
-    unintended: bool = False  # it moved though it was to stand (`StateVector.unintended_motion`)
+    unintended: bool | None = None  # it rolled though it was to stand; None: not known, by a gateway 0.1.0
     faults: tuple[Fault, ...] = ()
     interruptions: int = 0  # restarts of the gateway meanwhile
     off_s: float = 0.0  # how long it was not watched because of them
@@ -61,6 +61,11 @@ class VisitSummary:
     @property
     def interrupted(self) -> bool:
         return self.interruptions > 0
+
+    @property
+    def rolled(self) -> bool:
+        """It moved though it was to stand (`StateVector.unintended_motion`)."""
+        return self.moved is not Moved.NO if self.unintended is None else self.unintended
 
     @property
     def last_seen_ms(self) -> int:

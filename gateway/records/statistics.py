@@ -13,7 +13,7 @@ from typing import Any
 
 import msgspec
 
-from gateway.core.state import Moved, Reason
+from gateway.core.state import Reason
 from gateway.core.visit_progress import FAULTS
 from gateway.core.visit_summary import VisitEnd, VisitSummary
 
@@ -176,7 +176,7 @@ class Positions:
 
     trucks: int
     placed: int  # were in place at least once
-    moved: int  # left their place without release
+    moved: int  # rolled, or left their place, though they were to stand
     interrupted: int  # by a restart of the gateway
     unwatched_end: int  # the gateway was off when the truck left
     corrections: int  # in all
@@ -198,7 +198,7 @@ def positions_of(visits: Iterable[VisitSummary]) -> Positions:
     return Positions(
         trucks=len(found),
         placed=sum(visit.times_in_place > 0 for visit in found),
-        moved=sum(visit.moved is not Moved.NO for visit in found),
+        moved=sum(visit.rolled for visit in found),
         interrupted=len(found) - len(watched),
         unwatched_end=sum(visit.end is VisitEnd.GATEWAY_OFF for visit in found),
         corrections=sum(visit.corrections for visit in found),

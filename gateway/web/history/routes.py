@@ -233,7 +233,7 @@ async def _with_pictures(
     return [
         RecordedVisitView(
             **dict(visit_payload(visit)),
-            unintended=visit.unintended,
+            unintended=visit.rolled,
             picture=None if picture is None else _picture_view(picture),
         )
         for visit, picture in zip(visits, pictures, strict=True)

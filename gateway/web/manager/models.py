@@ -70,7 +70,7 @@ class PositionsView(View):
 
     trucks: Count
     placed: Count = Field(description="were in place at least once")
-    moved: Count = Field(description="left their place without release")
+    moved: Count = Field(description="rolled, or left their place, though they were to stand")
     interrupted: Count = Field(description="by a restart of the gateway; their times are left out")
     unwatched_end: Count = Field(description="the gateway was off when the truck left")
     corrections: Count = Field(description="reversals before a truck was last in place, of all trucks")

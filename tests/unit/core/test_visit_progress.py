@@ -331,6 +331,12 @@ def test_two_parts_of_a_visit_add_up() -> None:
     assert merged((), ()) == ()
 
 
+def test_of_a_visit_of_an_older_gateway_any_departure_without_release_counts() -> None:
+    old = VisitSummary(0, 60.0, moved=Moved.DISTANCE)
+    assert (old.unintended, old.rolled, replace(old, moved=Moved.NO).rolled) == (None, True, False)
+    assert (replace(old, unintended=False).rolled, replace(old, unintended=True).rolled) == (False, True)
+
+
 # Wild visits.
 
 

@@ -84,7 +84,7 @@ export function Accuracy({ view }) {
         ${one ? html`<td class="right" data-name="trucks">${one.count}</td><td class="right value" data-name="median">${shown(one.median, decimals)}</td><td class="right nowrap" data-name="8 of 10 within">${shown(one.p10, decimals)} … ${shown(one.p90, decimals)}</td><td class="right" data-name="mean">${shown(one.mean, decimals)}</td><td class="right" data-name="deviation">${number(one.deviation, decimals)}</td>` : html`<td class="right" data-name="trucks">0</td><td class="right" data-name="median">${NONE}</td><td class="right">${NONE}</td><td class="right">${NONE}</td><td class="right">${NONE}</td>`}</tr>`)}
     </tbody></table>
     ${!view.aim && html`<p class="small muted">${text('No aim point is configured: set {0} for the offset.', 'guidance.aim_u_px')}</p>`}
-    <p class="small muted">${`${p.placed} of ${p.trucks} trucks came in place; ${p.moved} left it without release.`}${p.interrupted + p.unwatched_end > 0 && html` ${`${p.interrupted} visits went over a restart of the gateway (their times are left out), ${p.unwatched_end} ended while it was off.`}`}</p>
+    <p class="small muted">${`${p.placed} of ${p.trucks} trucks came in place; ${p.moved} moved though they were to stand.`}${p.interrupted + p.unwatched_end > 0 && html` ${`${p.interrupted} visits went over a restart of the gateway (their times are left out), ${p.unwatched_end} ended while it was off.`}`}</p>
   </${Panel}>`;
 }
 
