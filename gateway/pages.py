@@ -105,7 +105,8 @@ def build_pages(
     if not sockets:
         return Pages(service, None, tasks)
     scheme = "https" if config.hmi.tls_cert else "http"
-    return Pages(service, url(scheme, config.hmi.host, sockets[0].getsockname()[1]), tasks)
+    address = url(scheme, config.hmi.host, sockets[0].getsockname()[1])
+    return Pages(service, f"{address.rstrip('/')}{config.hmi.base_path}/", tasks)
 
 
 def _replying(

@@ -49,7 +49,7 @@ LIVE: tuple[LiveKeys, ...] = (
     ),
     LiveKeys(
         ("hmi",),
-        ("enabled", "host", "port", "run_as", "setup_page"),
+        ("enabled", "host", "port", "base_path", "run_as", "setup_page"),
         "the web process is replaced: pages that are open connect again, and who was logged in logs in again",
     ),
     LiveKeys(

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from http.client import HTTPConnection
 from pathlib import Path
+from urllib.parse import urlsplit
 from uuid import uuid4
 
 import psutil
@@ -109,9 +110,10 @@ def plant(
 
 def first_visit(url: str) -> None:
     """It starts the web process, which gives way to everything else: on a busy machine that takes its time."""
-    connection = HTTPConnection(url.removeprefix("http://"), timeout=100)
+    where = urlsplit(url)
+    connection = HTTPConnection(where.netloc, timeout=100)
     try:
-        connection.request("GET", "/driver")
+        connection.request("GET", f"{where.path}/driver")
         assert connection.getresponse().status == 200
     finally:
         connection.close()

@@ -1,7 +1,7 @@
 """`[hmi]`: the pages for operator, driver and technician, and who may see which. Pure."""
 
 import re
-from ipaddress import ip_address
+from ipaddress import IPv6Address, ip_address
 from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
@@ -50,8 +50,28 @@ def host_name(text: str) -> str:
     return folded
 
 
+def web_origin(text: str) -> str:
+    """`text` as a browser names a site. Raises ValueError saying what to write."""
+    found = re.fullmatch(r"(https?)://(.+?)(:[0-9]{1,5})?", text.lower())
+    if found is None:
+        raise ValueError("should be one site as in its pages' address, such as https://portal.plant.example")
+    host = host_name(found[2])
+    return f"{found[1]}://{f'[{host}]' if ':' in host else host}{found[3] or ''}"
+
+
+def proxy_address(text: str) -> str:
+    """`text` as addresses are compared: IPv4 inside IPv6 as IPv4. Raises ValueError for a name or a network."""
+    try:
+        address = ip_address(text)
+    except ValueError:
+        raise ValueError("should be one IP address, without port and mask") from None
+    return str((address.ipv4_mapped if isinstance(address, IPv6Address) else None) or address)
+
+
 PasswordHash = Annotated[str, AfterValidator(hash_text)]
 HostName = Annotated[str, AfterValidator(host_name)]
+WebOrigin = Annotated[str, AfterValidator(web_origin)]
+ProxyAddress = Annotated[str, AfterValidator(proxy_address)]
 
 
 class HmiUser(Section):
@@ -89,6 +109,23 @@ class HmiConfig(Section):
         max_length=64,
         description="names and addresses by which the pages are called; empty: host, on loopback also localhost",
     )
+    base_path: str = Field(
+        "",
+        max_length=200,
+        pattern=forms.BASE_PATH,
+        description="path below which a proxy serves the pages, such as `/bay1`; the proxy passes it on; empty: none",
+    )
+    trusted_proxies: tuple[ProxyAddress, ...] = Field(
+        (),
+        max_length=16,
+        description="addresses of proxies whose X-Forwarded-For and X-Forwarded-Proto are believed: the client's "
+        "address and scheme, nothing else; empty: none are read",
+    )
+    frame_ancestors: tuple[WebOrigin, ...] = Field(
+        (),
+        max_length=16,
+        description="sites that may show the pages in a frame, such as `https://portal.plant.example`; empty: none",
+    )
     setup_page: bool = Field(
         True,
         description="technicians may change every key of this file and restart the gateway on the page /setup; false: "
@@ -120,6 +157,12 @@ class HmiConfig(Section):
 
     @model_validator(mode="after")
     def _login(self) -> Self:
+        if self.without_login == "technician" and self.loopback and (self.trusted_proxies or self.base_path):
+            raise FieldError(
+                '"technician" opens tuning to anybody who reaches the proxy. Make users (gateway password), and set '
+                '"none", "driver" or "viewer"',
+                "without_login",
+            )
         if self.without_login == "technician" and not self.loopback:
             raise FieldError(
                 f'"technician" opens tuning to anybody who reaches {self.host}; it is allowed for loopback only. '

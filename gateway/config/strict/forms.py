@@ -4,6 +4,7 @@ NAME = r"^[A-Za-z0-9_-]{1,64}$"
 USER_NAME = r"^[A-Za-z0-9._-]{1,64}$"
 SYSTEM_USER = r"^[A-Za-z_][A-Za-z0-9_.-]{0,31}$"
 VARIABLE = r"^[A-Za-z_][A-Za-z0-9_]*$"
+BASE_PATH = r"^(/[A-Za-z0-9_-][A-Za-z0-9._-]*)*$"
 LANGUAGE = r"^[a-z]{2,3}$"
 BROKER_URL = r"^(mqtts?|wss?)://"
 PROXY_URL = r"^http://"
@@ -19,6 +20,7 @@ WORDS = {
     USER_NAME: "letters from A to Z, digits, dots, _ and -, at most sixty-four",
     SYSTEM_USER: "a user of the system: letters from A to Z, digits, dots, _ and -",
     VARIABLE: "the name of an environment variable: letters from A to Z, digits and _",
+    BASE_PATH: "a path such as /bay1: letters from A to Z, digits, dots, _ and -",
     LANGUAGE: "two or three small letters, as in de",
     BROKER_URL: "an address that begins with mqtt://, mqtts://, ws:// or wss://",
     PROXY_URL: "an address that begins with http://",

@@ -6,9 +6,11 @@ Origin is checked against foreign sites that send requests through the browser o
 
 import re
 from collections.abc import Collection, Iterable
-from urllib.parse import urlsplit
+from urllib.parse import unquote, urlsplit
 
 from gateway.config.sections.hmi import HmiConfig, host_name
+from gateway.net.rate_limit import plain_address
+from gateway.web.auth.login_throttle import spelled
 
 Headers = Iterable[tuple[bytes, bytes]]
 MAX_HEADER = 300  # of a Host or Origin that could be right
@@ -16,6 +18,7 @@ _PART = r"[^][:/\\@?# \t,]"
 # An address of IPv6 in brackets, or a name or an address without a colon; then the port.
 AUTHORITY = re.compile(rf"(?:\[(?P<v6>(?:{_PART}*:)+{_PART}*)\]|(?P<name>{_PART}+))(?::(?P<port>[0-9]{{1,5}}))?")
 PORTS = {"http": 80, "https": 443}
+DOTS = re.compile(r"(^|/)\.\.?(/|$)")  # segments that a browser or server removes from a path
 
 
 def header(headers: Headers, name: bytes) -> str | None:
@@ -61,17 +64,45 @@ def same_origin(origin: str | None, authority: str, scheme: str) -> bool:
         return False
 
 
-def safe_next(target: object) -> str:
-    """Where to go after a login: a path of this server, or the start page. Never another site."""
-    if not isinstance(target, str) or not target.startswith("/") or len(target) > MAX_HEADER:
-        return "/"
-    foreign = target.startswith(("//", "/\\")) or "\\" in target or not target.isprintable()
-    return "/" if foreign else target
+def safe_next(target: object, base_path: str = "") -> str:
+    """Where to go after a login: a path of these pages, or the start page. Never another site, nor what else a proxy
+    has beside `base_path`."""
+    start = f"{base_path}/"
+    if not isinstance(target, str) or not target.startswith(start) or len(target) > MAX_HEADER:
+        return start
+    foreign = target.startswith("//") or "\\" in target or not target.isprintable()
+    return start if foreign or DOTS.search(unquote(re.split("[?#]", target)[0])) else target
+
+
+def forwarded_for(headers: Headers, peer: str, proxies: Collection[str]) -> str:
+    """The client's address. Each entry is believed only if who connected to add it is one of `proxies`: what a client
+    has written there itself stands left of what the proxy adds."""
+    address = spelled(peer)
+    if address not in proxies:
+        return peer
+    listed = b",".join(value for key, value in headers if key == b"x-forwarded-for").decode("latin-1")
+    for entry in reversed(listed.split(",")):
+        try:
+            address = plain_address(entry.strip())
+        except ValueError:
+            break
+        if address not in proxies:
+            break
+    return address
+
+
+def forwarded_scheme(headers: Headers, own: str) -> str:
+    """How the browser reached the proxy. Only for requests of a named proxy."""
+    try:
+        said = header(headers, b"x-forwarded-proto")
+    except ValueError:
+        return own
+    return said if said in PORTS else own
 
 
 # Of the answers.
 
-# Nothing from elsewhere, nothing inline, in no frame. blob: are the pages' own pictures.
+# Nothing from elsewhere, nothing inline, in no frame but those of `frame_ancestors`. blob: are the pages' own pictures.
 CONTENT_SECURITY_POLICY = "; ".join(
     (
         "default-src 'self'",
@@ -80,7 +111,7 @@ CONTENT_SECURITY_POLICY = "; ".join(
         "object-src 'none'",
         "base-uri 'none'",
         "form-action 'self'",
-        "frame-ancestors 'none'",
+        "frame-ancestors ",
     )
 )
 PERMISSIONS_POLICY = (
@@ -94,13 +125,14 @@ HTTPS_PORT = 443
 def security_headers(config: HmiConfig) -> tuple[tuple[bytes, bytes], ...]:
     """Of every answer, refusals too. Names in lower case."""
     fields = {
-        "content-security-policy": CONTENT_SECURITY_POLICY,
+        "content-security-policy": CONTENT_SECURITY_POLICY + (" ".join(config.frame_ancestors) or "'none'"),
         "x-content-type-options": "nosniff",
-        "x-frame-options": "DENY",  # for kiosk browsers too old for frame-ancestors
         "referrer-policy": "same-origin",
         "permissions-policy": PERMISSIONS_POLICY,
         "cross-origin-resource-policy": "same-origin",
     }
+    if not config.frame_ancestors:  # it can't name sites
+        fields["x-frame-options"] = "DENY"  # for kiosk browsers too old for frame-ancestors
     if config.tls or config.loopback:  # elsewhere browsers ignore it, and complain
         fields["cross-origin-opener-policy"] = "same-origin"
     if config.tls and config.port == HTTPS_PORT:  # it holds for all ports of this host, other programs' pages included

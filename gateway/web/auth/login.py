@@ -71,13 +71,14 @@ async def _login(request: Request) -> JSONResponse:
         raise RefusalError(400, "body", f"name and password, as text; see {', '.join(places)}") from None
     identity, session = await logins.login(caller.address, body.name, body.password, caller.session)
     new = Caller(session.user, session.level, caller.address, session.csrf, session)
-    response = JSONResponse(_view(request, new, safe_next(body.next)))
+    response = JSONResponse(_view(request, new, safe_next(body.next, logins.config.base_path)))
+    secure = request.scope["scheme"] == "https"
     response.set_cookie(
-        logins.cookie,
+        logins.cookie(secure=secure),
         identity,
         max_age=int(logins.remaining_s(session)),
-        path="/",
-        secure=logins.config.tls,
+        path=logins.config.base_path or "/",
+        secure=secure,
         httponly=True,
         samesite="strict",
     )
@@ -89,5 +90,7 @@ async def _logout(request: Request) -> JSONResponse:
     logins: Logins = request.app.state.logins
     logins.logout(caller_of(request.scope))
     response = JSONResponse({})
-    response.delete_cookie(logins.cookie, path="/", secure=logins.config.tls, httponly=True, samesite="strict")
+    secure = request.scope["scheme"] == "https"
+    path = logins.config.base_path or "/"
+    response.delete_cookie(logins.cookie(secure=secure), path=path, secure=secure, httponly=True, samesite="strict")
     return response

@@ -34,7 +34,7 @@ class Logins:
 
     def __init__(self, config: HmiConfig, clock: Clock, audit: AuditSink, *, instance: str = "gateway") -> None:
         self.config = config
-        self.cookie = f"__Host-{instance}-session" if config.tls else f"{instance}-session"  # ports share cookies
+        self._instance = instance
         self.sessions = Sessions(
             lifetime_ns=round(config.session_hours * 3600 * NS_PER_S),
             idle_ns=round(config.session_idle_minutes * 60 * NS_PER_S),
@@ -52,6 +52,11 @@ class Logins:
     def close(self) -> None:
         self.passwords.close()
 
+    def cookie(self, *, secure: bool) -> str:
+        """The session's name; ports share cookies. `secure`: the browser uses TLS. `__Host-` needs the path /."""
+        prefix = "__Secure-" if self.config.base_path else "__Host-"
+        return f"{prefix if secure else ''}{self._instance}-session"
+
     async def login(self, address: str, name: str, password: str, old: Session | None = None) -> tuple[str, Session]:
         """A new session and its id; `old` ends. Raises RefusalError (401, 429, 503)."""
         user = await self._authenticated(address, name, password)
@@ -67,9 +72,9 @@ class Logins:
             self.sessions.close(caller.session.key)
             self.record(AuditRecord(AuditKind.LOGOUT, caller.name, caller.address, "by itself"))
 
-    async def caller(self, headers: Headers, rule: Rule, address: str) -> Caller:
+    async def caller(self, headers: Headers, rule: Rule, address: str, *, secure: bool) -> Caller:
         """The caller. A cookie that is not valid (any more) is ignored. Raises RefusalError for invalid HTTP Basic."""
-        session = self._by_cookie(headers)
+        session = self._by_cookie(headers, self.cookie(secure=secure))
         if session is not None:
             return Caller(session.user, session.level, address, session.csrf, session)
         anonymous = Caller("", self._anonymous, address, self._anonymous_csrf)
@@ -96,7 +101,7 @@ class Logins:
     def _level(self, user: HmiUser) -> Level:
         return max(self._anonymous, Level.of(user.role))
 
-    def _by_cookie(self, headers: Headers) -> Session | None:
+    def _by_cookie(self, headers: Headers, cookie: str) -> Session | None:
         """Checks every cookie of our name: another one planted beside ours must not hide it."""
         now_ns = self._clock.now_ns()
         for key, line in headers:
@@ -104,7 +109,7 @@ class Logins:
                 continue
             for pair in line.decode("latin-1").split(";"):
                 name, _, value = pair.partition("=")
-                if name.strip() == self.cookie and (found := self.sessions.find(value.strip(), now_ns)) is not None:
+                if name.strip() == cookie and (found := self.sessions.find(value.strip(), now_ns)) is not None:
                     return found
         return None
 

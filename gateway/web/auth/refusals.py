@@ -1,5 +1,6 @@
 """How the pages refuse: problem details (RFC 9457) for browsers, programs and WebSockets alike. Uses Starlette."""
 
+import re
 from collections.abc import Mapping
 from http import HTTPStatus
 from importlib.resources import files
@@ -8,7 +9,7 @@ from typing import Any
 from urllib.parse import quote
 
 from pydantic import BaseModel, ConfigDict, Field
-from starlette.responses import FileResponse, JSONResponse, RedirectResponse, Response
+from starlette.responses import FileResponse, HTMLResponse, JSONResponse, RedirectResponse, Response
 from starlette.types import Scope
 from starlette.websockets import WebSocketClose
 
@@ -65,11 +66,11 @@ def problem(
     return JSONResponse({**(members or {}), **body.model_dump()}, status, headers=headers, media_type=MEDIA_TYPE)
 
 
-def to_login(scope: Scope, *, need: str) -> Response:
+def to_login(scope: Scope, base_path: str, *, need: str) -> Response:
     """A person who requests a page is redirected to the login; `need` is the required role."""
     query = scope.get("query_string", b"").decode("latin-1")
-    target = scope["path"] + (f"?{query}" if query else "")
-    return RedirectResponse(f"/login?next={quote(target, safe='/')}&need={need}", 303)
+    target = base_path + scope["path"] + (f"?{query}" if query else "")
+    return RedirectResponse(f"{base_path}/login?next={quote(target, safe='/')}&need={need}", 303)
 
 
 def is_missing_page(scope: Scope) -> bool:
@@ -79,8 +80,19 @@ def is_missing_page(scope: Scope) -> bool:
     return scope["method"] in ("GET", "HEAD") and b"text/html" in accepts and not for_programs
 
 
-def missing_page() -> Response:
-    return FileResponse(MISSING_PAGE, 404)
+def missing_page(base_path: str) -> Response:
+    return page_file(MISSING_PAGE, base_path, 404)
+
+
+def page_file(path: Path, base_path: str, status: int = 200) -> Response:
+    """A page of ours, whose addresses are below `base_path`."""
+    if not base_path:
+        return FileResponse(path, status)
+    return HTMLResponse(below(path.read_text(encoding="utf-8"), base_path), status)
+
+
+def below(html: str, base_path: str) -> str:
+    return re.sub(r'( (?:href|src)=")/', rf"\g<1>{base_path}/", html) if base_path else html
 
 
 def answer_to(scope: Scope, refusal: RefusalError) -> Response | WebSocketClose:

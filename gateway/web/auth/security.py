@@ -1,8 +1,9 @@
 """The security middleware around the pages' application. A request that does not pass it reaches no route.
 
-In this order: the Host header (DNS rebinding), the rule of the address (`access`), the Origin of what changes anything
-and of WebSockets, who calls, whether they may, the token against forged requests, the length of the body. Every answer,
-refusals too, has the headers of `headers`. When a session ends, so do its WebSockets and its waiting requests.
+In this order: what a named proxy says of address and scheme, the Host header (DNS rebinding), the base path, the rule
+of the address (`access`), the Origin of what changes anything and of WebSockets, who calls, whether they may, the token
+against forged requests, the length of the body. Every answer, refusals too, has the headers of `headers`. When a
+session ends, so do its WebSockets and its waiting requests.
 """
 
 import asyncio
@@ -13,7 +14,7 @@ from collections.abc import Iterable, Iterator, MutableMapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from starlette.responses import Response
+from starlette.responses import RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocketClose
 
@@ -21,7 +22,17 @@ from gateway.clock import Clock
 from gateway.web.auth.access import Level, Rule, find
 from gateway.web.auth.audit_log import AuditKind, AuditRecord, printable
 from gateway.web.auth.bodies import complete_body
-from gateway.web.auth.headers import cache_control, header, host_allowed, same_origin, security_headers
+from gateway.web.auth.headers import (
+    DOTS,
+    cache_control,
+    forwarded_for,
+    forwarded_scheme,
+    header,
+    host_allowed,
+    same_origin,
+    security_headers,
+)
+from gateway.web.auth.login_throttle import spelled
 from gateway.web.auth.logins import CHALLENGE, Logins
 from gateway.web.auth.refusals import RefusalError, answer_to, is_missing_page, missing_page, to_login
 from gateway.web.auth.sessions import Caller, with_caller
@@ -29,7 +40,7 @@ from gateway.web.auth.sessions import Caller, with_caller
 REQUEST_S = 120.0  # a request must be answered within this, by a route and by the one who reads
 ENDED = 4401  # close code of a WebSocket whose session has ended
 OTHER_SITES = (b"cross-site", b"same-site")  # Sec-Fetch-Site: another site, or another origin of this one
-UNSAFE_PATH = re.compile(r"[\x00-\x1f\x7f\\]|(^|/)\.\.?(/|$)")
+UNSAFE_PATH = re.compile(rf"[\x00-\x1f\x7f\\]|{DOTS.pattern}")
 
 
 class SecurityMiddleware:
@@ -45,6 +56,7 @@ class SecurityMiddleware:
         self._config = logins.config
         self._hosts = self._config.hosts
         self._scheme = "https" if self._config.tls else "http"
+        self._proxies = frozenset(self._config.trusted_proxies)
         self._headers = security_headers(self._config)
         self._names = {name for name, _ in self._headers} | {b"server", b"cache-control"}
         self._open: dict[str, set[asyncio.Timeout]] = {}  # by session: what ends with it
@@ -55,14 +67,22 @@ class SecurityMiddleware:
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
+        scope, scheme = self._as_forwarded(scope)
+        path: str = scope["path"]
+        below = path.startswith(f"{self._config.base_path}/")
+        if below:
+            scope["path"] = path[len(self._config.base_path) :]
         outgoing = _Outgoing(self, scope, send)
         address = scope["client"][0] if scope.get("client") else "?"
         caller: Caller | None = None
         try:
-            authority = self._check_host(scope)
-            rule = self._find_rule(scope)
-            self._check_origin(scope, rule, authority)
-            caller = await self._logins.caller(scope["headers"], rule, address)
+            authority = self._check_host(scope, scheme)
+            if not below and path == self._config.base_path and scope["type"] == "http":
+                await RedirectResponse(f"{path}/", 307)(scope, receive, outgoing)
+                return
+            rule = self._find_rule(scope, below)
+            self._check_origin(scope, rule, authority, scheme)
+            caller = await self._logins.caller(scope["headers"], rule, address, secure=scheme == "https")
             self._check_role(rule, caller)
             if rule.acts:
                 self._check_csrf(scope, caller)
@@ -77,18 +97,27 @@ class SecurityMiddleware:
         kept = [(name, value) for name, value in headers if name.lower() not in self._names]
         return [*kept, *self._headers, (b"cache-control", cache_control(path))]
 
-    def _check_host(self, scope: Scope) -> str:
+    def _as_forwarded(self, scope: Scope) -> tuple[Scope, str]:
+        """The scope with the client's address and the browser's scheme; the one of http and https that it is."""
+        client, scheme = scope.get("client"), self._scheme
+        if client and spelled(client[0]) in self._proxies:
+            client = forwarded_for(scope["headers"], client[0], self._proxies), 0
+            scheme = forwarded_scheme(scope["headers"], scheme)
+        kept = scheme if scope["type"] == "http" else scheme.replace("http", "ws")
+        return {**scope, "client": client, "scheme": kept}, scheme
+
+    def _check_host(self, scope: Scope, scheme: str) -> str:
         try:
             authority = header(scope["headers"], b"host")
         except ValueError:
             authority = None
-        if authority is None or not host_allowed(authority, self._hosts, self._scheme):
+        if authority is None or not host_allowed(authority, self._hosts, scheme):
             text = f"{printable(authority or '(nothing)')} is not a host name of these pages; see hmi.allowed_hosts"
             raise RefusalError(400, "host", text, audited=True)
         return authority
 
-    def _find_rule(self, scope: Scope) -> Rule:
-        path: str = scope["path"]
+    def _find_rule(self, scope: Scope, below: bool) -> Rule:
+        path: str = scope["path"] if below else ""
         web_socket = scope["type"] == "websocket"
         method = "WS" if web_socket else scope["method"]
         found = find(method, path, self._rules)
@@ -99,14 +128,14 @@ class SecurityMiddleware:
             raise RefusalError(405, "method", f"this address takes {allow}", headers={"Allow": allow})
         raise RefusalError(404, "unknown", "there is no such page")
 
-    def _check_origin(self, scope: Scope, rule: Rule, authority: str) -> None:
+    def _check_origin(self, scope: Scope, rule: Rule, authority: str, scheme: str) -> None:
         headers = scope["headers"]
         if rule.method != "GET":
             try:
                 origin = header(headers, b"origin")
             except ValueError:
                 origin = None
-            if not same_origin(origin, authority, self._scheme):
+            if not same_origin(origin, authority, scheme):
                 text = "only the gateway's own pages may request this (Origin)"
                 raise RefusalError(403, "origin", text, audited=True)
         elif not rule.page:
@@ -152,9 +181,9 @@ class SecurityMiddleware:
         if refusal.code in ("login", "role") and scope["type"] == "http":
             rule = find(scope["method"], scope["path"], self._rules).rule
             if rule is not None and rule.page:
-                response = to_login(scope, need=rule.least.role)
+                response = to_login(scope, self._config.base_path, need=rule.least.role)
         elif refusal.code == "unknown" and scope["type"] == "http" and is_missing_page(scope):
-            response = missing_page()
+            response = missing_page(self._config.base_path)
         await response(scope, receive, outgoing)
 
     async def _serve(self, scope: Scope, receive: Receive, outgoing: "_Outgoing", rule: Rule, caller: Caller) -> None:

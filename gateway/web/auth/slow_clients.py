@@ -10,10 +10,13 @@ uvicorn has no public interface for this: H11Protocol's methods are overridden, 
 """
 
 import asyncio
+from collections.abc import Iterable
 from typing import Any
 
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
+
+from gateway.web.auth.login_throttle import spelled
 
 HEAD_S = 15.0  # longer than uvicorn keeps an idle connection (5 s)
 CHECK_S = 2.5
@@ -26,6 +29,7 @@ class HeadDeadlineProtocol(H11Protocol):
 
     head_s = HEAD_S
     check_s = CHECK_S
+    proxies: frozenset[str] = frozenset()  # whose address is that of many
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
@@ -50,7 +54,9 @@ class HeadDeadlineProtocol(H11Protocol):
             return False
         peers = [getattr(other, "client", None) for other in self.connections]  # WebSockets are among them
         same = [peer for peer in peers if peer is not None and peer[0] == self.client[0]]
-        return len(peers) > most + BEYOND or len(same) > most * SHARE_OF_ONE
+        return len(peers) > most + BEYOND or (
+            len(same) > most * SHARE_OF_ONE and spelled(self.client[0]) not in self.proxies
+        )
 
     def _check(self) -> None:
         now_s = self.loop.time()
@@ -67,16 +73,20 @@ class HeadDeadlineProtocol(H11Protocol):
             self._next_check = None
 
 
-def settings(context: Any) -> dict[str, Any]:
-    """What of `uvicorn.Config` is about safety. `context`: the ssl.SSLContext, or None."""
+def settings(context: Any, trusted: Iterable[str] = ()) -> dict[str, Any]:
+    """What of `uvicorn.Config` is about safety. `context`: the ssl.SSLContext, or None; `trusted`: proxies."""
+
+    class Protocol(HeadDeadlineProtocol):
+        proxies = frozenset(trusted)
+
     return {
-        "http": HeadDeadlineProtocol,
+        "http": Protocol,
         "ws": "websockets-sansio",  # the others are legacy, or wait for wsproto
         "access_log": False,
         "log_level": "error",  # bad requests must not fill the log
         "lifespan": "off",
         "server_header": False,
-        "proxy_headers": False,  # an address in a header can be forged
+        "proxy_headers": False,  # an address in a header can be forged: `security` reads those of named proxies
         "ws_per_message_deflate": False,
         **({} if context is None else {"ssl_context_factory": lambda *_: context}),
     }

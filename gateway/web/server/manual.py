@@ -13,11 +13,12 @@ from pathlib import Path
 
 from markdown_it import MarkdownIt
 from markdown_it.token import Token
+from starlette.requests import Request
 from starlette.responses import FileResponse, HTMLResponse, Response
 
 from gateway.web.auth.access import Level
 from gateway.web.auth.addresses import Addresses
-from gateway.web.auth.refusals import missing_page
+from gateway.web.auth.refusals import below, missing_page
 
 ADDRESSES = Addresses()
 PACKAGE = Path(str(files("gateway")))
@@ -87,15 +88,21 @@ def _framed(heading: str, text: str) -> str:
 
 
 @ADDRESSES.get("/manual", Level.VIEWER, "the manual: a list of its pages")
-def _contents() -> Response:
-    return HTMLResponse(contents())
+def _contents(request: Request) -> Response:
+    return HTMLResponse(below(contents(), _base_path(request)))
 
 
 @ADDRESSES.get("/manual/{name}", Level.VIEWER, "a page of the manual")
-def _page(name: str) -> Response:
-    return HTMLResponse(html(name)) if name in PAGES else missing_page()
+def _page(request: Request, name: str) -> Response:
+    base_path = _base_path(request)
+    return HTMLResponse(below(html(name), base_path)) if name in PAGES else missing_page(base_path)
 
 
 @ADDRESSES.get("/manual/images/{name}", Level.VIEWER, "a picture of the manual")
-def _image(name: str) -> Response:
-    return FileResponse(IMAGES[name]) if name in IMAGES else missing_page()
+def _image(request: Request, name: str) -> Response:
+    return FileResponse(IMAGES[name]) if name in IMAGES else missing_page(_base_path(request))
+
+
+def _base_path(request: Request) -> str:
+    found: str = request.app.state.logins.config.base_path
+    return found

@@ -18,6 +18,7 @@ from starlette.routing import BaseRoute
 from gateway import __version__
 from gateway.web.auth.access import Level
 from gateway.web.auth.addresses import ApiAddresses
+from gateway.web.auth.logins import Logins
 from gateway.web.auth.refusals import Problem
 from gateway.web.server.models import AlarmsLiveView, DriverView, FrameView, LiveView
 
@@ -36,11 +37,13 @@ Ages are those at sending. Numbers that are not known are null. See docs/hmi-api
 @ADDRESSES.get("/api/openapi.json", "openapi", "this description", media="application/json")
 async def _openapi(request: Request) -> Response:
     app: FastAPI = request.app
-    app.openapi_schema = app.openapi_schema or document(app.routes, app.state.logins.cookie)
+    logins: Logins = app.state.logins
+    cookie = logins.cookie(secure=request.scope["scheme"] == "https")
+    app.openapi_schema = app.openapi_schema or document(app.routes, cookie, logins.config.base_path)
     return Response(json.dumps(app.openapi_schema), media_type="application/json")
 
 
-def document(every: Sequence[BaseRoute], cookie: str = COOKIE) -> Json:
+def document(every: Sequence[BaseRoute], cookie: str = COOKIE, base_path: str = "") -> Json:
     """The complete description of those that have one. `cookie`: the name of the session's."""
     routes = [route for route in every if isinstance(route, APIRoute) and route.include_in_schema]
     made = get_openapi(
@@ -48,7 +51,7 @@ def document(every: Sequence[BaseRoute], cookie: str = COOKIE) -> Json:
         version=__version__,
         description=ABOUT,
         license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
-        servers=[{"url": "/"}],
+        servers=[{"url": f"{base_path}/"}],
         routes=routes,
     )
     for route in routes:

@@ -7,12 +7,13 @@ from pathlib import Path
 
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, Response
+from starlette.responses import JSONResponse, Response
 from starlette.websockets import WebSocket
 
 from gateway.durations import NS_PER_MS
 from gateway.web.auth.access import Level
 from gateway.web.auth.addresses import Addresses
+from gateway.web.auth.refusals import page_file
 from gateway.web.server import views
 from gateway.web.server.gateway_client import GatewayClient
 from gateway.web.server.pictures import Picture
@@ -24,10 +25,11 @@ ADDRESSES = Addresses()
 
 def _page(path: str, least: Level, name: str, summary: str) -> None:
     @ADDRESSES.get(path, least, summary)
-    async def page(request: Request, services: WebServices) -> FileResponse:
+    async def page(request: Request, services: WebServices) -> Response:
         """Of an unknown bay, too, with 404: the driver's display then shows STOP."""
         bay = request.path_params.get("bay")
-        return FileResponse(STATIC / name, 200 if bay is None or bay in services.client.bays else 404)
+        base_path = services.client.about.config.hmi.base_path
+        return page_file(STATIC / name, base_path, 200 if bay is None or bay in services.client.bays else 404)
 
 
 _page("/login", Level.OPEN, "login.html", "the login page")

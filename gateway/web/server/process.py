@@ -80,7 +80,7 @@ async def _serve(about: WebSetup, channel: Channel[FromWeb, ToWeb]) -> None:
     server = uvicorn.Server(
         uvicorn.Config(
             app(services, logins, pace),
-            **slow_clients.settings(None if tls is None else tls.initial),
+            **slow_clients.settings(None if tls is None else tls.initial, config.trusted_proxies),
             ws_max_size=MAX_TEXT,
             limit_concurrency=4 * config.max_viewers + 64,
             timeout_graceful_shutdown=GRACE_S,

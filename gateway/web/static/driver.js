@@ -3,6 +3,7 @@
 // Three watches, each enough alone: a timer on setInterval, one on requestAnimationFrame, and an animation of the
 // browser's compositor that ends in STOP even while no script runs.
 
+import { ownBay } from './lib/address.js';
 import { watch } from './lib/ambient.js';
 import { driverDistance, driverSpeed } from './lib/format.js';
 import { DRIVER_LIMIT_MS as LIMIT_MS, Freshness, moment } from './lib/freshness.js';
@@ -21,7 +22,7 @@ const FRAME_MS = 20; // the compositor may have shown STOP already
 const AGAIN_MS = 5000; // between two requests for a language, while the gateway does not answer
 
 const query = new URLSearchParams(location.search);
-const bay = decodeURIComponent(location.pathname.split('/')[2] ?? '') || null;
+const bay = ownBay() || null;
 const sound = new Sound();
 let units = (query.get('units') ?? remembered('gateway.units')) === 'imperial' ? 'imperial' : 'metric';
 const element = (id) => /** @type {HTMLElement} */ (document.getElementById(id));

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from gateway.web.auth.headers import host_allowed, host_and_port, safe_next, same_origin
+from gateway.web.auth.headers import forwarded_for, host_allowed, host_and_port, safe_next, same_origin
 
 HOSTS = {"10.0.0.5", "bay-pc", "::1"}
 
@@ -96,6 +96,34 @@ def test_wild_origins_are_no_origins(text: str) -> None:
 )
 def test_where_a_login_leads(wanted: object, goes: str) -> None:
     assert safe_next(wanted) == goes
+
+
+@pytest.mark.parametrize("wanted", ["/", "/bay10/", "/wiki", "/bay1/../wiki", "/bay1/%2E%2e/wiki", "/bay1/x/.%2e/.."])
+def test_a_login_leads_to_nothing_beside_the_base_path(wanted: str) -> None:
+    assert safe_next(wanted, "/bay1") == "/bay1/"
+    assert safe_next("/bay1/tune/A?next=/../x#/..", "/bay1") == "/bay1/tune/A?next=/../x#/.."
+
+
+@pytest.mark.parametrize(
+    ("listed", "address"),
+    [
+        ([], "10.0.0.1"),
+        (["203.0.113.9"], "203.0.113.9"),
+        (["127.0.0.1, 203.0.113.9"], "203.0.113.9"),  # the client's own invention stands left
+        (["127.0.0.1", "203.0.113.9"], "203.0.113.9"),
+        (["1.1.1.1, 203.0.113.9, 10.0.0.2"], "203.0.113.9"),  # through both proxies
+        (["10.0.0.2"], "10.0.0.2"),
+        (["1.1.1.1, unknown"], "10.0.0.1"),
+        (["1.1.1.1, 203.0.113.9:4711"], "10.0.0.1"),
+        (["1.1.1.1,"], "10.0.0.1"),
+        (["::ffff:203.0.113.9"], "203.0.113.9"),
+    ],
+)
+def test_only_what_a_named_proxy_has_added_is_an_address(listed: list[str], address: str) -> None:
+    headers = [(b"x-forwarded-for", text.encode()) for text in listed]
+    assert forwarded_for(headers, "10.0.0.1", {"10.0.0.1", "10.0.0.2"}) == address
+    assert forwarded_for(headers, "::ffff:10.0.0.1", {"10.0.0.1", "10.0.0.2"}) == address
+    assert forwarded_for(headers, "10.0.0.3", {"10.0.0.1", "10.0.0.2"}) == "10.0.0.3"
 
 
 @given(st.text(st.sampled_from("/\\a.:@\t\n ?#e"), max_size=12))

@@ -1,6 +1,7 @@
 // The calibration page: a board is held before the bay's camera, views are taken by themselves, and the lens follows.
 
 import { html, useEffect, useRef, useState } from '../lib/page.js';
+import { below, ownBay } from '../lib/address.js';
 import { get, post, toLogin } from '../lib/api.js';
 import { guarded, start } from '../lib/start.js';
 import { titled } from '../lib/title.js';
@@ -11,7 +12,7 @@ import { Live } from './live.js';
 import { Result } from './result.js';
 import { Views } from './views.js';
 
-const bay = decodeURIComponent(location.pathname.split('/')[2] ?? '');
+const bay = ownBay();
 const BASE = `/api/bays/${encodeURIComponent(bay)}/calibration`;
 const WATCH_MS = 5000; // while another user calibrates, or nobody
 const RESULT_MS = 120_000;
@@ -87,7 +88,7 @@ function App({ session }) {
   };
   return html`
     <${Top} session=${session} title="Calibration" bay=${bay} current="Calibration">
-      <${BayChoice} bays=${session.bays} bay=${bay} choose=${(name) => location.assign(`/calibrate/${encodeURIComponent(name)}`)} />
+      <${BayChoice} bays=${session.bays} bay=${bay} choose=${(name) => location.assign(below(`/calibrate/${encodeURIComponent(name)}`))} />
     <//>
     <main id="main" tabindex="-1" class="page calibration">
       <div class="whole head"><h1>Camera calibration: <span translate="no">${bay}</span></h1>

@@ -1,6 +1,7 @@
 // The live picture with the corners that were found in this very frame, and why its view is not taken.
 
 import { html, useEffect, useRef, useState } from '../lib/page.js';
+import { below } from '../lib/address.js';
 import { remember, remembered } from '../lib/memory.js';
 import { age, number } from '../lib/format.js';
 import { OVERVIEW_LIMIT_MS, moment } from '../lib/freshness.js';
@@ -73,7 +74,7 @@ export function Live({ base, send, view, looked, lost }) {
       end.signal.addEventListener('abort', () => { clearTimeout(timer); done(); }, { once: true });
     });
     const show = async (next) => {
-      const answer = await fetch(`${base}/look/${next.number}/picture`, { credentials: 'same-origin', cache: 'no-store', signal: end.signal });
+      const answer = await fetch(below(`${base}/look/${next.number}/picture`), { credentials: 'same-origin', cache: 'no-store', signal: end.signal });
       if (!answer.ok) return; // another page's look has replaced it: the next one follows
       const bitmap = await createImageBitmap(await answer.blob());
       const element = canvas.current;

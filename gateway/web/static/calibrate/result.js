@@ -1,6 +1,7 @@
 // What follows from the views: the lens with its uncertainty, warnings; to the file, or as files.
 
 import { html, useState } from '../lib/page.js';
+import { ownBay } from '../lib/address.js';
 import { get } from '../lib/api.js';
 import { number } from '../lib/format.js';
 import { Review } from '../setup/review.js';
@@ -26,7 +27,7 @@ export function Result({ session, base, view, result, radius, setRadius, marker 
   const there = result !== null && result.why === '';
   const late = there && result.revision !== view.revision;
   const query = marker === null ? '' : `?marker_radius_mm=${marker}`;
-  const bay = decodeURIComponent(location.pathname.split('/')[2]);
+  const bay = ownBay();
   const review = async () => {
     setTrouble('');
     setSaved(null);

@@ -1,6 +1,7 @@
 // One visit again: its kept pictures as a film, with the trend of the visit beside it.
 
 import { html, useEffect, useState } from '../lib/page.js';
+import { below } from '../lib/address.js';
 import { clock, number, words } from '../lib/format.js';
 import { listed, t, text } from '../lib/lang.js';
 import { frameMs, pictureAt, spanOf, stamp } from '../lib/history.js';
@@ -50,7 +51,7 @@ export function Film({ bay, visit, pictures: allowed, ask, close }) {
     };
     next.onload = turn;
     next.onerror = turn;
-    next.src = url(pictures[n + 1]);
+    next.src = below(url(pictures[n + 1]));
     return () => {
       ended = true;
       clearTimeout(timer);

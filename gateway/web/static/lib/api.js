@@ -1,5 +1,7 @@
 // The gateway's HTTP side, as the pages use it.
 
+import { below } from './address.js';
+
 /** What the server refused, in its own words where it gave some. */
 class Refused extends Error {
   /** @param {number} status @param {string} message @param {any} [body] the answer, where it was JSON */
@@ -18,14 +20,14 @@ export async function logOut(csrf) {
   try {
     await post('/api/logout', {}, csrf);
   } finally {
-    location.assign('/login');
+    location.assign(below('/login'));
   }
 }
 
 export function toLogin() {
   if (ended) return;
   const here = location.pathname + location.search + location.hash;
-  location.assign(`/login?next=${encodeURIComponent(here)}`);
+  location.assign(below(`/login?next=${encodeURIComponent(here)}`));
 }
 
 async function refusal(answer) {
@@ -45,7 +47,7 @@ async function refusal(answer) {
  * GET, as JSON. @param {string} path @param {{signal?: AbortSignal, timeoutMs?: number}} [how]
  */
 export async function get(path, { signal, timeoutMs = 5000 } = {}) {
-  const answer = await fetch(path, {
+  const answer = await fetch(below(path), {
     headers: { Accept: 'application/json' },
     credentials: 'same-origin',
     cache: 'no-store',
@@ -57,7 +59,7 @@ export async function get(path, { signal, timeoutMs = 5000 } = {}) {
 
 /** POST JSON with the session's token against forged requests; or DELETE, without a body. */
 export async function post(path, body, csrf, { timeoutMs = 10_000, method = 'POST' } = {}) {
-  const answer = await fetch(path, {
+  const answer = await fetch(below(path), {
     method,
     headers: { 'Content-Type': 'application/json', Accept: 'application/json', ...(csrf ? { 'X-CSRF-Token': csrf } : {}) },
     credentials: 'same-origin',

@@ -1,6 +1,8 @@
 // A page that nobody operates, on a wall or beside a bay: `?kiosk=1` in its address. No link leads away, the pointer hides,
 // the screen stays awake, and the page is loaded anew when the gateway serves others than these.
 
+import { below } from './address.js';
+
 export const kiosk = new URLSearchParams(globalThis.location?.search ?? '').get('kiosk') === '1';
 
 /** Without a touch or a key for this time, the pointer and what needs one are hidden. */
@@ -39,7 +41,7 @@ export function watchIdle(idled = () => {}) {
 /** Which pages the gateway serves; null: it does not answer. @returns {Promise<string|null>} */
 async function served() {
   try {
-    const answer = await fetch('/api/pages', { cache: 'no-store', signal: AbortSignal.timeout(5000) });
+    const answer = await fetch(below('/api/pages'), { cache: 'no-store', signal: AbortSignal.timeout(5000) });
     return answer.ok ? (await answer.json()).digest : null;
   } catch {
     return null;

@@ -1,6 +1,7 @@
 // The page's language: texts by the English text, which is the key and what stands there without a catalogue. A key may
 // begin with what it is about and a bar ("driver|STOP"), where one English word has several meanings.
 
+import { below } from './address.js';
 import { remembered, remember } from './memory.js';
 
 /** @typedef {{name: string, direction: 'ltr'|'rtl', texts: Record<string, string|Record<string, string>>}} Catalogue */
@@ -89,7 +90,7 @@ export function chosen(codes, wanted, readers = []) {
 }
 
 const json = async (path) => {
-  const answer = await fetch(path, { cache: 'no-cache', signal: AbortSignal.timeout(3000) });
+  const answer = await fetch(below(path), { cache: 'no-cache', signal: AbortSignal.timeout(3000) });
   if (!answer.ok) throw new Error(`${path}: ${answer.status}`);
   return answer.json();
 };

@@ -1,6 +1,7 @@
 // The WebSocket by which a page pulls what is new: it asks for the next message when the last one has been drawn, so
 // that a slow page gets fewer messages, and never old ones.
 
+import { below } from './address.js';
 import { moment } from './freshness.js';
 
 const FIRST_WAIT_MS = 250;
@@ -44,7 +45,7 @@ export function open(path, tell, { restsHidden = false } = {}) {
   const connect = () => {
     if (closed) return;
     clearTimeout(retry);
-    const mine = new WebSocket(`${location.protocol === 'https:' ? 'wss' : 'ws'}://${location.host}${path}`);
+    const mine = new WebSocket(`${location.protocol === 'https:' ? 'wss' : 'ws'}://${location.host}${below(path)}`);
     socket = mine;
     asked = moment();
     heardMs = asked.steadyMs;

@@ -7,6 +7,7 @@
 // Texts that are somebody's own (names, notes) stand in an element with `translate="no"` of the same template.
 
 import * as preact from '../vendor/preact-htm.js';
+import { below } from './address.js';
 import { catalogued, choice, chosen, isMade, languages, load, missed } from './lang.js';
 
 export { createContext, h, render, useCallback, useContext, useEffect, useErrorBoundary, useLayoutEffect, useMemo, useReducer, useRef, useState } from '../vendor/preact-htm.js';
@@ -84,9 +85,24 @@ function walk(node) {
 const of = (children, own) =>
   Array.isArray(children) ? children.map((child) => of(child, own)) : typeof children === 'string' ? (own ? translated(children) : children) : walk(children);
 
+const PLACED = Symbol('placed');
+const ADDRESSES = ['href', 'src', 'action'];
+
+/** The gateway's addresses in elements, as the browser reaches them. */
+function placed(node) {
+  if (Array.isArray(node)) for (const one of node) placed(one);
+  else if (node !== null && typeof node === 'object' && node.props !== undefined && !node[PLACED]) {
+    node[PLACED] = true;
+    for (const name of ADDRESSES) if (typeof node.type === 'string' && String(node.props[name]).startsWith('/')) node.props[name] = below(node.props[name]);
+    placed(node.props.children);
+  }
+  return node;
+}
+
 /** @type {typeof preact.html} */
 export const html = (strings, ...values) => {
   const made = preact.html(strings, ...values);
+  if (below('') !== '') placed(made);
   return catalogued('') === undefined ? made : walk(made);
 };
 

@@ -1,6 +1,7 @@
 // The live picture: one request at a time, the next one only when the last picture stands on the page, none while the
 // page is in the background.
 
+import { below } from './address.js';
 import { either } from './api.js';
 import { moment } from './freshness.js';
 import { frameSize, frameView } from './views.js';
@@ -60,7 +61,7 @@ export function follow(bay, page) {
       try {
         const asked = moment();
         const query = `${after >= 0 ? `after=${after}&` : ''}width=${page.width()}`;
-        const answer = await fetch(`/api/bays/${encodeURIComponent(bay)}/picture?${query}`, {
+        const answer = await fetch(below(`/api/bays/${encodeURIComponent(bay)}/picture?${query}`), {
           credentials: 'same-origin',
           cache: 'no-store',
           signal: either(end.signal, 10_000),

@@ -1,6 +1,7 @@
 // All bays at a glance: one tile a bay, those in trouble first.
 
 import { html, useEffect, useRef, useState } from '../lib/page.js';
+import { below } from '../lib/address.js';
 import { either } from '../lib/api.js';
 import { CODES } from '../lib/guidance.js';
 import { words } from '../lib/format.js';
@@ -25,7 +26,7 @@ function Thumbnail({ name, everyMs, state }) {
       try {
         if (seen && !document.hidden) {
           const asked = moment();
-          const answer = await fetch(`/api/bays/${encodeURIComponent(name)}/picture?${after}width=320`, { credentials: 'same-origin', cache: 'no-store', signal: either(end.signal, 10_000) });
+          const answer = await fetch(below(`/api/bays/${encodeURIComponent(name)}/picture?${after}width=320`), { credentials: 'same-origin', cache: 'no-store', signal: either(end.signal, 10_000) });
           if (answer.status === 200) {
             after = `after=${Number(answer.headers.get('X-Frame-Id'))}&`;
             const bitmap = await createImageBitmap(await answer.blob());

@@ -1,6 +1,7 @@
 // The last step: the difference of the file, save, restart; and the bay once the gateway has started with it.
 
 import { html, useEffect, useRef, useState } from '../lib/page.js';
+import { below } from '../lib/address.js';
 import { post, toLogin } from '../lib/api.js';
 import { Diff } from '../lib/dialog.js';
 import { decisionWords, rangeHealth, visionHealth } from '../lib/views.js';
@@ -54,7 +55,7 @@ export function Restart({ session, settings, bay, check = false }) {
     }
     await restarted(boot, patient);
     if (check) sessionStorage.setItem(SET_UP, bay);
-    location.assign(bay === null ? '/setup/new-bay' : `/setup/new-bay?started=${encodeURIComponent(bay)}`);
+    location.assign(below(bay === null ? '/setup/new-bay' : `/setup/new-bay?started=${encodeURIComponent(bay)}`));
   });
   return html`
     <p><b>What a restart does:</b> ${text('stop is shown on all bays of this gateway for about {0} s, and no truck may move meanwhile.', settings.restart_s)}

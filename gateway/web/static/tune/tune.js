@@ -1,6 +1,7 @@
 // The technician's page: settings tried on pictures, let live, and written back to the configuration's file.
 
 import { html, render, useEffect, useMemo, useReducer, useRef, useState } from '../lib/page.js';
+import { below, ownBay } from '../lib/address.js';
 import { get, post, toLogin } from '../lib/api.js';
 import { widthFor } from '../lib/pictures.js';
 import { t, text } from '../lib/lang.js';
@@ -30,7 +31,7 @@ const RELOAD_LOOKS = 5; // for what a save puts into force without a restart
 const RELOAD_LOOK_MS = 600;
 const TAB = `t${Math.random().toString(36).slice(2, 12)}`;
 
-const bay = decodeURIComponent(location.pathname.split('/')[2] ?? '');
+const bay = ownBay();
 const at = (path) => `/api/bays/${encodeURIComponent(bay)}/${path}`;
 
 /** POSTs with the session's token, to a path of the bay or of the server; a stale token is fetched anew, once. */
@@ -52,13 +53,13 @@ function useSend(session, renew) {
 /** Decoded, so that it stands on the page in the moment in which it is put there. */
 async function decoded(url) {
   const image = new Image();
-  image.src = url;
+  image.src = below(url);
   await image.decode();
   return image;
 }
 
 async function bitmapOf(url) {
-  const answer = await fetch(url, { credentials: 'same-origin' });
+  const answer = await fetch(below(url), { credentials: 'same-origin' });
   if (!answer.ok) throw new Error(`answer ${answer.status}`);
   return createImageBitmap(await answer.blob());
 }
@@ -93,7 +94,7 @@ function Top({ session, connected, fresh }) {
   return html`<a class="skip" href="#settings">to the settings</a><header class="top">
     <${Brand} title="Tuning" />
     <${Pages} session=${session} bay=${bay} current="Technician" />
-    <${BayChoice} bays=${session.bays} bay=${bay} choose=${(name) => location.assign(`/tune/${encodeURIComponent(name)}`)} />
+    <${BayChoice} bays=${session.bays} bay=${bay} choose=${(name) => location.assign(below(`/tune/${encodeURIComponent(name)}`))} />
     <div class="facts push"><${Sign} state=${connected && fresh ? 'ok' : 'bad'} text=${connected ? (fresh ? 'connected' : 'no new data') : 'NO CONNECTION'} />
       <${SessionMenu} session=${session} /></div>
   </header>`;
@@ -290,7 +291,7 @@ function Page({ session, profile: first, taken: kept, renew }) {
     return done;
   };
   const exported = () => doing('export', async () => {
-    const answer = await fetch(at('profile/export'), { method: 'POST', credentials: 'same-origin', headers: { 'Content-Type': 'application/json', 'X-CSRF-Token': (await renew()).csrf }, body: JSON.stringify({ vision: settings }) });
+    const answer = await fetch(below(at('profile/export')), { method: 'POST', credentials: 'same-origin', headers: { 'Content-Type': 'application/json', 'X-CSRF-Token': (await renew()).csrf }, body: JSON.stringify({ vision: settings }) });
     const toml = await answer.text();
     if (!answer.ok) throw new Error(JSON.parse(toml).detail ?? 'refused');
     download(`vision-${bay}.toml`, toml);
