@@ -4,6 +4,9 @@ They are compiled in: a library that was built with others is stale (`gateway.vi
 array or a stride is in `gateway.vision.compiled.sizes`. Standard library only.
 """
 
+# Samples across a rim (`normal_profiles`).
+OPPONENT = 1.5  # grey levels a unit of a*: a red disc then is about as far from grey as it is in B, G and R
+
 # Rim, coarse (`rim_coarse`).
 TIE = 1e-7  # grey levels: of slopes that differ by no more the first is taken, whatever the order of a sum
 FILTER_SIGMA = 1.2  # of the edge filter, in steps along the ray

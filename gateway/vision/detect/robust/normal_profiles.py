@@ -12,13 +12,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.vision.detect.robust import constants
 from gateway.vision.detect.robust.conic import SupportEllipse
 from gateway.vision.pixels import Colours
 
 Floats = NDArray[np.float64]
 Samples = NDArray[np.float32]
-
-OPPONENT = 1.5  # grey levels a unit of a*: a red disc then is about as far from grey as it is in B, G and R
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +86,7 @@ def sample(
     if opponent:
         whole = colours if colours.dtype == np.uint8 else colours / np.float32(255)  # OpenCV's white of either type
         lab = np.asarray(cv2.cvtColor(whole, cv2.COLOR_BGR2Lab))
-        return Rays(lab[..., 1] * np.float64(OPPONENT), support, inside, count, channels=1)
+        return Rays(lab[..., 1] * np.float64(constants.OPPONENT), support, inside, count, channels=1)
     return Rays(colours.reshape(len(offsets_px), -1).astype(np.float64), support, inside, count, channels=3)
 
 

@@ -14,7 +14,6 @@ typedef struct { /* `rim_kernel._Tables` */
     const double *filter;
     Subsets subsets[2];
     Lab lab;
-    double opponent_unit; /* grey levels a unit of a* */
     int64_t fused; /* whether OpenCV multiplies and adds at once */
 } Tables;
 
@@ -120,7 +119,7 @@ static int round_of(Task *task, const Tables *tables, Work *w, int fused)
 static int refined(Task *task, const Tables *tables, Work *w, int fused)
 {
     Outline *o = &task->outline;
-    w->rays.unit = task->opponent ? tables->opponent_unit : 1;
+    w->rays.unit = task->opponent ? OPPONENT : 1;
     if (!sane(o, &task->picture) || !(task->search_px > 0))
         return NONE;
     if (!(task->sigma > 0)) {
@@ -152,7 +151,7 @@ static double fall(const Task *task, const Tables *tables, Work *w, int fused)
                  &tables->lab, fused, rays))
         return 0;
     for (int i = 0; i < FALL_RAYS; i++) {
-        falls[count] = (double)(rays->samples[i] - rays->samples[FALL_RAYS + i]) * tables->opponent_unit;
+        falls[count] = rays->samples[i] * OPPONENT - rays->samples[FALL_RAYS + i] * OPPONENT;
         count += rays->inside[i] > 0;
     }
     if (!count)

@@ -46,7 +46,6 @@ class _Tables(ctypes.Structure):
         ("filter", _Pointer),
         ("subsets", _Subsets * 2),
         ("lab", _Lab),
-        ("opponent_unit", _Real),
         ("fused", _Int),
     )
 
@@ -148,7 +147,6 @@ class RimKernel:
             tables.subsets[n] = _Subsets(*place, rays.shape[1], len(rays))
         x, y = ((_Int * 3)(*row) for row in lab.weights().tolist())
         tables.lab = _Lab(self._at(lab.linear()), self._at(lab.root()), x, y)
-        tables.opponent_unit = normal_profiles.OPPONENT
         tables.fused = opencv_fuses()
         return tables
 
