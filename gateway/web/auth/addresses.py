@@ -18,9 +18,9 @@ from starlette.datastructures import Headers
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Mount
-from starlette.staticfiles import StaticFiles
 
 from gateway.web.auth.access import BODY_BYTES, Level, Rule
+from gateway.web.auth.page_files import PageFiles
 from gateway.web.auth.refusals import PROBLEM_CONTENT
 
 REFUSALS = {401: "needs a login", 403: "the role is not enough, or the request is not from the gateway's own pages"}
@@ -148,7 +148,7 @@ class Addresses(AddressGroup):
 
     def files(self, path: str, directory: Path, least: Level, summary: str) -> None:
         self.rules.append(Rule("GET", f"{path}/{{path:path}}", least, summary))
-        self.routes.append(Mount(path, StaticFiles(directory=directory)))
+        self.routes.append(Mount(path, PageFiles(directory=directory)))
 
     def _plain(self, rule: Rule, described: Description | None) -> Callable[[Endpoint], Endpoint]:
         return self._http(rule, None if described is None else lambda _: described)

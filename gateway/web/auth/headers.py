@@ -141,5 +141,5 @@ def security_headers(config: HmiConfig) -> tuple[tuple[bytes, bytes], ...]:
 
 
 def cache_control(path: str) -> bytes:
-    """Scripts and styles are revalidated; the plant's data is never cached."""
-    return b"no-cache" if path.startswith("/static/") else b"no-store"
+    """Scripts, styles and languages are revalidated; the plant's data is never cached."""
+    return b"no-cache" if path.startswith(("/static/", "/api/languages/")) else b"no-store"

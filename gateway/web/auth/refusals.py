@@ -1,21 +1,17 @@
 """How the pages refuse: problem details (RFC 9457) for browsers, programs and WebSockets alike. Uses Starlette."""
 
-import re
 from collections.abc import Mapping
 from http import HTTPStatus
-from importlib.resources import files
-from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 from pydantic import BaseModel, ConfigDict, Field
-from starlette.responses import FileResponse, HTMLResponse, JSONResponse, RedirectResponse, Response
+from starlette.responses import JSONResponse, RedirectResponse, Response
 from starlette.types import Scope
 from starlette.websockets import WebSocketClose
 
 from gateway.errors import GatewayError
 
-MISSING_PAGE = Path(str(files("gateway.web") / "static" / "missing.html"))
 MEDIA_TYPE = "application/problem+json"
 AGAIN = {"Retry-After": "1"}  # s, with a 503 that may be over by then
 PROBLEM_CONTENT: dict[str, Any] = {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}  # for OpenAPI
@@ -78,21 +74,6 @@ def is_missing_page(scope: Scope) -> bool:
     accepts = next((value for name, value in scope["headers"] if name == b"accept"), b"")
     for_programs = scope["path"].startswith(("/api/", "/static/"))
     return scope["method"] in ("GET", "HEAD") and b"text/html" in accepts and not for_programs
-
-
-def missing_page(base_path: str) -> Response:
-    return page_file(MISSING_PAGE, base_path, 404)
-
-
-def page_file(path: Path, base_path: str, status: int = 200) -> Response:
-    """A page of ours, whose addresses are below `base_path`."""
-    if not base_path:
-        return FileResponse(path, status)
-    return HTMLResponse(below(path.read_text(encoding="utf-8"), base_path), status)
-
-
-def below(html: str, base_path: str) -> str:
-    return re.sub(r'( (?:href|src)=")/', rf"\g<1>{base_path}/", html) if base_path else html
 
 
 def answer_to(scope: Scope, refusal: RefusalError) -> Response | WebSocketClose:

@@ -34,7 +34,8 @@ from gateway.web.auth.headers import (
 )
 from gateway.web.auth.login_throttle import spelled
 from gateway.web.auth.logins import CHALLENGE, Logins
-from gateway.web.auth.refusals import RefusalError, answer_to, is_missing_page, missing_page, to_login
+from gateway.web.auth.page_files import KEPT, missing_page
+from gateway.web.auth.refusals import RefusalError, answer_to, is_missing_page, to_login
 from gateway.web.auth.sessions import Caller, with_caller
 
 REQUEST_S = 120.0  # a request must be answered within this, by a route and by the one who reads
@@ -93,9 +94,11 @@ class SecurityMiddleware:
         await self._serve(scope, receive, outgoing, rule, caller)
 
     def with_headers(self, path: str, headers: Iterable[tuple[bytes, bytes]]) -> list[tuple[bytes, bytes]]:
-        """An answer's headers with ours, which hold against the application's own."""
-        kept = [(name, value) for name, value in headers if name.lower() not in self._names]
-        return [*kept, *self._headers, (b"cache-control", cache_control(path))]
+        """An answer's headers with ours, which hold against the application's own, but for files that never change."""
+        own = list(headers)
+        kept = [(name, value) for name, value in own if name.lower() not in self._names]
+        never_changes = path.startswith("/static/") and (b"cache-control", KEPT) in own
+        return [*kept, *self._headers, (b"cache-control", KEPT if never_changes else cache_control(path))]
 
     def _as_forwarded(self, scope: Scope) -> tuple[Scope, str]:
         """The scope with the client's address and the browser's scheme; the one of http and https that it is."""

@@ -8,9 +8,10 @@ from typing import Any
 from fastapi import FastAPI
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
+from starlette.middleware.gzip import GZipMiddleware
 from starlette.requests import Request
 from starlette.responses import Response
-from starlette.types import ASGIApp
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from gateway.clock import Clock
 from gateway.errors import ConfigError, GatewayError, LinkError
@@ -39,6 +40,7 @@ from gateway.web.tuning.teach_in import TeachInError
 from gateway.web.tuning.trial import EndedError
 from gateway.web.tuning.trial_thread import TrialsBusyError
 
+COMPRESSED = ("/static/", "/api/languages/", "/api/setup/settings")
 _STATUS: tuple[tuple[type[GatewayError], int, str], ...] = (  # the first that matches: status and code
     (ChangedOnDiskError, 409, "changed"),
     (RefusedError, 409, "refused"),
@@ -119,6 +121,14 @@ RULES = tuple(rule for group in GROUPS for rule in group.rules)
 ROUTES = tuple(route for group in GROUPS for route in group.routes)
 
 
+class _Compressing(GZipMiddleware):
+    """Only answers without secrets, of which their length would tell; pictures are compressed already."""
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        compressed = scope["path"].startswith(COMPRESSED)
+        await (super().__call__ if compressed else self.app)(scope, receive, send)
+
+
 def routes_app(services: Services, logins: Logins) -> FastAPI:
     """Without security. The description is at /api/openapi.json; FastAPI's own pages would load from elsewhere."""
     made = FastAPI(
@@ -127,6 +137,7 @@ def routes_app(services: Services, logins: Logins) -> FastAPI:
         openapi_url=None,
         redirect_slashes=False,
     )
+    made.add_middleware(_Compressing, minimum_size=1000, compresslevel=6)
     made.state.services, made.state.logins, made.state.bays = services, logins, services.client.bays
     return made
 

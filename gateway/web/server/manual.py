@@ -18,7 +18,7 @@ from starlette.responses import FileResponse, HTMLResponse, Response
 
 from gateway.web.auth.access import Level
 from gateway.web.auth.addresses import Addresses
-from gateway.web.auth.refusals import below, missing_page
+from gateway.web.auth.page_files import missing_page, placed
 
 ADDRESSES = Addresses()
 PACKAGE = Path(str(files("gateway")))
@@ -89,13 +89,13 @@ def _framed(heading: str, text: str) -> str:
 
 @ADDRESSES.get("/manual", Level.VIEWER, "the manual: a list of its pages")
 def _contents(request: Request) -> Response:
-    return HTMLResponse(below(contents(), _base_path(request)))
+    return HTMLResponse(placed(contents(), _base_path(request)))
 
 
 @ADDRESSES.get("/manual/{name}", Level.VIEWER, "a page of the manual")
 def _page(request: Request, name: str) -> Response:
     base_path = _base_path(request)
-    return HTMLResponse(below(html(name), base_path)) if name in PAGES else missing_page(base_path)
+    return HTMLResponse(placed(html(name), base_path)) if name in PAGES else missing_page(base_path)
 
 
 @ADDRESSES.get("/manual/images/{name}", Level.VIEWER, "a picture of the manual")

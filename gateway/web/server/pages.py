@@ -1,9 +1,6 @@
 """The addresses of the pages themselves: HTML, static files, live views and their pictures."""
 
-import functools
-import hashlib
-from importlib.resources import files
-from pathlib import Path
+from hashlib import sha256
 
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
@@ -13,13 +10,12 @@ from starlette.websockets import WebSocket
 from gateway.durations import NS_PER_MS
 from gateway.web.auth.access import Level
 from gateway.web.auth.addresses import Addresses
-from gateway.web.auth.refusals import page_file
+from gateway.web.auth.page_files import STATIC, page_file, pages_digest
 from gateway.web.server import views
 from gateway.web.server.gateway_client import GatewayClient
 from gateway.web.server.pictures import Picture
 from gateway.web.server.services import Bay, WebServices
 
-STATIC = Path(str(files("gateway.web") / "static"))
 ADDRESSES = Addresses()
 
 
@@ -34,16 +30,6 @@ def _page(path: str, least: Level, name: str, summary: str) -> None:
 
 _page("/login", Level.OPEN, "login.html", "the login page")
 ADDRESSES.files("/static", STATIC, Level.OPEN, "scripts, styles and symbols of the pages; nothing of the plant")
-
-
-@functools.cache
-def pages_digest() -> str:
-    """Of all files of the pages: another one, and a page that is open is an old one."""
-    digest = hashlib.sha256()
-    for path in sorted(path for path in STATIC.rglob("*") if path.is_file()):
-        digest.update(f"{path.relative_to(STATIC)}\0".encode())
-        digest.update(hashlib.sha256(path.read_bytes()).digest())
-    return digest.hexdigest()[:16]
 
 
 @ADDRESSES.get("/api/pages", Level.OPEN, "which pages the gateway serves: `digest` changes when they do")
@@ -66,10 +52,15 @@ async def _languages(services: WebServices) -> JSONResponse:
 
 
 @ADDRESSES.get("/api/languages/{code}", Level.OPEN, "the pages' texts in a language; nothing of the plant")
-async def _language(services: WebServices, code: str) -> JSONResponse:
+async def _language(request: Request, services: WebServices, code: str) -> Response:
     if (found := services.languages.catalogues.get(code)) is None:
         raise HTTPException(404, f"no language has the code {code[:20]!r}")
-    return JSONResponse(found.model_dump())
+    answer = JSONResponse(found.model_dump())
+    tag = f'"{sha256(answer.body).hexdigest()[:16]}"'
+    if request.headers.get("if-none-match") == tag:
+        return Response(status_code=304, headers={"ETag": tag})
+    answer.headers["ETag"] = tag
+    return answer
 
 
 @ADDRESSES.web_socket("/api/driver", Level.DRIVER, "what the driver's display shows, live")

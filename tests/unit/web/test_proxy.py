@@ -4,11 +4,14 @@ from typing import Any
 
 import pytest
 from pydantic import ValidationError
+from starlette.applications import Starlette
 
 from gateway.config.sections.hmi import HmiConfig
 from gateway.web.auth.audit_log import AuditKind
-from tests.unit.web.auth import ORIGIN, Browser, secured_app
-from tests.virtual_time import in_virtual_time
+from gateway.web.auth.page_files import pages_digest, placed
+from gateway.web.server import pages
+from tests.unit.web.auth import ORIGIN, Browser, SecuredApp, secured_app
+from tests.virtual_time import in_real_time, in_virtual_time
 
 PROXY = "10.0.0.1"
 VIA = {"x-forwarded-for": "203.0.113.9", "x-forwarded-proto": "https"}
@@ -126,3 +129,23 @@ async def test_who_may_show_the_pages_in_a_frame_is_named() -> None:
 def test_what_is_refused(keys: dict[str, Any]) -> None:
     with pytest.raises(ValidationError):
         HmiConfig.model_validate(keys)
+
+
+@in_real_time
+async def test_a_browser_keeps_what_never_changes_and_asks_for_the_rest() -> None:
+    """A page names scripts by the digest of all; any other address of them is asked for again."""
+    secured = SecuredApp(HmiConfig(base_path="/bay1"), app=Starlette(routes=pages.ADDRESSES.routes), real_time=True)
+    page = Browser(secured, host="127.0.0.1:8080")
+    html = placed('<link href="/static/icon.svg"><a href="/login"><a href="https://a/static/b">', "/bay1")
+    current = f"/bay1/static/~{pages_digest()}"
+    assert html == f'<link href="{current}/icon.svg"><a href="/bay1/login"><a href="https://a/static/b">'
+    kept = await page.get(f"{current}/lib/api.js")
+    assert (kept.status, kept.headers["cache-control"]) == (200, "public, max-age=31536000, immutable")
+    assert kept.body == (await page.get("/bay1/static/lib/api.js")).body
+    unchanged = await page.get(f"{current}/lib/api.js", {"if-none-match": kept.headers["etag"]})
+    assert (unchanged.status, unchanged.headers["cache-control"]) == (304, kept.headers["cache-control"])
+    for path in ("lib/api.js", "~0123456789abcdef/lib/api.js"):
+        assert (await page.get(f"/bay1/static/{path}")).headers["cache-control"] == "no-cache"
+    for path in ("lib/none.js", "../pages.py", "~../lib/api.js", f"~{pages_digest()}/lib/api.js"):
+        missing = await page.get(f"{current}/{path}")
+        assert (missing.status, missing.headers["cache-control"][:2]) == (404, "no")

@@ -1,6 +1,7 @@
 """The settings page's addresses against a real main process's side and a real file."""
 
 import asyncio
+import gzip
 import json
 import logging
 import tomllib
@@ -124,6 +125,20 @@ async def test_the_file_is_shown_with_its_schema_and_without_its_passwords(tmp_p
         assert port == {"default": 502, "description": "0 picks a free one", "maximum": 65535, "minimum": 0,
                         "type": "integer"}  # fmt: skip
         jsonschema.Draft202012Validator.check_schema(found["json_schema"])
+
+
+@in_virtual_time
+async def test_what_is_long_and_holds_no_secret_comes_compressed_and_languages_once(tmp_path: Path) -> None:
+    async with page(tmp_path / "plant.toml") as asked:
+        get = asked.api_client.get
+        for path in ("/api/setup/settings", "/api/languages/de"):
+            plain, short = await get(path), await get(path, {"accept-encoding": "gzip"})
+            assert short.headers["content-encoding"] == "gzip"
+            assert gzip.decompress(short.body) == plain.body
+            assert len(short.body) < len(plain.body) / 2
+        assert "content-encoding" not in (await get("/api/session", {"accept-encoding": "gzip"})).headers
+        again = await get("/api/languages/de", {"if-none-match": short.headers["etag"]})
+        assert (again.status, again.body) == (304, b"")
 
 
 def test_the_schema_takes_what_the_gateway_takes_and_names_unit_secret_and_choices(tmp_path: Path) -> None:

@@ -1,7 +1,7 @@
 // What a page reads of its own address, and where the gateway's other addresses are.
 
 // `/bay1` where a proxy serves the pages below that path; else empty. (The scripts' own tests have no document.)
-const BASE = typeof document === 'undefined' ? '' : new URL('../..', import.meta.url).pathname.slice(0, -1);
+const BASE = typeof document === 'undefined' ? '' : new URL(import.meta.url).pathname.replace(/\/static\/(~\w+\/)?lib\/address\.js$/, '');
 
 /** An address of the gateway, as the browser reaches it. @param {string} path from the gateway's own root */
 export const below = (path) => BASE + path;
