@@ -70,6 +70,7 @@ SHARED_SECTIONS = ("camera", "vision", "ranger", "fusion", "guidance", "visit")
 
 class BayConfig(Section):
     name: Name = Field("bay1", description="in topics and events")
+    title: str = Field("", max_length=64, description="beside the name on the pages, for people only")
     unit_id: int = Field(1, ge=1, le=247, description="Modbus unit id")
     camera: CameraConfig = Field(default_factory=CameraConfig)
     vision: VisionConfig = Field(default_factory=VisionConfig)

@@ -14,7 +14,7 @@ from pydantic_core import to_jsonable_python
 from gateway.config import BayConfig, GatewayConfig
 
 NOT_DECIDING = (
-    "name", "unit_id",
+    "name", "title", "unit_id",
     # Which device it is, how a lost one is opened again, and what is only reported of it.
     "camera.url", "camera.pace", "camera.loop", "camera.affinity", "camera.open_deadline_s", "camera.max_megapixels",
     "camera.reconnect.", "camera.picture.", "ranger.port", "ranger.baud", "ranger.reconnect.",

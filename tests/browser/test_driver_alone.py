@@ -96,6 +96,18 @@ def test_it_begins_with_stop_and_asks_for_its_bay(display: Display) -> None:
     expect(page.locator("#speed")).to_have_text("speed12cm/s")
 
 
+def test_the_title_of_the_bay_stands_above_the_sign(display: Display) -> None:
+    page = display()
+    says(page, {**GOOD, "title": "Verladung 3 Süd"}, "FORWARD")
+    expect(page.locator("#bay")).to_have_text("Verladung 3 Süd")
+    expect(page).to_have_title("FORWARD · Verladung 3 Süd")
+    name, sign = page.locator("#bay").bounding_box(), page.locator("#show").bounding_box()
+    assert name is not None
+    assert sign is not None
+    assert 0 < name["height"] <= sign["y"]
+    judgements.accessible(page)
+
+
 def test_a_truck_in_place_may_read_so_under_stop_and_leaves_when_it_is_released(display: Display) -> None:
     page = display()
     says(page, {**GOOD, "code": "OK", "stop": True, "closing_mm_s": 0.0, "to_go_mm": None}, "OK")

@@ -33,6 +33,7 @@ class SessionView(BaseModel):
     csrf: str
     expires_in_s: int | None = Field(description="until the login ends in any case; null without a login")
     bays: list[str] = Field(description="names, in the configuration's order; empty for role none")
+    titles: dict[str, str] = Field(description="of the bays that have one, by name")
     next: str | None = Field(None, description="after a login: where to go")
 
 
@@ -41,13 +42,15 @@ ADDRESSES = Addresses()
 
 def _view(request: Request, caller: Caller, next_page: str | None = None) -> dict[str, object]:
     logins: Logins = request.app.state.logins
+    bays: dict[str, str] = request.app.state.bays if caller.level > Level.OPEN else {}
     return SessionView(
         name=caller.name or None,
         role=caller.level.role,
         can_login=bool(logins.config.users),
         csrf=caller.csrf,
         expires_in_s=None if caller.session is None else int(logins.remaining_s(caller.session)),
-        bays=list(request.app.state.bays) if caller.level > Level.OPEN else [],
+        bays=list(bays),
+        titles={name: title for name, title in bays.items() if title},
         next=next_page,
     ).model_dump()
 

@@ -138,7 +138,8 @@ def routes_app(services: Services, logins: Logins) -> FastAPI:
         redirect_slashes=False,
     )
     made.add_middleware(_Compressing, minimum_size=1000, compresslevel=6)
-    made.state.services, made.state.logins, made.state.bays = services, logins, services.client.bays
+    made.state.services, made.state.logins = services, logins
+    made.state.bays = {bay.name: bay.title for bay in services.client.about.config.bays}
     return made
 
 

@@ -80,6 +80,7 @@ class BayView(View):
     """One bay, now."""
 
     bay: str
+    title: str = Field(description="for people; empty: none")
     unit_id: int = Field(description="Modbus unit id")
     state: StatePayload | None = Field(description="as on MQTT; null: nothing known yet, which means stop")
     age_ms: float | None = Field(description="of the state, when this was sent")
@@ -103,6 +104,7 @@ class DriverView(LiveMessage):
     """What the driver's display needs, and nothing else."""
 
     bay: str
+    title: str = Field(description="of the bay, for people; empty: none")
     code: str = Field(description="guidance, by name; a display shows FAULT as STOP")
     text: str
     stop: bool

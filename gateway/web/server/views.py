@@ -41,6 +41,7 @@ def bay_view(client: GatewayClient, config: BayConfig) -> BayView:
     required = handshake is not None and handshake.heartbeat_required
     return BayView(
         bay=config.name,
+        title=config.title,
         unit_id=config.unit_id,
         state=None
         if report is None
@@ -88,6 +89,7 @@ def driver_json(client: GatewayClient, bays: tuple[str, ...]) -> str:
     recipe = _recipe(client.about.config, state.plc.recipe)
     return DriverView(
         bay=bay,
+        title=next(config.title for config in client.about.config.bays if config.name == bay),
         code=guidance.name,
         text=guidance.text,
         stop=state.stop,

@@ -38,6 +38,7 @@ hold.finish();
 
 let connected = false;
 let broken = false; // a sign has given way
+let title = ''; // of the bay, which does not grow old
 let shown = ''; // what stands there, so that the page is touched only when that changes
 /** @type {import('./lib/guidance.js').DriverView|null} */
 let view = null;
@@ -63,7 +64,7 @@ function stopNow(reason) {
 function say(code, word) {
   if (shown === code) return;
   shown = code;
-  document.title = word;
+  document.title = title ? `${word} · ${title}` : word;
   put('spoken', word);
 }
 
@@ -83,6 +84,14 @@ function number(id, label, value, unit) {
   }
   if (digits.textContent !== value) digits.textContent = value;
   if (after.textContent !== unit) after.textContent = unit;
+}
+
+/** @param {string} name of the bay, for people */
+function entitle(name) {
+  if (name === title) return;
+  title = name;
+  put('bay', title);
+  document.body.classList.toggle('titled', title !== '');
 }
 
 function show(now) {
@@ -127,6 +136,7 @@ function message(text, asked) {
     if (fresh.fresh(at) && (!broken || fresh.freshForMs(at) >= UNBROKEN_MS)) {
       broken = false;
       view = now;
+      entitle(now.title ?? '');
       show(now);
       hold.currentTime = fresh.ageMs(at); // ends when the data is too old, whatever this script does
       hold.play();

@@ -271,7 +271,7 @@ def _bays(section: str, count: int) -> str:
         ),
         (
             "bays = [{ name = 'a' }, { name = 'b', unit_id = 2, fan = 3 }]\n",
-            "g.toml:1: bays.1.fan = 3: unknown key (misspelt?); known here: name, unit_id, camera,"
+            "g.toml:1: bays.1.fan = 3: unknown key (misspelt?); known here: name, title, unit_id, camera,"
             " vision, ranger, fusion, guidance, visit",
         ),
         # Rules of our own, over one key and over several.

@@ -37,7 +37,7 @@ USERS = (
 )
 HOST = "10.0.0.5:8080"
 ORIGIN = f"http://{HOST}"
-BAYS = ("north", "south")
+BAYS = {"north": "Verladung 3 Süd", "south": ""}  # and their titles
 
 
 class QuickPasswords(Passwords):

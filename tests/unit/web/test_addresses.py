@@ -40,7 +40,7 @@ def browser() -> Browser:
     """Of a caller without a login."""
     made = secured_app()
     app = FastAPI(routes=[*LOGIN.routes, *ADDED.routes], exception_handlers=HANDLERS)  # type: ignore[arg-type]
-    app.state.logins, app.state.bays = made.logins, ()
+    app.state.logins, app.state.bays = made.logins, {}
     made.middleware = SecurityMiddleware(app, (*LOGIN.rules, *ADDED.rules), made.logins, LoopClock())
     return Browser(made)
 

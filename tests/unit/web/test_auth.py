@@ -117,7 +117,9 @@ def test_what_changes_anything_but_its_own_page_is_in_the_audit_log() -> None:
 @in_virtual_time
 async def test_everybody_is_technician_on_loopback_where_configured() -> None:
     browser = Browser(secured_app("technician", host="127.0.0.1", users=()), host="127.0.0.1:8080")
-    browser.csrf = (await browser.get("/api/session")).json["csrf"]
+    session = (await browser.get("/api/session")).json
+    assert (session["bays"], session["titles"]) == (["north", "south"], {"north": "Verladung 3 Süd"})
+    browser.csrf = session["csrf"]
     answer = await browser.post("/api/bays/north/profile/apply", {"a": 1})
     assert answer.status == 200
     assert answer.json == {

@@ -102,7 +102,9 @@ async def test_the_driver_s_display_shows_what_the_plc_reads() -> None:
 async def test_the_recipe_that_the_plc_has_selected_chooses_the_driver_s_language() -> None:
     recipes = [{"id": 5, "name": "short truck", "language": "tr"}, {"id": 6, "name": "long truck"}]
     modbus = {"writes": True, "plc_addresses": ["10.0.0.0/24"]}
-    config = parse({"bays": [{"name": "bay1", "unit_id": 1}], "recipes": recipes, "modbus": modbus})
+    config = parse(
+        {"bays": [{"name": "bay1", "title": "Verladung 3 Süd", "unit_id": 1}], "recipes": recipes, "modbus": modbus}
+    )
     async with plant(config=config) as made:
         languages = []
         for recipe in (0, 5, 6):
@@ -111,6 +113,8 @@ async def test_the_recipe_that_the_plc_has_selected_chooses_the_driver_s_languag
             assert made.hub.state("bay1").plc.recipe == recipe
             languages.append(fits(views.driver_json(made.client, ("bay1",)), "DriverView")["language"])
         assert languages == [None, "tr", None]
+        assert fits(views.driver_json(made.client, ("bay1",)), "DriverView")["title"] == "Verladung 3 Süd"
+        assert fits(views.live_json(made.client, ("bay1",)), "LiveView")["bays"][0]["title"] == "Verladung 3 Süd"
 
 
 def test_a_frame_fits_into_a_header() -> None:

@@ -27,7 +27,7 @@ export const CODES = {
 
 /**
  * @typedef {object} DriverView
- * @property {string} bay @property {Code} code @property {string} text @property {boolean} stop
+ * @property {string} bay @property {string} [title] of the bay @property {Code} code @property {string} text @property {boolean} stop
  * @property {number|null} amount_mm @property {number|null} closing_mm_s @property {number|null} to_go_mm
  * @property {number} age_ms @property {number} [held_ms] @property {string|null} [language] the PLC's recipe wants it
  */

@@ -2,6 +2,7 @@
 // page whose script has failed.
 
 import { get, toLogin } from './api.js';
+import { learnTitles } from './bays.js';
 import { html, render, useErrorBoundary } from './page.js';
 
 /** The page, or that it has failed. @param {(props: {session: any}) => any} Page */
@@ -15,6 +16,7 @@ export const guarded = (Page) => function Guarded({ session }) {
 export async function start(Page) {
   try {
     const session = await get('/api/session');
+    learnTitles(session.titles);
     render(html`<${Page} session=${session} />`, document.body);
   } catch (error) {
     if (error.status === 401) return toLogin();

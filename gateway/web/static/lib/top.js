@@ -2,6 +2,7 @@
 
 import { AlarmBar } from './alarmbar.js';
 import { logOut } from './api.js';
+import { called } from './bays.js';
 import { kiosk } from './kiosk.js';
 import { choose, language, t, text } from './lang.js';
 import { html, offered, translated } from './page.js';
@@ -34,7 +35,7 @@ export function Pages({ session, bay, current, alarms }) {
 
 /** Chooses a bay. @param {{bays: string[], bay: string|null, choose: (name: string) => void}} at */
 export const BayChoice = ({ bays, bay, choose }) => html`<label class="small">bay <select aria-label="bay" value=${bay} onChange=${(event) => choose(event.target.value)}>
-  ${bays.map((name) => html`<option translate="no" value=${name} selected=${name === bay}>${name}</option>`)}</select></label>`;
+  ${bays.map((name) => html`<option translate="no" value=${name} selected=${name === bay}>${called(name)}</option>`)}</select></label>`;
 
 /**
  * The way past the bar, and the bar. `children`: after the pages; `facts`: before who is logged in; the rest as of `Brand`,

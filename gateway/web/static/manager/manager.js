@@ -2,6 +2,7 @@
 
 import { html, useEffect, useState } from '../lib/page.js';
 import { get, toLogin } from '../lib/api.js';
+import { called } from '../lib/bays.js';
 import { between, isDay, moment, spans } from '../lib/days.js';
 import { text } from '../lib/lang.js';
 import { titled } from '../lib/title.js';
@@ -59,7 +60,7 @@ function Choice({ session, wanted, view, go }) {
   };
   return html`<form class="panel across choice row compact" aria-label="which days" onSubmit=${(event) => event.preventDefault()}>
     ${session.bays.length > 1 && html`<label>bay <select value=${wanted.bay} onChange=${(event) => go({ ...wanted, bay: event.target.value })}>
-      ${session.bays.map((name) => html`<option translate="no" value=${name} selected=${name === wanted.bay}>${name}</option>`)}</select></label>`}
+      ${session.bays.map((name) => html`<option translate="no" value=${name} selected=${name === wanted.bay}>${called(name)}</option>`)}</select></label>`}
     ${view && html`<div class="group" role="group" aria-label="usual spans">
       ${spans(view.made.slice(0, 10)).map(([name, from, to]) => html`<button type="button" aria-pressed=${String(first === from && last === to)} onClick=${() => go({ ...wanted, first: from, last: to })}>${name}</button>`)}</div>`}
     <label>from <input type="date" value=${first} onChange=${pick('first')} /></label>
@@ -73,7 +74,7 @@ function Choice({ session, wanted, view, go }) {
 
 function Head({ view }) {
   const days = between(view.first, view.last);
-  return html`<div class="across head"><h1>${text('{0}: what the bay did', view.bay)}</h1>
+  return html`<div class="across head"><h1>${text('{0}: what the bay did', called(view.bay))}</h1>
     <p><span translate="no">${view.site}, ${view.instance}</span> · <b>${view.last !== view.first ? text('{0} to {1}', view.first, view.last) : view.first}</b> · ${days === 1 ? text('one day of {0}', view.time_zone) : text('{0} days of {1}', days, view.time_zone)} · ${`made ${moment(view.made)}`}</p></div>`;
 }
 
@@ -100,7 +101,7 @@ function App({ session }) {
     history.pushState(null, '', `?bay=${encodeURIComponent(next.bay)}${days && `&${days}`}`);
     setWanted(next);
   };
-  titled('{0}: what the bay did', wanted.bay);
+  titled('{0}: what the bay did', called(wanted.bay));
   const tooMany = wanted.first && wanted.last && between(wanted.first, wanted.last) > MOST_DAYS;
   return html`
     <${Top} session=${session} title=${view?.site ?? 'Loading bays'} more=${view?.instance ?? ''} bay=${wanted.bay} current="Manager" />
