@@ -74,6 +74,7 @@ def live(states: list[dict[str, Any]], alarms: tuple[models.AlarmView, ...] = ()
         bays=tuple(
             models.BayView(
                 bay=each["bay"],
+                title="",
                 unit_id=n + 1,
                 state=StatePayload.model_validate(each),
                 age_ms=20.0,
@@ -121,7 +122,13 @@ class StandInServer:
     """What the pretended gateway answers."""
 
     def __init__(self) -> None:
-        self.session = {"name": None, "role": "technician", "can_login": True, "csrf": "token", "bays": ["bay1"]}
+        self.session: dict[str, Any] = {
+            "name": None,
+            "role": "technician",
+            "can_login": True,
+            "csrf": "token",
+            "bays": ["bay1"],
+        }
         self.alarms: tuple[models.AlarmView, ...] = ()
         self.events: list[dict[str, Any]] = []
         self.posts: list[tuple[str, str | None, Any]] = []
@@ -143,6 +150,8 @@ class StandInServer:
                 server_time_ms=0, summary=summary(self.alarms), alarms=self.alarms, omitted=0, changes=()
             )
             with_json(view.model_dump_json())(route)
+        elif path.endswith("/records"):  # none are kept
+            with_json(json.dumps({"bay": path.split("/")[3], "recorded": False, "last_ms": None}))(route)
         elif path.startswith("/api/events"):
             with_json(json.dumps({"newest": len(self.events), "events": self.events}))(route)
         elif "/picture?" in path and (self.gone or "/bay_without_picture/" in path):
@@ -195,6 +204,15 @@ def operator(browser: Browser, client: StandInServer, watch: Watch) -> Iterator[
     assert watch.complaints == []
 
 
+def test_people_read_a_bay_s_title_beside_its_name(operator: Open, client: StandInServer) -> None:
+    client.session |= {"bays": ["bay1", "constructor"], "titles": {"bay1": "Verladung 3 Süd"}}
+    page = operator(live([state("bay1"), state("constructor")]))
+    expect(page.locator(".tile b[translate]")).to_have_text(["Verladung 3 Süd (bay1)", "constructor"])
+    page.locator(".tile").first.click()
+    expect(page).to_have_title("Verladung 3 Süd (bay1)")
+    expect(page.get_by_role("heading", level=1)).to_have_text("Verladung 3 Süd (bay1)")
+
+
 def test_of_64_bays_those_in_trouble_come_first(operator: Open, client: StandInServer) -> None:
     names = [f"bay{n}" for n in range(1, 65)]
     client.session["bays"] = names
@@ -204,7 +222,7 @@ def test_of_64_bays_those_in_trouble_come_first(operator: Open, client: StandInS
     tiles = page.locator(".tiles .tile")
     expect(tiles).to_have_count(64)
     expect(tiles.nth(0)).to_contain_text("bay33")
-    expect(tiles.nth(0)).to_contain_text("no camera")
+    expect(tiles.nth(0)).to_contain_text("The camera is not connected")
     expect(tiles.nth(1)).to_contain_text("bay40")
     expect(tiles.nth(1)).to_contain_text("1 alarm")
     expect(tiles.nth(2).locator("b").first).to_have_text("bay1")
@@ -223,18 +241,44 @@ def test_of_64_bays_those_in_trouble_come_first(operator: Open, client: StandInS
     until(page, lambda: page.evaluate("() => window.__asked").endswith("/api/live?bay=bay6"))
 
 
-def test_a_tile_shows_r_and_z_against_their_thresholds(operator: Open, client: StandInServer) -> None:
-    client.session["bays"] = ["bay1", "bay2"]
-    page = operator(live([state("bay1", radius_px=90.0, distance_mm=1000.0), broken("bay2")]))
-    tile = page.locator(".tile", has_text="bay1")
-    expect(tile.locator(".small-bars .value")).to_have_text(["90\u202fpx", "1000\u202fmm"])
-    length = "(marks) => marks.map((each) => each.style.left || each.style.transform)"
-    assert tile.locator(".mark").evaluate_all(length) == ["60%", "15%"]  # 180 of 300 px, 300 of 2000 mm
-    assert tile.locator(".fill").evaluate_all(length) == ["scaleX(0.3)", "scaleX(0.5)"]
-    expect(page.locator(".tile", has_text="bay2").locator(".small-bars .value").first).to_have_text("–")
-    expect(page.locator(".tile", has_text="bay2").locator(".fill")).to_have_count(1)  # of Z
+def test_a_tile_draws_how_far_the_truck_is_from_the_mark(operator: Open, client: StandInServer) -> None:
+    """`x` of 200: the mark stands at 46 + 116 x 3000 / 3500."""
+    client.session["bays"] = ["bay1", "bay2", "bay3"]
+    page = operator(
+        live([state(f"bay{n}", guidance=TO_GO | {"to_go_mm": mm}) for n, mm in enumerate((1500, 0, None), 1)])
+    )
+    drawn = "(parts) => parts.map((each) => each.getAttribute('transform'))"
+    expect(page.locator(".tile")).to_have_count(3)
+    for n, truck, words in (
+        (0, ["translate(95.7 0)"], "to go 1500\u202fmm"),
+        (1, ["translate(145.4 0)"], "to go 0\u202fmm"),
+        (2, [], ""),
+    ):
+        tile = page.locator(".tile").nth(n)
+        expect(tile.locator(".to-go")).to_have_text(words)
+        assert tile.locator(".truck").evaluate_all(drawn) == truck
+        assert tile.locator(".side g").first.get_attribute("transform") == "translate(145.4 0)"
 
 
+@pytest.mark.parametrize(
+    ("bays", "wide", "columns"), [(1, 1366, 1), (2, 1366, 2), (4, 1366, 4), (12, 1366, 6), (12, 1920, 6)]
+)
+def test_tiles_fill_the_width(operator: Open, client: StandInServer, bays: int, wide: int, columns: int) -> None:
+    names = [f"bay{n}" for n in range(1, max(2, bays) + 1)]
+    client.session["bays"] = names
+    page = operator(live([state(name) for name in names]), width_px=wide)
+    if bays == 1:
+        page.get_by_label("find a bay by name").fill("bay2")
+    expect(page.locator(".tile")).to_have_count(bays)
+    tiles, room = page.locator(".tile").evaluate_all(BOXES), page.locator(".tiles").evaluate_all(BOXES)[0]
+    assert len({left for left, _ in tiles}) == columns
+    assert max(right for _, right in tiles) == pytest.approx(room[1], abs=1)
+    judgements.no_sideways_scroll(page)
+
+
+TO_GO = {"name": "FORWARD", "code": 1, "amount_mm": None, "closing_mm_s": None, "offset_u_px": None}
+TO_GO |= {"offset_v_px": None, "offset_mm": None, "text": ""}
+BOXES = "(all) => all.map((each) => each.getBoundingClientRect()).map((box) => [box.left, box.right])"
 HERE = {"d": True, "stop": True, "may_move": False, "in_place": True, "phase": "IN_PLACE", "in_place_ms": 125_000.0}
 SCALE = {"px_mm": 56_000.0, "spread": 0.012, "visits": 12, "newest_ms": 1_794_000_000_000, "jump": None}
 
@@ -327,11 +371,11 @@ def test_the_viewer_chooses_inches_once_for_all_pages(operator: Open, client: St
     expect(page.locator(".trend header")).to_contain_text("Z 32.0\u202fin")
     client.session["bays"] = ["bay1", "bay2"]
     page.goto(f"http://{HOST}/")
-    say(page, live([state("bay1", distance_mm=812.8), state("bay2")]))
-    expect(page.locator(".tile").first).to_contain_text("32.0\u202fin")
+    say(page, live([state("bay1", guidance=near), state("bay2")]))
+    expect(page.locator(".tile").first).to_contain_text("to go 20.0\u202fin")
     page.goto(f"http://{HOST}/?units=metric")
-    say(page, live([state("bay1", distance_mm=812.8), state("bay2")]))
-    expect(page.locator(".tile").first).to_contain_text("813\u202fmm")
+    say(page, live([state("bay1", guidance=near), state("bay2")]))
+    expect(page.locator(".tile").first).to_contain_text("to go 508\u202fmm")
     chosen(page, "units", "metric")
     assert page.evaluate("() => [location.search, localStorage.getItem('gateway.units')]") == ["", "metric"]
 
@@ -512,7 +556,7 @@ def test_the_overview_counts_trucks_in_place(operator: Open, client: StandInServ
     held = {**HERE, "held": True, "held_ms": 1000.0}
     page = operator(live([state("bay1", **HERE), state("bay2", **held), state("bay3")]))
     page.get_by_role("button", name="in place 2").click()
-    expect(page.locator(".tile .why")).to_have_text(["loading may start", "held, marker covered"])
+    expect(page.locator(".tile .why")).to_have_text(["Loading may start.", re.compile("^In place: loading may go on")])
     expect(page.locator(".tile .state b")).to_have_text(["IN PLACE", "IN PLACE"])
 
 

@@ -1,7 +1,5 @@
 // Why a bay is as it is, in words for people: what is so, then what happens next. Pure.
 
-import { words } from './format.js';
-
 /** By reason: in short, and as a sentence. One that is not here is shown in the gateway's own words. */
 export const REASONS = {
   TARGET_REACHED: ['at the mark', 'The truck is at the mark. It is in place once it has stood still for a moment, straight and not too far in.'],
@@ -29,30 +27,25 @@ export const REASONS = {
 };
 
 const MOVES = {
-  ARRIVING: ['drives up', 'A truck arrives. It may drive up; it is still too far away for the distance sensor.'],
-  APPROACHING: ['approaches', 'The truck may drive on to the mark.'],
-  RELEASED: ['released', 'Released: the truck may leave.'],
-  LEAVING: ['leaves', 'The truck is on its way out.'],
+  ARRIVING: 'A truck arrives. It may drive up; it is still too far away for the distance sensor.',
+  APPROACHING: 'The truck may drive on to the mark.',
+  RELEASED: 'Released: the truck may leave.',
+  LEAVING: 'The truck is on its way out.',
 };
 
 const TOO_FAR_IN = {
-  BACK: ['too far in', 'The truck stands too far in: it must go back.'],
-  TOO_FAR: ['too far in', 'The truck is too far in and still moving: it must stop.'],
+  BACK: 'The truck stands too far in: it must go back.',
+  TOO_FAR: 'The truck is too far in and still moving: it must stop.',
 };
 
-/** @returns {[string, string]} @param {any} state null: not known */
-function reasonText(state) {
-  if (state === null) return ['nothing known', 'Nothing new from the gateway: treat the bay as STOP.'];
-  if (state.guidance?.name === 'BRAKE') return ['TRUCK ROLLS', 'The truck rolls: if it is being loaded, stop loading and raise the spout.'];
-  if (state.in_place && state.held) return ['held, marker covered', 'In place: loading may go on. The marker is covered; the distance shows that the truck stands still.'];
-  if (state.in_place) return ['loading may start', 'Loading may start.'];
-  if (state.stop && state.reason.name === 'TARGET_REACHED') return TOO_FAR_IN[state.guidance?.name] ?? REASONS.TARGET_REACHED;
-  if (state.stop) return REASONS[state.reason.name] ?? [words(state.reason.name), state.reason.text];
-  if (state.may_move) return MOVES[state.phase] ?? ['may move', 'Nothing stops the truck: it may drive.'];
-  return ['withheld', 'Nothing stops the truck, but it may not drive yet: the PLC or a technician withholds it.'];
+/** As a sentence. @param {any} state null: not known @returns {string} */
+export function why(state) {
+  if (state === null) return 'Nothing new from the gateway: treat the bay as STOP.';
+  if (state.guidance?.name === 'BRAKE') return 'The truck rolls: if it is being loaded, stop loading and raise the spout.';
+  if (state.in_place && state.held) return 'In place: loading may go on. The marker is covered; the distance shows that the truck stands still.';
+  if (state.in_place) return 'Loading may start.';
+  if (state.stop && state.reason.name === 'TARGET_REACHED') return TOO_FAR_IN[state.guidance?.name] ?? REASONS.TARGET_REACHED[1];
+  if (state.stop) return REASONS[state.reason.name]?.[1] ?? state.reason.text;
+  if (state.may_move) return MOVES[state.phase] ?? 'Nothing stops the truck: it may drive.';
+  return 'Nothing stops the truck, but it may not drive yet: the PLC or a technician withholds it.';
 }
-
-/** In two or three words, for a tile. @param {any} state */
-export const shortWhy = (state) => reasonText(state)[0];
-/** As a sentence. @param {any} state */
-export const why = (state) => reasonText(state)[1];

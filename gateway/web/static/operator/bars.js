@@ -31,13 +31,6 @@ const ofDistance = (state, limits) => ({
   most: nice(inUnit(Math.min(3500, 6 * limits.distance_threshold_mm))),
 });
 
-/** Both as small bars, for a tile: the numbers stand beside them. */
-export const SmallBars = ({ state, limits }) => html`<span class="small-bars">
-  ${[['R', ofRadius(state, limits), 0, 'px'], ['Z', ofDistance(state, limits), places(0), lengthUnit()]].map(([name, of, decimals, unit]) => html`
-    <span>${name}</span><span class="track" aria-hidden="true"><${Marks} bar=${barOf(of)} /></span>
-    <span class="value right">${quantity(number(of.value, decimals, unit))}</span>`)}
-</span>`;
-
 function Bar({ name, long, value, decimals, unit, threshold, hysteresis, reachedAbove, most, why }) {
   const fine = unit === 'px' || unit === 'mm' ? 0 : decimals; // of thresholds
   const marks = ticks(most);

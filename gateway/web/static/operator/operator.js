@@ -2,6 +2,7 @@
 
 import { html, useEffect, useErrorBoundary, useRef, useState } from '../lib/page.js';
 import { decoded } from '../lib/address.js';
+import { called, titleOf } from '../lib/bays.js';
 import { age, clock } from '../lib/format.js';
 import { LIMIT_MS, OVERVIEW_LIMIT_MS } from '../lib/freshness.js';
 import { beginKiosk, keepAwake, kiosk, watchIdle } from '../lib/kiosk.js';
@@ -43,7 +44,7 @@ function Bar({ session, bay, live, known, alarms }) {
   const apart = known ? Math.abs(view.server_time_ms - wall) : 0;
   const facts = html`<${Link} live=${live} known=${known} began=${began.current} />
     <span class="nowrap">${clock(wall)}${apart > 5000 ? html` <span class="tag warn" title="the gateway's clock and this computer's differ">${text('clocks {0} apart', age(apart))}</span>` : ''}</span>`;
-  return html`<${Top} session=${session} title=${site.site ?? 'Loading bays'} more=${site.instance ?? ''} bay=${bay} current="Operator" alarms=${alarms} next="/" facts=${facts} />`;
+  return html`<${Top} session=${session} title=${site.site ?? 'Loading bays'} more=${session.bays.length === 1 && titleOf(bay) ? titleOf(bay) : site.instance ?? ''} bay=${bay} current="Operator" alarms=${alarms} next="/" facts=${facts} />`;
 }
 
 function BayBar({ names, bay, alarmsOf, highestOf }) {
@@ -52,13 +53,13 @@ function BayBar({ names, bay, alarmsOf, highestOf }) {
   if (names.length <= 6)
     return html`<nav class="bays" aria-label="bays">
       <a href="#" class="button">All bays</a>
-      ${names.map((name) => html`<a class="button" href=${`#${encodeURIComponent(name)}`} aria-current=${name === bay ? 'true' : undefined}><span translate="no">${name}</span>${alarmsOf(name) > 0 ? html` <span class=${`tag ${highestOf(name)}`}>${alarmsOf(name)}</span>` : ''}</a>`)}
+      ${names.map((name) => html`<a class="button" href=${`#${encodeURIComponent(name)}`} aria-current=${name === bay ? 'true' : undefined}><span translate="no">${called(name)}</span>${alarmsOf(name) > 0 ? html` <span class=${`tag ${highestOf(name)}`}>${alarmsOf(name)}</span>` : ''}</a>`)}
     </nav>`;
   return html`<nav class="bays" aria-label="bays">
     <a href="#" class="button">All bays</a>
     <button type="button" disabled=${at <= 0} onClick=${() => go(names[at - 1])}>Previous</button>
     <select aria-label="bay" value=${bay} onChange=${(event) => go(event.target.value)}>
-      ${names.map((name) => html`<option translate="no" value=${name} selected=${name === bay}>${name}</option>`)}
+      ${names.map((name) => html`<option translate="no" value=${name} selected=${name === bay}>${called(name)}</option>`)}
     </select>
     <button type="button" disabled=${at < 0 || at >= names.length - 1} onClick=${() => go(names[at + 1])}>Next</button>
   </nav>`;
@@ -88,7 +89,7 @@ function App({ session }) {
   const large = useMedia('(min-width: 1700px)'); // there is room for events under a wide picture, and for health beside it
   const events = html`<${Events} bay=${bay} newest=${newest} session=${session} />`;
   const health = html`<${Health} state=${state} links=${known ? view?.links ?? null : null} />`;
-  titled(bay === null ? 'Loading bays' : '{0}', bay ?? '');
+  titled(bay === null ? 'Loading bays' : '{0}', called(bay ?? ''));
 
   return html`
     <${Bar} session=${session} bay=${bay} live=${live} known=${known} alarms=${bay === null ? undefined : known ? view?.alarms ?? null : null} />
@@ -96,11 +97,11 @@ function App({ session }) {
       <${Notice} kind="bad" loud wide say=${!known && view !== null && html`<b>NO CONNECTION TO THE GATEWAY.</b> Nothing here is live; treat the bay as STOP. Trying again.`} />
       <${Notice} kind="bad" loud wide say=${live.refusal} />
       ${bay === null
-        ? html`<${Overview} names=${names} live=${live} limitsOf=${(name) => (byName.has(name) ? limitsOf(byName.get(name)) : null)} alarmsOf=${alarmsOf} highestOf=${highestOf} />
+        ? html`<${Overview} names=${names} live=${live} alarmsOf=${alarmsOf} highestOf=${highestOf} />
             <div class="below"><${Alarms} bay=${null} ...${list} known=${known} /><${Events} bay=${null} newest=${newest} /></div>`
         : html`
             ${!single && html`<${BayBar} names=${names} bay=${bay} alarmsOf=${alarmsOf} highestOf=${highestOf} />`}
-            <h1 class="sr" translate="no">${bay}</h1>
+            <h1 class="sr" translate="no">${called(bay)}</h1>
             <div class="column a"><${LivePicture} key=${bay} bay=${bay} aim=${one ? aimOf(one) : null} connected=${known} fault=${cameraFault(state)} onShape=${setShape} />${one ? html`<${Bars} state=${state} limits=${limitsOf(one)} />` : html`<div class="panel room bars-room"></div>`}${wide && large && events}</div>
             <div class="column b"><${Decision} state=${state} age=${html`<${Age} of=${live} partMs=${one?.age_ms} />`} bay=${bay} alarm=${(alarms?.alarms ?? []).some((each) => each.active && standing(each) && (each.bay === bay || each.bay === null))} />${one ? html`<${Trend} bay=${bay} state=${state} limits=${limitsOf(one)} />` : html`<div class="panel room trend-room"></div>`}</div>
             <div class="column c"><${Alarms} bay=${bay} ...${list} known=${known} />${!(wide && large) && events}${large && health}</div>

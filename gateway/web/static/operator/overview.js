@@ -3,16 +3,17 @@
 import { html, useEffect, useRef, useState } from '../lib/page.js';
 import { below } from '../lib/address.js';
 import { either } from '../lib/api.js';
-import { CODES } from '../lib/guidance.js';
+import { called } from '../lib/bays.js';
+import { column } from '../lib/guidance.js';
 import { words } from '../lib/format.js';
 import { moment } from '../lib/freshness.js';
 import { text } from '../lib/lang.js';
 import { told } from '../lib/pictures.js';
-import { shortWhy } from '../lib/reasons.js';
+import { why } from '../lib/reasons.js';
+import { distance } from '../lib/units.js';
 import { alarmCount, decisionWords, inOrder, urgency, visionHealth } from '../lib/views.js';
-import { SmallBars } from './bars.js';
 import { Age, useFresh, useKept } from './hooks.js';
-import { Arrow, Decision, Ne107 } from './signs.js';
+import { Decision, Ne107 } from './signs.js';
 
 /** A small picture, newer every few seconds; only while the tile is in sight. `everyMs`: between two. */
 function Thumbnail({ name, everyMs, state }) {
@@ -63,22 +64,44 @@ function Thumbnail({ name, everyMs, state }) {
     ${why && html`<span class="no-picture">${why}</span>`}</span>`;
 }
 
-function Tile({ name, state, age, limits, alarms, highest, everyMs }) {
+const [LEFT, LONG] = [46, 116]; // of the way that is drawn, as part of 200
+
+/** The bay from its side: the spout over the mark, and the truck's port as far from it as it is; no truck where that is not known. */
+function Side({ toGoMm }) {
+  const { line, at } = column(toGoMm);
+  const x = (share) => (LEFT + LONG * share).toFixed(1);
+  return html`<svg class="side" viewBox="0 0 200 50" aria-hidden="true">
+    <g transform=${`translate(${x(line)} 0)`}><path d="M-8 0H8L4 9H-4Z" fill="var(--bar-strong)" /><path d="M0 9V47" stroke="var(--text)" stroke-width="1.5" stroke-dasharray="3 3" /></g>
+    <path d="M0 48H200" stroke="var(--line-strong)" stroke-width="2" />
+    ${at !== null && html`<g class="truck" transform=${`translate(${x(at)} 0)`} fill="var(--bar)"><path d="M-4 13H4V17H16Q20 17 20 21V37H-44V21Q-44 17 -40 17H-4ZM22 20H32L38 29V37H22Z" /><path d="M-42 41a5 5 0 1 0 10 0a5 5 0 1 0-10 0M-28 41a5 5 0 1 0 10 0a5 5 0 1 0-10 0M22 41a5 5 0 1 0 10 0a5 5 0 1 0-10 0" fill="var(--text)" /></g>`}
+  </svg>`;
+}
+
+function Tile({ name, state, age, alarms, highest, everyMs }) {
   const trouble = state === null || state.ne107.name === 'FAILURE';
   return html`<li><a class=${`tile ${trouble ? 'trouble' : ''}`} href=${`#${encodeURIComponent(name)}`}>
-    <span class="row spread"><b translate="no">${name}</b><${Ne107} name=${state?.ne107.name ?? null} label=${false} alarm=${alarms > 0} /></span>
+    <span class="row spread"><b translate="no">${called(name)}</b><${Ne107} name=${state?.ne107.name ?? null} label=${false} alarm=${alarms > 0} /></span>
     ${everyMs > 0 && html`<${Thumbnail} name=${name} everyMs=${everyMs} state=${state} />`}
     <span class="state"><${Decision} stop=${state?.stop ?? null} mayMove=${state?.may_move ?? null} inPlace=${state?.in_place ?? false} fault=${trouble} /><span><b>${decisionWords(state)}</b> ${age}</span></span>
-    <span class="why">${state && html`<${Arrow} name=${CODES[state.guidance.name]?.symbol ?? 'stop'} />`}${shortWhy(state)}</span>
-    ${limits && html`<${SmallBars} state=${state} limits=${limits} />`}
+    <${Side} toGoMm=${state?.guidance.to_go_mm ?? null} />
+    <span class="small value to-go">${state?.guidance.to_go_mm == null ? '' : text('to go {0}', distance(state.guidance.to_go_mm))}</span>
+    <span class="why">${why(state)}</span>
     ${alarms > 0 && html`<span class=${`tag ${highest}`}>${alarmCount(alarms, 0)}</span>`}
   </a></li>`;
 }
 
 const GROUPS = [['all', 'all'], ['trouble', 'in trouble'], ['stop', 'stop'], ['in_place', 'in place'], ['may_move', 'may move']];
 
-/** `live`: as from `useLive`; `limitsOf`: the thresholds of a bay, null: not known. */
-export function Overview({ names, live, limitsOf, alarmsOf, highestOf }) {
+const MOST = [6, 12]; // tiles in a row: of a dozen bays, of more
+
+/** So many tiles in a row that the last row is as full as the others can be. */
+function across(count) {
+  const rows = Math.ceil(count / MOST[Number(count > 12)]);
+  return Math.ceil(count / Math.max(1, rows));
+}
+
+/** `live`: as from `useLive`. */
+export function Overview({ names, live, alarmsOf, highestOf }) {
   const [wanted, setWanted] = useState('');
   const [group, setGroup] = useState('all');
   const [pictures, setPictures] = useKept('overview.pictures', true);
@@ -86,7 +109,7 @@ export function Overview({ names, live, limitsOf, alarmsOf, highestOf }) {
     const state = live.stateOf(name);
     const alarms = alarmsOf(name);
     const age = html`<${Age} of=${live} partMs=${live.last?.bays.find(({ bay }) => bay === name)?.age_ms} />`;
-    return { name, state, age, limits: limitsOf(name), alarms, highest: highestOf(name), rank: urgency(state, alarms) };
+    return { name, state, age, alarms, highest: highestOf(name), rank: urgency(state, alarms) };
   }));
   const fits = {
     all: () => true,
@@ -95,7 +118,7 @@ export function Overview({ names, live, limitsOf, alarmsOf, highestOf }) {
     in_place: ({ state }) => state?.in_place,
     may_move: ({ state }) => state?.may_move,
   };
-  const shown = all.filter((bay) => fits[group](bay) && bay.name.toLowerCase().includes(wanted.toLowerCase()));
+  const shown = all.filter((bay) => fits[group](bay) && called(bay.name).toLowerCase().includes(wanted.toLowerCase()));
   return html`<section class="panel overview" aria-labelledby="overview-title">
     <header>
       <h1 id="overview-title">All bays</h1>
@@ -107,7 +130,7 @@ export function Overview({ names, live, limitsOf, alarmsOf, highestOf }) {
         <input type="search" placeholder="find a bay" aria-label="find a bay by name" value=${wanted} onInput=${(event) => setWanted(event.target.value)} />
       </div>
     </header>
-    <ul class="tiles">${shown.map((bay) => html`<${Tile} key=${bay.name} ...${bay} everyMs=${pictures ? Math.max(2000, 150 * names.length) : 0} />`)}</ul>
+    <ul class=${`tiles ${shown.length < 3 ? 'few' : ''}`} style=${{ '--across': across(shown.length) }}>${shown.map((bay) => html`<${Tile} key=${bay.name} ...${bay} everyMs=${pictures ? Math.max(2000, 150 * names.length) : 0} />`)}</ul>
     ${shown.length === 0 && html`<p class="muted">No bay fits.</p>`}
   </section>`;
 }
