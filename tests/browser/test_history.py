@@ -128,6 +128,15 @@ def test_a_visit_is_a_film(page: Page) -> None:
     expect(film).to_have_count(0)
 
 
+def test_a_press_on_one_of_the_last_trucks_asks_why(page: Page) -> None:
+    trucks = page.locator(".trucks a")
+    expect(trucks).to_have_count(2)
+    expect(trucks.first).to_contain_text("no echo 2 ×")
+    until(page, lambda: trucks.first.locator("img").evaluate("(img) => img.naturalWidth") == 64)
+    trucks.first.click()
+    expect(page.locator(".why-panel .answer")).to_contain_text("No complete state of that moment is recorded")
+
+
 def test_why_is_asked_of_the_chosen_moment(site: Plant, page: Page) -> None:
     page.get_by_label("moment").fill("")
     page.locator(".events").get_by_role("button").first.click()

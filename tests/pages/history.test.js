@@ -1,6 +1,6 @@
 import assert from 'node:assert/strict';
 import test from 'node:test';
-import { VISIT_KINDS, abnormal, abnormalEvent, bucketAt, bucketText, columns, faultsText, firstScale, frameMs, hashOf, pictureAt, placeOf, spanOf, stamp, stopOf, usual, windowAt, zone } from '../static/lib/history.js';
+import { VISIT_KINDS, momentOf, verdict, abnormal, abnormalEvent, bucketAt, bucketText, columns, faultsText, firstScale, frameMs, hashOf, pictureAt, placeOf, spanOf, stamp, stopOf, usual, windowAt, zone } from '../static/lib/history.js';
 
 const MIN = 60_000;
 const bucket = (t_ms, more = {}) => ({ t_ms, recorded_s: 60, may_move_s: 0, in_place_s: 0, stop_s: {}, r_min: null, r_mean: null, r_max: null, z_min: null, z_mean: null, z_max: null, ...more });
@@ -44,12 +44,13 @@ test('stop for a fault is told from stop in place', () => {
 });
 
 test('the address of a moment goes both ways, and nonsense is left out', () => {
-  const place = { bay: 'bay 1/x', atMs: 1795400040000, scale: 'hour' };
+  const place = { bay: 'bay 1/x', atMs: 1795400040000, scale: 'hour', why: false };
   assert.deepEqual(placeOf(hashOf(place), ['bay 1/x']), place);
-  assert.deepEqual(placeOf('', ['a', 'b']), { bay: 'a', atMs: null, scale: null });
-  assert.deepEqual(placeOf('#b/-5/year', ['a', 'b']), { bay: 'b', atMs: null, scale: null });
-  assert.deepEqual(placeOf('#%/1e99/constructor', ['a']), { bay: 'a', atMs: null, scale: null });
-  assert.deepEqual(placeOf('#a', []), { bay: null, atMs: null, scale: null });
+  assert.deepEqual(placeOf('', ['a', 'b']), { bay: 'a', atMs: null, scale: null, why: false });
+  assert.ok(placeOf(`${hashOf(place)}/why`, ['bay 1/x']).why);
+  assert.deepEqual(placeOf('#b/-5/year', ['a', 'b']), { bay: 'b', atMs: null, scale: null, why: false });
+  assert.deepEqual(placeOf('#%/1e99/constructor', ['a']), { bay: 'a', atMs: null, scale: null, why: false });
+  assert.deepEqual(placeOf('#a', []), { bay: null, atMs: null, scale: null, why: false });
 });
 
 test('a page begins with the time there is, a day at most', () => {
@@ -87,8 +88,19 @@ test('a film keeps time, and does not wait through silences', () => {
 test('visits are filtered by what happened in them', () => {
   const visit = { faults: [{ reason: 'NO_ECHO', times: 2, seconds: 1.25 }], moved: 'NO', to_position_s: null, corrections: 2, interrupted: false };
   const kinds = Object.entries(VISIT_KINDS).filter(([, [, fits]]) => fits(visit)).map(([key]) => key);
-  assert.deepEqual(kinds, ['all', 'faults', 'never', 'corrected']);
+  assert.deepEqual(kinds, ['all', 'faults', 'odd', 'never', 'corrected']);
   assert.match(faultsText(visit), /^no echo 2 × 1\.[23].s$/);
+});
+
+test('a visit in a few words, and the moment to ask about', () => {
+  const fine = { begun_ms: 100_000, length_s: 60, unintended: false, faults: [], interrupted: false, to_position_s: 12.5, end: 'clear' };
+  const faults = [{ reason: 'NO_ECHO', times: 2, seconds: 1 }, { reason: 'CAMERA_DOWN', times: 1, seconds: 12 }];
+  const rolled = { ...fine, unintended: true, faults };
+  const all = [fine, rolled, { ...fine, faults }, { ...fine, to_position_s: null }, { ...fine, interrupted: true }, { ...fine, end: 'gateway_off' }];
+  assert.deepEqual(all.map(verdict), ['as usual', 'moved, though it was to stand', `camera down 12${String.fromCharCode(0x202f)}s`, 'never in place', 'interrupted', 'gateway off']);
+  const events = [{ t_ms: 90_000, kind: 'sensor_fault' }, { t_ms: 120_000, kind: 'sensor_fault' }, { t_ms: 140_000, kind: 'rolling' }, { t_ms: 170_000, kind: 'moved' }];
+  assert.deepEqual(all.map((visit) => momentOf(visit, events)), [112_500, 140_001, 120_001, 130_000, 112_500, 112_500]);
+  assert.equal(momentOf(rolled, []), 112_500);
 });
 
 test('the time that an answer is of', () => {

@@ -2,6 +2,7 @@
 // `/history#bay1/1795400040000/day` is a bay, a moment and a length.
 
 import { html, useEffect, useErrorBoundary, useMemo, useRef, useState } from '../lib/page.js';
+import { called } from '../lib/bays.js';
 import { words } from '../lib/format.js';
 import { MARKED, SCALES, abnormalEvent, firstScale, hashOf, inputTime, placeOf, spanOf, stamp, windowAt, zone } from '../lib/history.js';
 import { listed, t, text } from '../lib/lang.js';
@@ -12,6 +13,7 @@ import { useHash, useKept } from '../operator/hooks.js';
 import { useAnswer } from './answers.js';
 import { Film } from './film.js';
 import { Timeline } from './timeline.js';
+import { LastTrucks } from './trucks.js';
 import { Visits } from './visits.js';
 import { Why } from './why.js';
 
@@ -19,7 +21,7 @@ const SCROLL_MS = 200; // before the server is asked, while somebody scrolls
 const POINTS = { quarter: 15, hour: 60, shift: 480, day: 480, month: 720 };
 
 function Empty({ records, bay }) {
-  return html`<section class="panel" aria-labelledby="empty-title"><h1 id="empty-title">${text('History of {0}', bay)}</h1>
+  return html`<section class="panel" aria-labelledby="empty-title"><h1 id="empty-title">${text('History of {0}', called(bay))}</h1>
     ${!records.recorded
       ? html`<p><b>Nothing is recorded.</b> ${text('Set {0} in the configuration to a folder that lasts, and leave {1} as it is; then start the gateway anew. What is kept, how much, and who sees it: docs/records.md.', 'state_dir', '[records] enabled = true')}</p>`
       : records.why
@@ -53,7 +55,7 @@ function Bay({ bay, place, records, scale, setScale }) {
   const [atMs, setAtMs] = useState(place.atMs);
   const [middleMs, setMiddleMs] = useState(place.atMs ?? lastMs - SCALES[scale].ms / 2);
   const [visit, setVisit] = useState(null);
-  const [asked, setAsked] = useState(0);
+  const [asked, setAsked] = useState(place.why ? 1 : 0);
   const { sinceMs, untilMs } = windowAt(middleMs, scale, lastMs);
   const span = `since_ms=${sinceMs}&until_ms=${untilMs}`;
   const at = `/api/bays/${encodeURIComponent(bay)}`;
@@ -84,7 +86,7 @@ function Bay({ bay, place, records, scale, setScale }) {
   return html`
     <section class="panel past" aria-labelledby="past-title">
       <header>
-        <h1 id="past-title"><span translate="no">${bay}</span>: <span class="value">${`${stamp(sinceMs)} to ${stamp(untilMs)}`}</span></h1>
+        <h1 id="past-title"><span translate="no">${called(bay)}</span>: <span class="value">${`${stamp(sinceMs)} to ${stamp(untilMs)}`}</span></h1>
         <div class="row compact">
           <div class="group" role="group" aria-label="length of the timeline">
             ${Object.entries(SCALES).map(([name, { word }]) => html`<button type="button" aria-pressed=${String(scale === name)} onClick=${() => rescale(name)}>${word}</button>`)}
@@ -123,7 +125,7 @@ function App({ session }) {
     return () => clearInterval(timer);
   }, []);
   useEffect(() => setChosen(wanted), [place]);
-  titled(!bay ? 'History' : 'History of {0}', bay ?? '');
+  titled(!bay ? 'History' : 'History of {0}', called(bay ?? ''));
   const setBay = (name) => { location.hash = encodeURIComponent(name); };
   const setScale = (name) => {
     keep(name);
@@ -137,6 +139,7 @@ function App({ session }) {
     <//>
     <main id="main" tabindex="-1" class="page history">
       ${records.wrong && html`<p class="notice bad" role="alert">${records.wrong}</p>`}
+      ${view && html`<${LastTrucks} bay=${bay} lastMs=${view.last_ms} />`}
       ${view && (view.last_ms === null
         ? html`<${Empty} records=${view} bay=${bay} />`
         : html`<${Bay} key=${`${bay} ${place.atMs}`} bay=${bay} place=${place} records=${view} scale=${chosen ?? first.current.scale} setScale=${setScale} />`)}

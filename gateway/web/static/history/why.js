@@ -1,7 +1,7 @@
 // Why were the outputs as they were at the chosen moment? Asked on demand: it costs a second or more. The account itself is
 // the records', in English, as in the reports.
 
-import { html, useEffect, useState } from '../lib/page.js';
+import { html, useEffect, useRef, useState } from '../lib/page.js';
 import { listed, t, text } from '../lib/lang.js';
 import { stamp } from '../lib/history.js';
 import { words } from '../lib/format.js';
@@ -16,13 +16,17 @@ const timed = (rows, caption) =>
 export function Why({ bay, atMs, asked, ask }) {
   const at = `/api/bays/${encodeURIComponent(bay)}`;
   const [of, setOf] = useState(/** @type {number|null} */ (null));
+  const panel = useRef(null);
+  useEffect(() => setOf(null), [bay]);
   useEffect(() => {
     if (asked > 0 && atMs !== null) setOf(atMs);
   }, [asked]);
-  useEffect(() => setOf(null), [bay]);
+  useEffect(() => {
+    if (asked > 0) panel.current.scrollIntoView(); // by the address
+  }, []);
   const { answer, wrong, busy } = useAnswer(of === null ? null : `${at}/why?at_ms=${of}`, { timeoutMs: 110_000, key: asked });
   const outputs = answer?.outputs;
-  return html`<section class="panel why-panel" aria-labelledby="why-title">
+  return html`<section class="panel why-panel" ref=${panel} aria-labelledby="why-title">
     <header>
       <h2 id="why-title">Why?</h2>
       <div class="row compact">

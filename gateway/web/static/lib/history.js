@@ -22,7 +22,7 @@ export const firstScale = (spanMs) => Object.keys(SCALES).find((name) => name ==
 const NORMAL = new Set(['none', 'target_reached', 'stop_latched', 'clearing', 'starting', 'no_target', 'target_coasted', 'range_too_far', 'no_echo', 'shutdown']);
 /** Kinds of events that are marked on the timeline. */
 export const MARKED = ['sensor_fault', 'plc_lost', 'rolling', 'moved', 'operator_mark', 'function_check_begun', 'settings_changed', 'alarm_action', 'pictures_not_kept', 'start', 'shutdown'];
-const BAD = new Set(['sensor_fault', 'plc_lost', 'rolling', 'moved']);
+export const BAD = new Set(['sensor_fault', 'plc_lost', 'rolling', 'moved']);
 
 /** A visit in which nothing was abnormal. */
 export const usual = (visit) => !visit.unintended && !visit.faults.length && !visit.interrupted && visit.to_position_s !== null && visit.end !== 'gateway_off';
@@ -50,16 +50,17 @@ export const stamp = (unixMs, how = {}) => (known(unixMs) ? `${clock(unixMs, { d
 export const inputTime = (unixMs) => clock(unixMs, { date: true }).replace(' ', 'T');
 
 /**
- * The address of a moment, `bay/unix ms/scale`, and back; what does not fit is left out.
+ * The address of a moment, `bay/unix ms/scale`, and back; what does not fit is left out. `/why` behind it asks why.
  * @param {string} hash @param {string[]} bays
  */
 export function placeOf(hash, bays) {
-  const [bay, at, scale] = hash.replace(/^#/, '').split('/').map(decoded);
+  const [bay, at, scale, why] = hash.replace(/^#/, '').split('/').map(decoded);
   const ms = Number(at);
   return {
     bay: bays.includes(bay) ? bay : bays[0] ?? null,
     atMs: at && Number.isSafeInteger(ms) && ms >= 0 && ms < 4_102_444_800_000 ? ms : null,
     scale: Object.hasOwn(SCALES, scale ?? '') ? scale : null,
+    why: why === 'why',
   };
 }
 
@@ -154,6 +155,27 @@ export const VISIT_KINDS = {
 
 export const faultsText = (visit) =>
   listed(visit.faults.map((fault) => `${t(words(fault.reason))} ${fault.times > 1 ? `${fault.times} × ` : ''}${length(fault.seconds)}`), ', ');
+
+/** A visit in a few words, the gravest first. */
+export function verdict(visit) {
+  if (visit.unintended) return VISIT_KINDS.moved[0];
+  if (visit.faults.length) return faultsText({ faults: [visit.faults.reduce((worst, fault) => (fault.seconds > worst.seconds ? fault : worst))] });
+  if (visit.to_position_s === null) return VISIT_KINDS.never[0];
+  if (visit.interrupted) return VISIT_KINDS.interrupted[0];
+  return visit.end === 'gateway_off' ? words(visit.end) : 'as usual';
+}
+
+/**
+ * The moment of a visit to ask about: that of its motion, else of its fault, else when it was in place, Unix ms.
+ * @param {any} visit @param {{t_ms: number, kind: string}[]} events abnormal ones, ascending
+ */
+export function momentOf(visit, events) {
+  const kinds = visit.unintended ? ['rolling', 'moved'] : visit.faults.length ? ['sensor_fault', 'plc_lost'] : [];
+  const endMs = visit.begun_ms + 1000 * visit.length_s;
+  // An event's time is cut to whole ms: what it changed is so in the next one.
+  const event = events.find(({ kind, t_ms }) => kinds.includes(kind) && t_ms >= visit.begun_ms && t_ms <= endMs);
+  return event ? event.t_ms + 1 : visit.begun_ms + Math.round(1000 * (visit.to_position_s ?? visit.length_s / 2));
+}
 
 /** Of a picture in a film: how long it is shown, ms. Silences between pictures are not waited for. */
 export function frameMs(pictures, n, speed) {

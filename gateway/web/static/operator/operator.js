@@ -10,6 +10,7 @@ import { text } from '../lib/lang.js';
 import { titled } from '../lib/title.js';
 import { start } from '../lib/start.js';
 import { Top } from '../lib/top.js';
+import { RecordedTrucks } from '../history/trucks.js';
 import { aimOf, cameraFault, limitsOf, standing } from '../lib/views.js';
 import { Alarms } from './alarms.js';
 import { Bars } from './bars.js';
@@ -105,7 +106,7 @@ function App({ session }) {
             <div class="column a"><${LivePicture} key=${bay} bay=${bay} aim=${one ? aimOf(one) : null} connected=${known} fault=${cameraFault(state)} onShape=${setShape} />${one ? html`<${Bars} state=${state} limits=${limitsOf(one)} />` : html`<div class="panel room bars-room"></div>`}${wide && large && events}</div>
             <div class="column b"><${Decision} state=${state} age=${html`<${Age} of=${live} partMs=${one?.age_ms} />`} bay=${bay} alarm=${(alarms?.alarms ?? []).some((each) => each.active && standing(each) && (each.bay === bay || each.bay === null))} />${one ? html`<${Trend} bay=${bay} state=${state} limits=${limitsOf(one)} />` : html`<div class="panel room trend-room"></div>`}</div>
             <div class="column c"><${Alarms} bay=${bay} ...${list} known=${known} />${!(wide && large) && events}${large && health}</div>
-            <div class="below">${!large && health}<${Registers} key=${bay} bay=${bay} /></div>`}
+            <div class="below"><${RecordedTrucks} bay=${bay} />${!large && health}<${Registers} key=${bay} bay=${bay} /></div>`}
     </main>`;
 }
 
