@@ -6,7 +6,6 @@ written it.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 
 from gateway.records import recording
@@ -29,22 +28,29 @@ class Verified:
 def verified(paths: Sequence[Path], advance: Callable[[], None] = lambda: None) -> Verified:
     """All segments of a bay, read and compared. Raises OSError."""
 
+    faults: list[str] = []
+    proven = unchained = 0
+
     def each() -> Iterator[Path]:
+        """Each is compared as soon as it was read: minutes later the limits may have deleted it."""
+        nonlocal proven, unchained
+        before: Path | None = None
         for path in paths:
+            if before is not None:
+                known = before_of(path)
+                if known is None:
+                    unchained += 1
+                elif known.name == before.name and (why := _changed(before, known)):
+                    faults.append(f"{before.name}: {why}, by {path.name}")
+                elif known.name == before.name:
+                    proven += 1
             yield path
+            before = path
             advance()
 
-    faults = [item.why for item in recording.records(each()) if isinstance(item, MissingItem)]
-    proven = unchained = 0
-    for before, path in pairwise(paths):
-        known = before_of(path)
-        if known is None:
-            unchained += 1
-        elif known.name == before.name:
-            if why := _changed(before, known):
-                faults.append(f"{before.name}: {why}, by {path.name}")
-            else:
-                proven += 1
+    for item in recording.records(each()):
+        if isinstance(item, MissingItem):
+            faults.append(item.why)
     return Verified(tuple(faults), proven, unchained)
 
 

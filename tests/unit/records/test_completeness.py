@@ -10,6 +10,7 @@ import pytest
 from gateway.cli.main import main
 from gateway.core.state import Reason
 from gateway.records import page, recording
+from gateway.records.completeness import Verified, verified
 from gateway.records.inquiry import Answer, Inquiry
 from gateway.records.segment import MAGIC, BlockKind, block, blocks
 from tests.recorded_bay import T0_NS, Recorded, S, recorded, unix
@@ -148,6 +149,17 @@ class TestTheChain:
         code, lines = said("verify", whole, capsys)
         assert code == 1
         assert f"{path.name}: not the bytes that were written, by {segment(whole, 3).name}" in lines
+
+    def test_one_that_the_limits_delete_once_it_was_read(self, whole: Recorded) -> None:
+        paths = recording.segments_of([whole.path])
+        read: list[Path] = []
+
+        def one_more() -> None:
+            read.append(paths[len(read)])
+            if len(read) > 1:
+                read[-2].unlink()  # the one behind it has been read
+
+        assert verified(paths, one_more) == Verified((), len(paths) - 1, 0)
 
     def test_one_that_was_cut(self, whole: Recorded, capsys: pytest.CaptureFixture[str]) -> None:
         path = segment(whole, 2)
