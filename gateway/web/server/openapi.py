@@ -87,6 +87,7 @@ def _schemas(routes: list[APIRoute]) -> Json:
     models: list[tuple[str, Any]] = [("serialization", model) for model in (*live, Problem)]
     for route in routes:
         models.append(("serialization", route.response_model))
+        models += [("validation", parameter.field_info.annotation) for parameter in route.dependant.query_params]
         if route.body_field is not None:
             models.append(("validation", route.body_field.field_info.annotation))
     adapters = [(n, mode, TypeAdapter(model)) for n, (mode, model) in enumerate(models)]

@@ -345,9 +345,10 @@ def test_a_certificate_that_ends_soon_and_a_key_that_others_read(plant: Plant, t
 
     assert tls.warnings(TlsFiles.of_pages(HmiConfig()), 0) == []
     assert at(0) == []
-    (soon,) = at(10.5)
+    assert at(19.5) == []  # more than a third of its 30 days is left
+    (soon,) = at(20.5)
     assert soon.startswith("hmi.tls_cert: ")
-    assert soon.endswith("in 19 days")
+    assert soon.endswith("in 9 days")
     (late,) = at(31)
     assert late.endswith("no client will connect; renew it")
     key = tmp_path / "open.key"
