@@ -213,6 +213,13 @@ def test_a_week_is_two_sheets_of_a4(page: Page) -> None:
 
 
 @pytest.mark.long
+def test_a_month_of_which_most_days_were_not_recorded_is_a_small_file(served: tuple[Pages, Week], page: Page) -> None:
+    page.goto(f"{served[0].url}/manager?from=2026-11-01&to=2026-11-30")
+    expect(page.locator(".days .blank").first).to_be_visible()
+    assert len(page.pdf(prefer_css_page_size=True, print_background=True)) < 2_000_000
+
+
+@pytest.mark.long
 def test_it_is_accessible_and_fits_into_every_width(page: Page) -> None:
     judgements.accessible(page)
     judgements.usable_by_keyboard(page)
