@@ -9,7 +9,7 @@ the pictures. An unknown user costs the same check as a known one.
 import asyncio
 import unicodedata
 from collections.abc import Callable, Iterable, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from typing import Any, TypeVar
 
 from argon2 import PasswordHasher, extract_parameters
@@ -64,7 +64,7 @@ class Passwords:
     def __init__(self, users: Iterable[HmiUser]) -> None:
         self._users: Mapping[str, HmiUser] = {user.name: user for user in users}
         self._dummy = _dummy_hash([user.password_hash for user in self._users.values()])
-        self._thread = ThreadPoolExecutor(1, thread_name_prefix="passwords")
+        self._thread: Executor = ThreadPoolExecutor(1, thread_name_prefix="passwords")
         self._waiting = 0
 
     async def check(self, name: str, password: str) -> HmiUser | None:

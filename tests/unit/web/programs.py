@@ -75,4 +75,6 @@ def api_client(made: Plant, statistics: PageStatistics | None = None) -> ApiClie
         services.live.counts = statistics.viewers["live"]
         services.pictures.encoded = statistics.pictures_encoded
         services.refusals.update(statistics.refusals)
-    return ApiClient(routes_app(services, Logins(HmiConfig(), made.client.clock, lambda _: None)))
+    logins = Logins(HmiConfig(), made.client.clock, lambda _: None)
+    logins.passwords._thread = AtOnce()
+    return ApiClient(routes_app(services, logins))
