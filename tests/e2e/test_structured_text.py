@@ -98,6 +98,7 @@ def program() -> Program:
     return Program(structured_text.declarations((Target(),)))
 
 
+@pytest.mark.long
 def test_the_outputs_follow_a_live_bay_and_fall_on_every_doubt(program: Program, tmp_path: Path) -> None:
     scenario = tmp_path / "visit.toml"
     scenario.write_text(VISIT)
