@@ -9,7 +9,6 @@ from collections.abc import Callable
 from gateway.alarms.definition import MINUTE_S, AlarmDefinition, BayInputs, Priority, Suppression
 from gateway.config.sections.ranger import RANGERS
 from gateway.core.ne107 import degraded
-from gateway.core.plc import PlcLink
 from gateway.core.readings import DEAD, EXPOSURE_MEANING, UNCONTROLLED, PictureFault, Quality
 from gateway.core.state import MOVED_MEANING, FunctionCheck, Moved, Reason
 
@@ -53,9 +52,7 @@ def _disagree_detail(inputs: BayInputs) -> str:
 
 
 def _truck_moved(inputs: BayInputs) -> bool:
-    """Where no PLC can release a truck, every one that leaves has moved: only one under the spout is reported."""
-    visit = inputs.state.visit
-    return visit.moved is not Moved.NO and (visit.moved_covered or inputs.state.plc.link is not PlcLink.UNUSED)
+    return inputs.state.visit.moved is not Moved.NO and inputs.state.to_stand
 
 
 def _truck_moved_detail(inputs: BayInputs) -> str:

@@ -237,11 +237,6 @@ class Visit:
         return self.reference is not None and self.reference.rolling_since_ns is not None
 
     @property
-    def rolls_covered(self) -> bool:
-        """It does so under the spout, as far as it can be known."""
-        return self.reference is not None and self.rolling and (self.reference.covered or self.moved_covered)
-
-    @property
     def rolled_off(self) -> bool:
         """It has left its place without release and before anything was loaded: no spout is down."""
         begun = self.in_place or self.released or self.restored or self.covered or self.moved_covered
@@ -363,14 +358,19 @@ class StateVector:
         return self.visit.in_place
 
     @property
-    def unintended_motion(self) -> bool:
-        """A truck rolls that is to stand. Where no PLC writes, none is released, and each one that leaves rolls: there
-        only a truck under the spout, or one that comes nearer.
+    def to_stand(self) -> bool:
+        """A truck that leaves its place without release was to stand. Where no PLC writes, none is released, and each
+        one leaves so: there only one that has moved under the spout.
         """
+        return self.visit.moved_covered or self.plc.link is not PlcLink.UNUSED
+
+    @property
+    def unintended_motion(self) -> bool:
+        """A truck rolls that is to stand: also under the spout, as far as it can be known, or while it comes nearer."""
         reference = self.visit.reference
         if reference is None or not self.visit.rolling:
             return False
-        return self.visit.rolls_covered or self.plc.link is not PlcLink.UNUSED or reference.nearer
+        return self.to_stand or reference.covered or reference.nearer
 
     @property
     def running(self) -> bool:

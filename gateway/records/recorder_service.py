@@ -26,7 +26,6 @@ from gateway.config import BayConfig, GatewayConfig
 from gateway.config.strict.errors import without_passwords
 from gateway.core.events import Event, EventKind
 from gateway.core.fusion import Observation
-from gateway.core.plc import PlcLink
 from gateway.core.state import StateVector
 from gateway.core.visit_summary import VisitSummary
 from gateway.durations import NS_PER_S
@@ -107,11 +106,6 @@ def head_of(config: GatewayConfig, bay: BayConfig, boot: str) -> Head:
     )
 
 
-def _to_stand(state: StateVector) -> bool:
-    """Was the truck that moves to stand? Where no PLC releases any, only one under the spout, or that comes nearer."""
-    return state.plc.link is not PlcLink.UNUSED or state.visit.moved_covered or state.unintended_motion
-
-
 @dataclass(slots=True)
 class RecorderService:
     """`rings`: the bays' frames. `collectors`: by bay; none where nothing is recorded."""
@@ -168,8 +162,9 @@ class RecorderService:
         collector(observation, state, happened, open_visit)
         for event in happened:
             if event.kind in KEPT:
-                leaves = event.kind in (EventKind.MOVED, EventKind.ROLLING) and not _to_stand(state)
-                self.keep(event.bay, event.t_ns, "departure" if leaves else event.kind.value)
+                leaves = event.kind in (EventKind.MOVED, EventKind.ROLLING)
+                usual = leaves and not (state.to_stand or state.unintended_motion)
+                self.keep(event.bay, event.t_ns, "departure" if usual else event.kind.value)
 
     def on_alarm(self, change: AlarmChange) -> None:
         """Each change of an alarm is recorded, that of the gateway itself with every bay; pictures where one occurs."""
