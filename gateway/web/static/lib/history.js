@@ -24,13 +24,16 @@ const NORMAL = new Set(['none', 'target_reached', 'stop_latched', 'clearing', 's
 export const MARKED = ['sensor_fault', 'plc_lost', 'rolling', 'moved', 'operator_mark', 'function_check_begun', 'settings_changed', 'alarm_action', 'pictures_not_kept', 'start', 'shutdown'];
 export const BAD = new Set(['sensor_fault', 'plc_lost', 'rolling', 'moved']);
 
+const USUAL = 'as usual';
 /** A visit in which nothing was abnormal. */
-export const usual = (visit) => !visit.unintended && !visit.faults.length && !visit.interrupted && visit.to_position_s !== null && visit.end !== 'gateway_off';
+export const usual = (visit) => verdict(visit) === USUAL;
+
+const during = (visit, tMs) => tMs >= visit.begun_ms && tMs <= visit.begun_ms + 1000 * visit.length_s;
 
 /** Is an event something abnormal? Where no PLC releases trucks, each one that leaves rolls and moves: its visit says whether it was to stand. */
 export const abnormalEvent = (event, visits) =>
   ['rolling', 'moved'].includes(event.kind)
-    ? visits.some((visit) => visit.unintended && event.t_ms >= visit.begun_ms && event.t_ms <= visit.begun_ms + 1000 * visit.length_s)
+    ? visits.some((visit) => visit.unintended && during(visit, event.t_ms))
     : abnormal(event.kind);
 
 /** Is a stop for this reason, or an event of this kind, something abnormal? */
@@ -162,7 +165,7 @@ export function verdict(visit) {
   if (visit.faults.length) return faultsText({ faults: [visit.faults.reduce((worst, fault) => (fault.seconds > worst.seconds ? fault : worst))] });
   if (visit.to_position_s === null) return VISIT_KINDS.never[0];
   if (visit.interrupted) return VISIT_KINDS.interrupted[0];
-  return visit.end === 'gateway_off' ? words(visit.end) : 'as usual';
+  return visit.end === 'gateway_off' ? words(visit.end) : USUAL;
 }
 
 /**
@@ -171,9 +174,8 @@ export function verdict(visit) {
  */
 export function momentOf(visit, events) {
   const kinds = visit.unintended ? ['rolling', 'moved'] : visit.faults.length ? ['sensor_fault', 'plc_lost'] : [];
-  const endMs = visit.begun_ms + 1000 * visit.length_s;
   // An event's time is cut to whole ms: what it changed is so in the next one.
-  const event = events.find(({ kind, t_ms }) => kinds.includes(kind) && t_ms >= visit.begun_ms && t_ms <= endMs);
+  const event = events.find(({ kind, t_ms }) => kinds.includes(kind) && during(visit, t_ms));
   return event ? event.t_ms + 1 : visit.begun_ms + Math.round(1000 * (visit.to_position_s ?? visit.length_s / 2));
 }
 
