@@ -16,8 +16,8 @@ from gateway.web.auth.access import Level, Rule
 from gateway.web.auth.audit_log import AuditKind, AuditRecord, printable
 from gateway.web.auth.headers import Headers, header
 from gateway.web.auth.login_throttle import LoginThrottle
-from gateway.web.auth.passwords import LoginsBusyError, Passwords
-from gateway.web.auth.refusals import AGAIN, RefusalError
+from gateway.web.auth.passwords import Passwords
+from gateway.web.auth.refusals import RefusalError, throttled
 from gateway.web.auth.sessions import Caller, Session, Sessions
 
 MAX_COOKIES = 4096  # characters of the header
@@ -148,12 +148,8 @@ class Logins:
         wait_s = self._throttle.attempt(address, name, self._clock.now_ns())
         if wait_s:
             self.record(AuditRecord(AuditKind.LOGIN_THROTTLED, printable(name), address, f"{wait_s} s to wait"))
-            text = f"too many failed logins; try again in {wait_s} s"
-            raise RefusalError(429, "throttled", text, headers={"Retry-After": str(wait_s)})
-        try:
-            user = await self.passwords.check(name, password)
-        except LoginsBusyError as error:
-            raise RefusalError(503, "busy", str(error), headers=AGAIN) from None
+            raise throttled("failed logins", wait_s)
+        user = await self.passwords.check(name, password)
         if user is None:
             self.record(AuditRecord(AuditKind.LOGIN_FAILED, printable(name), address, "wrong name or password"))
             raise RefusalError(401, "login", "wrong name or password")

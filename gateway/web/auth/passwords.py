@@ -16,7 +16,7 @@ from argon2 import PasswordHasher, extract_parameters
 from argon2.exceptions import VerifyMismatchError
 
 from gateway.config.sections.hmi import HmiUser
-from gateway.errors import GatewayError
+from gateway.web.auth.refusals import AGAIN, RefusalError
 
 MEMORY_KIB, PASSES, LANES = 19_456, 2, 1
 MIN_LENGTH, MAX_LENGTH = 10, 256  # characters
@@ -26,8 +26,11 @@ MIN_DIFFERENT = 5
 Result = TypeVar("Result")
 
 
-class LoginsBusyError(GatewayError):
+class LoginsBusyError(RefusalError):
     """Too many logins are being checked already."""
+
+    def __init__(self) -> None:
+        super().__init__(503, "busy", "too many logins at the same time; try again", headers=AGAIN)
 
 
 def weakness(password: str, name: str = "") -> str | None:
@@ -79,7 +82,7 @@ class Passwords:
 
     async def _on_thread(self, work: Callable[..., Result], *given: str) -> Result:
         if self._waiting >= MAX_WAITING:
-            raise LoginsBusyError("too many logins at the same time; try again")
+            raise LoginsBusyError
         self._waiting += 1
         job = self._thread.submit(work, *given)
         loop = asyncio.get_running_loop()

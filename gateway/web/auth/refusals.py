@@ -50,6 +50,11 @@ class RefusalError(GatewayError):
         self.members = dict(members or {})
 
 
+def throttled(of: str, wait_s: int) -> RefusalError:
+    text = f"too many {of}; try again in {wait_s} s"
+    return RefusalError(429, "throttled", text, headers={"Retry-After": str(wait_s)})
+
+
 def problem(
     status: int,
     error: str,

@@ -7,8 +7,8 @@ from collections import OrderedDict
 from gateway.clock import Clock
 from gateway.durations import NS_PER_S
 from gateway.web.auth.login_throttle import LoginThrottle
-from gateway.web.auth.passwords import LoginsBusyError, Passwords, weakness
-from gateway.web.auth.refusals import AGAIN, RefusalError
+from gateway.web.auth.passwords import Passwords, weakness
+from gateway.web.auth.refusals import RefusalError, throttled
 from gateway.web.auth.sessions import Caller
 from gateway.web.profile.settings_edit import SettingChange
 
@@ -33,12 +33,8 @@ class NewPasswords:
             raise RefusalError(400, "password", f"this password {weak}")
         wait_s = self._throttle.attempt(caller.address, caller.name, self._clock.now_ns())
         if wait_s:
-            text = f"too many passwords in a short time; try again in {wait_s} s"
-            raise RefusalError(429, "throttled", text, headers={"Retry-After": str(wait_s)})
-        try:
-            made = await passwords.hash(password)
-        except LoginsBusyError as error:
-            raise RefusalError(503, "busy", str(error), headers=AGAIN) from None
+            raise throttled("passwords in a short time", wait_s)
+        made = await passwords.hash(password)
         name = MARK + secrets.token_urlsafe(16)
         self._kept[name] = (caller.csrf, user, made, self._clock.now_ns() + KEPT_S * NS_PER_S)
         while len(self._kept) > MAX_KEPT:
