@@ -29,7 +29,7 @@ def check(config: GatewayConfig, *, source: str, text: str) -> None:
             part()
         except ConfigError as error:
             message = re.sub(r"^(modbus\.tls\.|camera\.url|camera\.exposure|ranger port)\b[:= ]*", "", str(error))
-            if isinstance(error, SettingError):  # it knows its key of the bay
+            if isinstance(error, SettingError):  # it knows its key, within the bay
                 place, message = (*place[:2], *error.place), error.fault
             fault = located(place, message, source=source, text=text, shared=SHARED_SECTIONS)
             if fault not in faults:  # a shared section is checked once per bay
@@ -46,10 +46,7 @@ def check(config: GatewayConfig, *, source: str, text: str) -> None:
     if config.modbus.tls is not None:
         look(("modbus", "tls"), partial(tls.check, TlsFiles.of_modbus(config.modbus.tls)))
     for part in sink_registry.checks(config):
-        try:
-            part()
-        except SettingError as error:
-            faults.append(located(error.place, error.fault, source=source, text=text, shared=SHARED_SECTIONS))
+        look((), part)
     if config.hmi.enabled:
         try:
             tls.check(TlsFiles.of_pages(config.hmi))
