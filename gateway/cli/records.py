@@ -16,7 +16,7 @@ examples:
 import argparse
 import sqlite3
 from datetime import UTC, datetime
-from itertools import groupby, pairwise
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -53,7 +53,7 @@ def main(args: argparse.Namespace) -> int:
 
 
 def _list(bay: Path, files: "list[StoredFile]") -> int:
-    from gateway.records.completeness import before_of
+    from gateway.records import recording
     from gateway.records.names import PICTURES, SEGMENT
 
     size = sum(file.size_bytes for file in files)
@@ -65,12 +65,15 @@ def _list(bay: Path, files: "list[StoredFile]") -> int:
         size = sum(file.size_bytes for file in found)
         print(f"  {day}  {size / 1e6:9.1f} MB  {counts[0]:4} segments  {counts[1]:4} files of pictures")
     segments = [file.name for file in files if file.name.kind == SEGMENT]
-    for before, after in pairwise(segments):
-        known = before_of(bay / str(after))
-        if known is not None and known.name != str(before):
-            print(f"  missing: everything between {before} and {after}")
-        elif not 0 <= after.unix_s - before.unix_s <= GAP_S:
-            print(f"  gap between {before} and {after}{'' if known is None else ': nothing was written'}")
+    continuity = recording.Continuity()
+    for before, after in zip([None, *segments], segments, strict=False):
+        path = bay / str(after)
+        head = recording.head_in(path)
+        if missing := continuity.begins(path, head):
+            print(f"  missing: {missing}")
+        elif before is not None and not 0 <= after.unix_s - before.unix_s <= GAP_S:
+            known = head is not None and head.before is not None
+            print(f"  gap between {before} and {after}{': nothing was written' if known else ''}")
     for name in pins:
         print(f"  pinned: {name}")
     return 0
@@ -87,7 +90,8 @@ def _verify(bay: Path, files: "list[StoredFile]") -> int:
     print(f"{bay.name}: {len(paths)} segments{f', {paths[0].name} to {paths[-1].name}' if paths else ''}")
     for why in found.faults:
         print(f"  {why}")
-    print(f"  {found.proven} are as the next one names them, {len(found.faults)} faults")
+    faults = len(found.faults)
+    print(f"  {found.proven} are proven by the segment behind them, {faults} fault{'' if faults == 1 else 's'}")
     if found.unchained:
         print(f"  {found.unchained} name no segment before them: an earlier version wrote them")
     return int(bool(found.faults))

@@ -34,30 +34,29 @@ def verified(paths: Sequence[Path], advance: Callable[[], None] = lambda: None) 
     def each() -> Iterator[Path]:
         """Each is compared as soon as it was read: minutes later the limits may have deleted it."""
         nonlocal proven, unchained
-        before: Path | None = None
+        newest: dict[str, Path] = {}  # of each recording, as folders may have been merged
         for path in paths:
-            if before is not None:
-                known = before_of(path)
-                if known is None:
+            head = recording.head_in(path)
+            if head is None:  # damaged, which is a fault already
+                newest = dict.fromkeys(newest, path)
+            else:
+                if newest and head.recording not in newest:
+                    faults.append(f"{path.name}: of another recording: {head.recording}, not {', '.join(newest)}")
+                before, newest[head.recording] = newest.get(head.recording), path
+                known = head.before
+                if before is not None and known is None:
                     unchained += 1
-                elif known.name == before.name and (why := _changed(before, known)):
-                    faults.append(f"{before.name}: {why}, by {path.name}")
-                elif known.name == before.name:
-                    proven += 1
+                elif before is not None and known is not None and known.name == before.name:
+                    why = _changed(before, known)
+                    faults.extend([f"{before.name}: {why}, says {path.name}"] if why else [])
+                    proven += not why
             yield path
-            before = path
             advance()
 
     for item in recording.records(each()):
         if isinstance(item, MissingItem):
             faults.append(item.why)
     return Verified(tuple(faults), proven, unchained)
-
-
-def before_of(path: Path) -> SegmentBefore | None:
-    """What a segment says of the one before it; None: nothing. Raises OSError."""
-    head = recording.head_in(path)
-    return None if head is None else head.before
 
 
 def _changed(path: Path, known: SegmentBefore) -> str:

@@ -6,7 +6,7 @@ Missing in its place, and reading goes on behind it.
 
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -59,29 +59,33 @@ Item = tuple[Place, AnyRecord]
 @dataclass(slots=True)
 class Continuity:
     """Follows records in their order, and says where some are not there: by the segment that a head names as the one
-    before it, and by the number of the state at each Checkpoint, which counts the steps. `steps`: None: not known until
-    the next Checkpoint; BEGINS: a start of the gateway is expected. `batch`: the newest of this start."""
+    before it, and by the number of the state at each Checkpoint, which counts the steps. `newest`: the segment of each
+    recording, as folders may have been merged. `steps`: None: not known until the next Checkpoint; BEGINS: a start of
+    the gateway is expected. `batch`: the newest of this start."""
 
     path: Path | None = None
     head: Head | None = None
+    newest: dict[str, Path] = field(default_factory=dict)
     steps: int | None = None
     batch: int = 0
 
     def begins(self, path: Path, head: Head | None) -> str:
         """Another segment, with its head as far as that can be read: what is missing before it; empty: nothing."""
-        before_path, before, self.path = self.path, self.head, path
+        before, self.path = self.head, path
         if head is None:
             self.steps = None
+            self.newest = dict.fromkeys(self.newest, path)  # of which recording it is, is not known
             return ""
         self.head = head
-        of_another = before is not None and _of(before) != _of(head)
+        of_another = before is not None and before.recording != head.recording
         if before is None or of_another or before.boot != head.boot:
             self.batch = 0
             self.steps = None if before is None or of_another else BEGINS
-        if of_another or before_path is None or head.before is None or head.before.name == before_path.name:
+        expected, self.newest[head.recording] = self.newest.get(head.recording), path
+        if expected is None or head.before is None or head.before.name == expected.name:
             return ""
         self.steps = None
-        return f"everything between {before_path.name} and {path.name}"
+        return f"everything between {expected.name} and {path.name}"
 
     def follows(self, record: AnyRecord) -> str:
         """Another record of that segment: what is missing before it; empty: nothing, as far as that can be known."""
@@ -96,10 +100,6 @@ class Continuity:
         assert self.path is not None
         lost = "the start of the gateway" if expected == BEGINS else f"{self.steps - expected} steps"
         return f"{lost} before a complete state in {self.path.name}"
-
-
-def _of(head: Head) -> tuple[str, str, str]:
-    return head.site, head.instance, head.bay
 
 
 def segments_of(paths: Iterable[Path]) -> list[Path]:

@@ -62,6 +62,11 @@ class Head(msgspec.Struct, frozen=True, kw_only=True):
     config: str
     before: SegmentBefore | None = None
 
+    @property
+    def recording(self) -> str:
+        """Of which gateway and bay."""
+        return f"{self.site}.{self.instance}/{self.bay}"
+
 
 class Batch(msgspec.Struct, frozen=True, array_like=True):
     """The payload of a records block before compression. `number` counts the batches of one `boot`, for a batch that

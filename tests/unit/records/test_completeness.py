@@ -63,10 +63,15 @@ def said(what: str, folder: Recorded, capsys: pytest.CaptureFixture[str]) -> tup
 def with_a_newer_key(path: Path) -> None:
     head = recording.head_in(path)
     assert head is not None
-    config = json.loads(head.config) | {"of_a_later_version": 1}
+    with_other_head(path, config=json.dumps(json.loads(head.config) | {"of_a_later_version": 1}))
+
+
+def with_other_head(path: Path, **other: str) -> None:
+    head = recording.head_in(path)
+    assert head is not None
     data = path.read_bytes()
     rest = data[next(b.size + b.offset for b in blocks(data) if not hasattr(b, "length")) :]
-    head = msgspec.structs.replace(head, config=json.dumps(config))
+    head = msgspec.structs.replace(head, **other)
     path.write_bytes(MAGIC + block(BlockKind.HEAD, msgspec.json.encode(head)) + rest)
 
 
@@ -104,7 +109,7 @@ class TestAMissingSegment:
         code, lines = said("verify", gap, capsys)
         assert code == 1
         assert len([line for line in lines if segment(gap, 3).name in line]) >= 1
-        assert "1 faults" in lines[-1] or "1 faults" in lines[-2]
+        assert "1 fault" in lines[-1] or "1 fault" in lines[-2]
 
     def test_an_interval_of_other_decisions_ends_before_it(
         self, gap: Recorded, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -141,14 +146,14 @@ class TestTheChain:
     def test_what_is_complete_is_proven(self, whole: Recorded, capsys: pytest.CaptureFixture[str]) -> None:
         code, lines = said("verify", whole, capsys)
         segments = len(list(whole.path.glob("*.seg")))
-        assert (code, lines[-1]) == (0, f"{segments - 1} are as the next one names them, 0 faults")
+        assert (code, lines[-1]) == (0, f"{segments - 1} are proven by the segment behind them, 0 faults")
 
     def test_one_that_was_changed_with_a_good_crc(self, whole: Recorded, capsys: pytest.CaptureFixture[str]) -> None:
         path = segment(whole, 2)
         path.write_bytes(path.read_bytes() + block(BlockKind.RECORDS, b""))
         code, lines = said("verify", whole, capsys)
         assert code == 1
-        assert f"{path.name}: not the bytes that were written, by {segment(whole, 3).name}" in lines
+        assert f"{path.name}: not the bytes that were written, says {segment(whole, 3).name}" in lines
 
     def test_one_that_the_limits_delete_once_it_was_read(self, whole: Recorded) -> None:
         paths = recording.segments_of([whole.path])
@@ -160,6 +165,20 @@ class TestTheChain:
                 read[-2].unlink()  # the one behind it has been read
 
         assert verified(paths, one_more) == Verified((), len(paths) - 1, 0)
+
+    def test_one_of_another_bay_hides_no_gap(self, whole: Recorded, capsys: pytest.CaptureFixture[str]) -> None:
+        path = segment(whole, 2)
+        with_other_head(path, bay="bay7")
+        found = verified(recording.segments_of([whole.path]))
+        gap = f"everything between {segment(whole, 1).name} and {segment(whole, 3).name}"
+        other = f"{path.name}: of another recording: site1.gateway/bay7, not site1.gateway/bay1"
+        assert {gap, other} <= set(found.faults)
+        assert found.proven == len(list(whole.path.glob("*.seg"))) - 3
+        assert f"missing: {gap}" in said("list", whole, capsys)[1]
+
+    def test_a_damaged_head_is_of_no_earlier_version(self, whole: Recorded) -> None:
+        segment(whole, 2).write_bytes(b"")
+        assert verified(recording.segments_of([whole.path])).unchained == 0
 
     def test_one_that_was_cut(self, whole: Recorded, capsys: pytest.CaptureFixture[str]) -> None:
         path = segment(whole, 2)
@@ -184,7 +203,7 @@ class TestTheChain:
         folder.write(bench.now_ns, boot="b")
         code, lines = said("verify", folder, capsys)
         assert code == 1
-        assert lines[-1] == "1 are as the next one names them, 1 faults"
+        assert lines[-1] == "1 are proven by the segment behind them, 1 fault"
         assert lines[1].startswith(f"{path.name}: cut off at its end")
 
     def test_list_tells_a_missing_segment_from_a_time_without_records(
