@@ -10,9 +10,10 @@ from pathlib import Path
 import pytest
 
 from gateway.cli import main
-from gateway.sinks.mqtt import ghosts
+from gateway.sinks.mqtt import broker_link, ghosts
 from tests.e2e.brokers import Mosquitto, program
 from tests.e2e.mqtt_plant import Plant
+from tests.e2e.tcp_proxy import NetworkConditions, Proxy
 
 
 @pytest.fixture
@@ -60,6 +61,7 @@ def test_ghosts_of_a_site_are_listed_and_cleared(
     broker: Mosquitto, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(ghosts, "ANSWER_S", 0.5)
+    monkeypatch.setattr(ghosts, "SURE_S", 0.5)
     left_by(broker, topics("bay1", announced=("bay1",)), "bay1")
     both = ("bay1", "bay2")
     left_by(broker, topics(*both, announced=both, status=("gw", "old")), "bay2", instance="old")
@@ -77,6 +79,24 @@ def test_ghosts_of_a_site_are_listed_and_cleared(
     ]
     assert main(["mqtt", "ghosts", str(config), "--clear"]) == 0
     assert retained(broker) == topics("bay1", announced=("bay1",), status=("gw", "old"))
+
+
+def test_a_gateway_that_lives_is_none_however_slow_its_broker(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ghosts, "ANSWER_S", 0.1)
+    monkeypatch.setattr(ghosts, "SURE_S", 0.2)
+    bays = ("bay1", "bay2", "bay3")
+    config = tmp_path / "gateway.toml"
+    with Mosquitto(tmp_path) as broker, Proxy(broker.port, conditions=NetworkConditions(delay_s=0.1)) as slow:
+        left_by(broker, topics(*bays, announced=bays), *bays)
+        broker.reload("max_inflight_messages 1")
+        config.write_text(f'site = "site1"\n[mqtt]\nprotocol = "3.1.1"\nurl = "mqtt://127.0.0.1:{slow.port}"\n')
+        assert main(["mqtt", "ghosts", str(config), "--clear"]) == 0
+        assert retained(broker) == topics(*bays, announced=bays)
+        monkeypatch.setattr(broker_link, "MAX_INCOMING", 1)
+        assert main(["mqtt", "ghosts", str(config), "--clear"]) == 1
+        assert "messages arrived faster than they were read" in capsys.readouterr().err
 
 
 def test_the_access_list_for_a_fleet_permits_area_line_home_assistant_and_clearing(tmp_path: Path) -> None:

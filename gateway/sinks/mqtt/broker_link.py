@@ -168,8 +168,14 @@ class BrokerLink:
         except (TimeoutError, aiomqtt.MqttError) as error:
             raise LinkError(f"{self._broker}: cannot end a subscription: {error}") from error
 
+    @property
+    def overflowed(self) -> bool:
+        """So many messages were not fetched yet that one may have been dropped."""
+        return self._client.overflowed
+
     async def incoming(self) -> AsyncIterator[MqttMessage]:
-        """Messages received, until the connection is lost: then LinkError. What is not fetched in time is dropped."""
+        """Messages received, until the connection is lost: then LinkError. What is not fetched in time is dropped
+        (`overflowed`)."""
         try:
             async for message in self._client.messages:
                 payload = message.payload if isinstance(message.payload, bytes) else str(message.payload).encode()
@@ -336,6 +342,7 @@ class _Client(aiomqtt.Client):
         self.receive_maximum = MAX_IN_FLIGHT
         self.maximum_packet_bytes: float = math.inf
         self.maximum_qos, self.retain_available = 2, True
+        self.overflowed = False
         self.unanswered: list[str] = []
         self.newest_refusal: tuple[str, str, float] | None = None
         self._answers: dict[int, tuple[str, asyncio.Future[ReasonCode]]] = {}  # topic, answer; by packet identifier
@@ -418,6 +425,7 @@ class _Client(aiomqtt.Client):
     def read(self) -> None:
         """All that has arrived: of TLS and of WebSockets, some may be in memory and make no socket readable."""
         while self._client.loop_read() == MQTT_ERR_SUCCESS:
+            self.overflowed |= len(self.messages) >= MAX_INCOMING
             pending = getattr(self._client.socket(), "pending", None)
             if pending is None or pending() == 0:
                 break

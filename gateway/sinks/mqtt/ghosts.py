@@ -18,11 +18,12 @@ from gateway.errors import LinkError
 from gateway.sinks.mqtt import home_assistant
 from gateway.sinks.mqtt.broker_link import BrokerLink
 from gateway.sinks.mqtt.session import BrokerSession
-from gateway.sinks.mqtt.topic_plan import ALARMS, STATE
+from gateway.sinks.mqtt.topic_plan import ALARMS, STATE, STATUS
 from gateway.sinks.mqtt.topics import Gateway, MqttMessage
 
-ANSWER_S = 2.0  # for a broker to send what it has retained
-STATUSES_AT_ONCE = 50
+ANSWER_S = 2.0  # without another topic: then a broker has sent what it has retained
+SURE_S = 10.0  # the same, before anything is deleted
+ROUND_TRIPS = 3.0  # at least: a broker may send only so many messages before each is acknowledged
 LEVELS = 3  # at most before the bay: with area, with line
 OF_BAYS = (STATE.name, ALARMS.name)
 
@@ -43,22 +44,42 @@ class FormerTopics:
         if announced:
             self._own |= {home_assistant.topic(prefix, gateway.topics, bay) for bay in gateway.bays}
         self._asked: set[str] = set()  # brokers
+        self._found: dict[str, bytes] = {}  # the newest of each topic, until it is looked at
+        self._arrived = asyncio.Event()
 
     async def ask(self, link: BrokerLink, broker: str) -> None:
-        """Not twice, as a broker may end the connection of a client that may not read."""
-        if broker not in self._asked:
-            self._asked.add(broker)
-            with contextlib.suppress(LinkError):
-                await self._subscribe(link, {self._gateway.topics.status} | self._former(self._gateway.bays))
-
-    async def received(self, link: BrokerLink, message: MqttMessage) -> None:
-        """An answer, or what another gateway publishes."""
+        """Until cancelled, as another gateway may publish while its topic is cleared. Not twice, as a broker may end
+        the connection of a client that may not read."""
+        if broker in self._asked:
+            return
+        self._asked.add(broker)
+        self._found.clear()
         with contextlib.suppress(LinkError):
-            await link.unsubscribe(message.topic)
-            if message.topic == self._gateway.topics.status:
-                await self._subscribe(link, self._former(bays_of(message.payload)))
-            elif owner_of(message.payload)[0] == self._gateway.topics.status and message.topic not in self._own:
-                await _clear(link, message.topic)
+            await self._subscribe(link, {self._gateway.topics.status} | self._former(self._gateway.bays))
+        while True:
+            await self._arrived.wait()
+            self._arrived.clear()
+            while self._found:
+                with contextlib.suppress(LinkError):
+                    await self._judge(link, *self._found.popitem())
+
+    async def received(self, _: BrokerLink, message: MqttMessage) -> None:
+        """An answer, or what is published since; at once, as messages that wait are few. Of the own status the first is
+        the retained one."""
+        if message.payload and not (message.topic == self._gateway.topics.status and message.topic in self._found):
+            self._found[message.topic] = message.payload
+            self._arrived.set()
+
+    async def _judge(self, link: BrokerLink, topic: str, payload: bytes) -> None:
+        own = self._gateway.topics.status
+        if topic == own:
+            await self._subscribe(link, self._former(bays_of(payload)))
+        elif owner_of(payload)[0] == own and topic not in self._own:
+            await _clear(link, topic)
+            newer = self._found.pop(topic, b"")  # another gateway's: it may have arrived before the deletion
+            if topic.endswith("/config") and owner_of(newer)[0] not in ("", own):  # the others are published often
+                await link.publish(MqttMessage(topic, newer, retain=True))
+        await link.unsubscribe(topic)
 
     def _former(self, bays: Sequence[str]) -> set[str]:
         """What this gateway may have published of these bays, and does not now."""
@@ -77,38 +98,66 @@ async def ghosts(config: MqttConfig, site: str, instance: str, *, clear: bool) -
     """Topics at the connected broker, and why each is a ghost. Raises LinkError, and SettingError as BrokerSession."""
     found: dict[str, bytes] = {}
     session = BrokerSession(config, f"{config.client_id or f'gateway-{site}-{instance}'}-ghosts")
+    begins = f"{config.root}/{site}/"
+    places = [begins + "/".join("+" * depth) for depth in range(1, LEVELS + 1)]
+    wanted = [f"{place}/{name}" for place in places for name in (*OF_BAYS, STATUS.name)]
+    wanted.append(f"{config.home_assistant_prefix}/device/+/config")
 
     async def received(_: object, message: MqttMessage) -> None:
         found[message.topic] = message.payload
 
-    async with session.connection(None, received) as link:
-        places = ["/".join((config.root, site, *("+" * depth))) for depth in range(1, LEVELS + 1)]
-        wanted = [f"{place}/{name}" for place in places for name in OF_BAYS]
-        await link.subscribe([(topic, 1) for topic in [*wanted, f"{config.home_assistant_prefix}/device/+/config"]])
-        await asyncio.sleep(ANSWER_S)
-        begins = f"{config.root}/{site}/"
-        owners = {topic: owner_of(payload) for topic, payload in found.items()}
-        owners = {topic: owner for topic, owner in owners.items() if owner[0].startswith(begins)}
-        statuses = sorted({status for status, _ in owners.values()})
-        for at in range(0, len(statuses), STATUSES_AT_ONCE):  # so few that each arrives
-            await link.subscribe([(status, 1) for status in statuses[at : at + STATUSES_AT_ONCE]])
-            await asyncio.sleep(ANSWER_S)
+    async def seen(link: BrokerLink, answer_s: float) -> dict[str, str]:
+        await _answered(link, wanted, found, answer_s)
+        if link.overflowed:
+            raise LinkError(f"{session.peer}: messages arrived faster than they were read: some are not known")
         now_ms = SystemClock().wall_ns() // NS_PER_MS
-        gone = {topic: why for topic, owner in owners.items() if (why := _why(topic, owner, found, now_ms))}
-        for topic in gone if clear else ():
-            await _clear(link, topic)
+        return {topic: why for topic in found if (why := why_ghost(topic, begins, found, now_ms))}
+
+    async with session.connection(None, received) as link:
+        gone = await seen(link, ANSWER_S)
+        if gone and clear:
+            found.clear()
+            gone = await seen(link, SURE_S)
+            for topic in gone:
+                await _clear(link, topic)
     return gone
 
 
-def _why(topic: str, owner: tuple[str, str], found: Mapping[str, bytes], now_ms: int) -> str:
+async def _answered(link: BrokerLink, topics: Sequence[str], found: Mapping[str, bytes], answer_s: float) -> None:
+    """Until no topic more has arrived for this time, or for some round trips of a slow broker."""
+    begun_s = asyncio.get_running_loop().time()
+    await link.subscribe([(topic, 1) for topic in topics])
+    answer_s = max(answer_s, ROUND_TRIPS * (asyncio.get_running_loop().time() - begun_s))
+    known = -1
+    while known != len(found):
+        known = len(found)
+        await asyncio.sleep(answer_s)
+
+
+def why_ghost(topic: str, begins: str, found: Mapping[str, bytes], now_ms: int) -> str:
     """Empty: a gateway serves that bay, or may do so."""
-    status, bay = owner
+    if topic.startswith(begins) and topic.endswith(f"/{STATUS.name}"):
+        return _renamed(topic, found)
+    status, bay = owner_of(found[topic])
+    if not status.startswith(begins):
+        return ""
     if status in found:
         return "" if bay in bays_of(found[status]) else f"{status} does not list {bay}"
     about = _object(found[topic])
+    if "availability" in about:  # an announcement has no time of its own
+        about = _object(found.get(str(about["state_topic"]), b""))
     times = about.get("timestamp_ms", 0), about.get("stale_after_ms", 0)
     fresh = not all(isinstance(time, int) for time in times) or sum(times) > now_ms
     return "" if fresh else f"there is no {status}"
+
+
+def _renamed(status: str, found: Mapping[str, bytes]) -> str:
+    """Of the status of a gateway that is off: another one serves all its bays."""
+    place, bays = status.rsplit("/", 2)[0], bays_of(found[status])
+    owners = {owner_of(found.get(f"{place}/{bay}/{STATE.name}", b""))[0] for bay in bays}
+    if _object(found[status]).get("status") == "online" or not bays or owners & {"", status}:
+        return ""
+    return f"its bays are those of {', '.join(sorted(owners))}"
 
 
 async def _clear(link: BrokerLink, topic: str) -> None:
