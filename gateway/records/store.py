@@ -6,6 +6,7 @@ failed is given up: the next block begins another one, so that damage stays wher
 
 import contextlib
 import errno
+import fcntl
 import hashlib
 import os
 from collections.abc import Callable
@@ -148,6 +149,8 @@ class Store:
         path = self.folder / str(FileName(number, head.unix_ns // NS_PER_S, SEGMENT))
         fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_NOFOLLOW, 0o640)
         try:
+            with contextlib.suppress(OSError):  # a network's file system without locks
+                fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)  # until the last write of this process has ended
             data = head_block(head)
             write_all(fd, data)
             sync_folder(self.folder)
@@ -157,15 +160,21 @@ class Store:
         self._fd, self._begun_ns, self._dirty, self._open_number = fd, t_ns, True, number
 
     def _before(self) -> SegmentBefore:
-        """The newest segment, so that the next one proves that it was there, and as what."""
+        """The newest segment, so that the next one proves that it was there, and as what. Raises BlockingIOError while
+        a recorder that was replaced may still write it."""
         newest = next((file for file in reversed(self.files()) if file.name.kind == SEGMENT), None)
         if newest is None:
             return SegmentBefore()
+        path = self.folder / str(newest.name)
         try:
-            found = digest(self.folder / str(newest.name))
+            with path.open("rb") as file:
+                fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            size_bytes, found = path.stat().st_size, digest(path)
+        except BlockingIOError:
+            raise BlockingIOError(errno.EAGAIN, f"the recorder before this one still writes {path.name}") from None
         except OSError:  # it cannot be proven; recording goes on
-            found = ""
-        return SegmentBefore(str(newest.name), newest.size_bytes, found)
+            size_bytes, found = newest.size_bytes, ""
+        return SegmentBefore(path.name, size_bytes, found)
 
     def _next_number(self, length: int, *, spare: bool = False) -> int:
         """The number of a new file of about `length` bytes."""

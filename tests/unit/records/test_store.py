@@ -9,6 +9,7 @@ import pytest
 
 from gateway.errors import ConfigError
 from gateway.records import recording
+from gateway.records.completeness import Verified, verified
 from gateway.records.files import files_in
 from gateway.records.names import PICTURES, PIN, parsed
 from gateway.records.record import Gap, TickRecord, packed
@@ -57,6 +58,18 @@ def test_numbers_go_on_over_restarts_whatever_the_clock_says(tmp_path: Path) -> 
         kept.close()
     assert [f.name.number for f in files_in(tmp_path)] == [1, 2, 3]
     assert read(tmp_path)[0] == [1, 2, 3]
+
+
+def test_none_begins_while_a_recorder_that_was_replaced_may_still_write_the_one_before(tmp_path: Path) -> None:
+    replaced, kept = store(tmp_path), store(tmp_path, boot="b")
+    replaced.append(ticks(1), 0, begins=True)
+    with pytest.raises(BlockingIOError, match="the recorder before this one still writes 00000001-"):
+        kept.append(ticks(1), 0, begins=True)
+    replaced.append(ticks(2), 1, begins=False)
+    replaced.close()  # as at the end of its process
+    kept.append(ticks(1), 0, begins=True)
+    kept.close()
+    assert verified(recording.segments_of([tmp_path])) == Verified((), 1, 0)
 
 
 def test_each_segment_names_the_one_before_it_also_over_a_restart(tmp_path: Path) -> None:
