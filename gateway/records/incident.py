@@ -19,7 +19,7 @@ MAX_INCIDENT_S = 30.0  # whatever happens meanwhile
 MAX_WAITING_BYTES = 64 * 1024 * 1024  # of the pictures of one bay, in memory
 DAY_NS = DAY_S * NS_PER_S
 BURST_SHARE = 0.25  # of a day's budget may be used up at once
-RESERVE_SHARE = 0.5  # of that, for what matters
+RESERVE_SHARE = 0.5  # of that, an eighth of a day's budget, for what matters
 MATTERS = frozenset({"moved", "rolling", "operator_mark"})
 ALARM = "alarm "  # begins the reason of an alarm that occurs
 

@@ -192,7 +192,8 @@ class Recorder:
             self._failed(error)
 
     def _not_kept(self, bay: _Bay, incident: Incident, number: int, why: str, *, matters: bool) -> None:
-        detail = f"{number} of {len(incident.pictures) + incident.dropped} of {', '.join(incident.why)}: {why}"
+        number_of = len(incident.pictures) + incident.dropped
+        detail = f"{number} of {number_of} pictures of {', '.join(incident.why)}: {why}"
         self._channel.send(PicturesNotKept(bay.job.head.bay, number, detail, matters))
 
     def _tidy(self) -> None:

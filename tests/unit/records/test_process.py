@@ -57,7 +57,7 @@ async def test_what_is_not_kept_is_told_and_a_restart_refills_nothing(tmp_path: 
     assert [(message.number, message.matters) for message in sent.not_kept] == [
         (2, False), (2, False), (3, False), (2, True),
     ]  # fmt: skip
-    assert sent.not_kept[-1].detail == "2 of 3 of moved: picture_mb_per_day is used up"
+    assert sent.not_kept[-1].detail == "2 of 3 pictures of moved: picture_mb_per_day is used up"
 
 
 @in_virtual_time
@@ -65,7 +65,7 @@ async def test_an_incident_that_matters_without_any_picture_is_told_but_no_alarm
     sent = Sent()
     keep(recorder(tmp_path, sent), "moved", number=0)
     keep(recorder(tmp_path, sent), "stop_raised", number=0)
-    assert sent.not_kept == [PicturesNotKept("bay1", 0, "0 of 0 of moved: none was there", False)]
+    assert sent.not_kept == [PicturesNotKept("bay1", 0, "0 of 0 pictures of moved: none was there", False)]
 
 
 @in_virtual_time
@@ -76,4 +76,4 @@ async def test_what_the_disk_refuses_is_told_whatever_it_was(tmp_path: Path, mon
     monkeypatch.setattr(Store, "pictures", refused)
     sent = Sent()
     keep(recorder(tmp_path, sent), "moved")
-    assert sent.not_kept == [PicturesNotKept("bay1", 3, "3 of 3 of moved: Input/output error", True)]
+    assert sent.not_kept == [PicturesNotKept("bay1", 3, "3 of 3 pictures of moved: Input/output error", True)]

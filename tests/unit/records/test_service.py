@@ -128,13 +128,13 @@ async def test_who_acted_on_an_alarm_is_noted_once_more_for_itself() -> None:
 @in_virtual_time
 async def test_pictures_that_were_not_kept_are_noted_and_those_that_matter_are_counted() -> None:
     made = service()
-    made._not_kept(PicturesNotKept("bay1", 8, "8 of 9 of stop_raised: why", matters=False))
+    made._not_kept(PicturesNotKept("bay1", 8, "8 of 9 pictures of stop_raised: why", matters=False))
     assert (made.pictures_not_kept, made.pictures_detail) == (0, "")
-    made._not_kept(PicturesNotKept("bay1", 2, "2 of 3 of moved: why", matters=True))
-    assert (made.pictures_not_kept, made.pictures_detail) == (2, "bay1: 2 of 3 of moved: why")
+    made._not_kept(PicturesNotKept("bay1", 2, "2 of 3 pictures of moved: why", matters=True))
+    assert (made.pictures_not_kept, made.pictures_detail) == (2, "bay1: 2 of 3 pictures of moved: why")
     assert noted(made, "bay1") == [
-        ("pictures_not_kept", "8 of 9 of stop_raised: why"),
-        ("pictures_not_kept", "2 of 3 of moved: why"),
+        ("pictures_not_kept", "8 of 9 pictures of stop_raised: why"),
+        ("pictures_not_kept", "2 of 3 pictures of moved: why"),
     ]
 
 

@@ -157,7 +157,7 @@ export const VISIT_KINDS = {
 };
 
 export const faultsText = (visit) =>
-  listed(visit.faults.map((fault) => `${t(words(fault.reason))} ${fault.times > 1 ? `${fault.times} × ` : ''}${length(fault.seconds)}`), ', ');
+  listed(visit.faults.map((fault) => `${t(words(fault.reason))} ${length(fault.seconds)}${fault.times > 1 ? ` (${text('{0} times', fault.times)})` : ''}`), ', ');
 
 /** A visit in a few words, the gravest first. */
 export function verdict(visit) {
