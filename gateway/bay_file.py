@@ -38,27 +38,12 @@ log = logging.getLogger(__name__)
 
 TRIED_VERSION = 1
 MAX_BYTES = 100_000  # 60 visits take 6 kB
-SYSTEM_FOLDER = Path("/var/lib/loading-gateway")
 SLOW_S = 5.0  # a disk that takes longer is at fault, however it ends
-
-
-def default_folder() -> Path:
-    """The gateway's folder for what it keeps, where the configuration names none: the one that systemd made for the
-    service; the system's for root and for a user without a home; else the user's own."""
-    if (given := systemd.state_directory()) is not None:
-        return given
-    try:
-        home = Path.home()
-    except RuntimeError:  # a user unknown to the system
-        return SYSTEM_FOLDER
-    return SYSTEM_FOLDER if os.geteuid() == 0 or not home.is_dir() else home / ".local" / "state" / "loading-gateway"
 
 
 def folder_of(config: GatewayConfig) -> Path | None:
     """`state_dir`, the gateway's folder for what it keeps; None: nothing is kept."""
-    if not config.state_dir:
-        return None
-    return default_folder() if config.state_dir == "auto" else Path(config.state_dir)
+    return systemd.state_folder(config.state_dir)
 
 
 def path_of(config: GatewayConfig, bay: str) -> Path | None:

@@ -47,9 +47,9 @@ def check(config: GatewayConfig, *, source: str, text: str) -> None:
         look(("modbus", "tls"), partial(tls.check, TlsFiles.of_modbus(config.modbus.tls)))
     for part in sink_registry.checks(config):
         look((), part)
-    if config.hmi.enabled:
+    if config.hmi.enabled and not config.hmi.own_certificate:
         try:
-            tls.check(TlsFiles.of_pages(config.hmi))
+            tls.check(TlsFiles.of_pages(config))
         except ConfigError as error:
             key, _, message = str(error).partition(": ")
             faults.append(located(tuple(key.split(".")), message, source=source, text=text))

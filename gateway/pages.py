@@ -94,14 +94,16 @@ def build_pages(
     handler = PagesRequestHandler(
         outputs.history, parts, clock, lambda: status.system_status(outputs.alarms), outputs.alarms, restart
     )
-    tls.check(TlsFiles.of_pages(config.hmi))
+    if not config.hmi.own_certificate:
+        tls.check(TlsFiles.of_pages(config))
     sockets: tuple[socket.socket, ...] = ()
     try:
         sockets = shared.resources.enter_context(listening("hmi", config.hmi.host, config.hmi.port))
     except LinkError as error:
         log.warning("%s; trying again", error)
     service = WebProcessService(handler, setup, sockets, settings)
-    tasks.append(Task("hmi", service.run))
+    status.pages = service.where
+    tasks += Task("hmi", service.run), Task("certificate", service.keep_certificate)
     if not sockets:
         return Pages(service, None, tasks)
     scheme = "https" if config.hmi.tls_cert else "http"

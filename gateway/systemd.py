@@ -12,6 +12,7 @@ from typing import Self
 
 from gateway.clock import machine_ns
 
+SYSTEM_FOLDER = Path("/var/lib/loading-gateway")
 FEEDS = 4  # of the watchdog within its time: three may be lost
 VARIABLES = ("NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID")
 STATUS_NS = 2_000_000_000  # between two looks at the status where there is no watchdog
@@ -23,6 +24,25 @@ def state_directory() -> Path | None:
     """`StateDirectory=` of the unit, of several the first; None: there is none."""
     first = os.environ.get("STATE_DIRECTORY", "").split(":")[0]
     return Path(first) if first else None
+
+
+def default_folder() -> Path:
+    """The gateway's folder for what it keeps, where the configuration names none: the one that systemd made for the
+    service; the system's for root and for a user without a home; else the user's own."""
+    if (given := state_directory()) is not None:
+        return given
+    try:
+        home = Path.home()
+    except RuntimeError:  # a user unknown to the system
+        return SYSTEM_FOLDER
+    return SYSTEM_FOLDER if os.geteuid() == 0 or not home.is_dir() else home / ".local" / "state" / "loading-gateway"
+
+
+def state_folder(state_dir: str) -> Path | None:
+    """Of the configuration's `state_dir`, which may be `auto`; None: nothing is kept."""
+    if not state_dir:
+        return None
+    return default_folder() if state_dir == "auto" else Path(state_dir)
 
 
 def runtime_directory() -> Path | None:

@@ -16,7 +16,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import IO, Any
 
-from gateway import bay_file
+from gateway import bay_file, systemd
 from gateway.backup import archive, contents
 from gateway.backup.archive import CHUNK, Readable
 from gateway.backup.manifest import BackupError, Entry, Kind, Manifest, Owned
@@ -76,7 +76,7 @@ def plan(path: Path, check: Check, *, force: bool, outside: bool) -> Plan:
             config = parse(_with_some_hash(document), source=manifest.config)
     made = Plan(manifest, config)
     belongs = _belonging(config, manifest)
-    roots = (SYSTEM_FOLDER if os.geteuid() == 0 else Path(manifest.config).parent, bay_file.default_folder())
+    roots = (SYSTEM_FOLDER if os.geteuid() == 0 else Path(manifest.config).parent, systemd.default_folder())
     for entry in manifest.files:
         place = Path(entry.path)
         if not belongs(entry):

@@ -89,6 +89,9 @@ class Folder:
     def replace_certificate(self, name: str, certificate: x509.Certificate) -> None:
         _replace(self.certificate_path(name), certificate.public_bytes(serialization.Encoding.PEM))
 
+    def replace_key(self, name: str, key: Key) -> None:
+        _replace(self.key_path(name), _key_pem(key), 0o600)
+
     def replace_crl(self, crl: x509.CertificateRevocationList) -> None:
         _replace(self.crl_path, crl.public_bytes(serialization.Encoding.PEM))
 
@@ -130,8 +133,8 @@ def _write_new(path: Path, data: bytes, mode: int) -> None:
         raise ConfigError(f"{path}: cannot write it: {error.strerror}") from error
 
 
-def _replace(path: Path, data: bytes) -> None:
+def _replace(path: Path, data: bytes, mode: int = 0o644) -> None:
     fresh = path.with_name(path.name + ".new")
     fresh.unlink(missing_ok=True)
-    _write_new(fresh, data, 0o644)
+    _write_new(fresh, data, mode)
     fresh.replace(path)

@@ -57,6 +57,19 @@ def server(by: Authority, name: str, hosts: Sequence[str], key: Key, now: dateti
     return builder.add_extension(alternatives, critical=False).sign(by.key, hashes.SHA256())
 
 
+def self_signed(name: str, hosts: Sequence[str], key: Key, now: datetime, days: int) -> x509.Certificate:
+    """As `server`, where nobody signs."""
+    subject = _name(name)
+    builder = _begin(subject, subject, key, now, now + timedelta(days=days))
+    alternatives = x509.SubjectAlternativeName([_general_name(host) for host in hosts])
+    return (
+        _of_end_entity(builder, ExtendedKeyUsageOID.SERVER_AUTH)
+        .add_extension(alternatives, critical=False)
+        .add_extension(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), critical=False)
+        .sign(key, hashes.SHA256())
+    )
+
+
 def client(by: Authority, name: str, role: str | None, key: Key, now: datetime, days: int) -> x509.Certificate:
     """For a Modbus client. `role` None: one that may do nothing."""
     builder = _end_entity(by, name, key, now, days, ExtendedKeyUsageOID.CLIENT_AUTH)
@@ -96,12 +109,15 @@ def _end_entity(
     by: Authority, name: str, key: Key, now: datetime, days: int, use: x509.ObjectIdentifier
 ) -> x509.CertificateBuilder:
     builder = _begin(_name(name), by.certificate.subject, key, now, _end(by, now, days))
-    builder = (
+    return _identified(_of_end_entity(builder, use), by, key)
+
+
+def _of_end_entity(builder: x509.CertificateBuilder, use: x509.ObjectIdentifier) -> x509.CertificateBuilder:
+    return (
         builder.add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
         .add_extension(_usage(authority=False), critical=True)
         .add_extension(x509.ExtendedKeyUsage([use]), critical=False)
     )
-    return _identified(builder, by, key)
 
 
 def _identified(builder: x509.CertificateBuilder, by: Authority, key: Key) -> x509.CertificateBuilder:

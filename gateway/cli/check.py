@@ -44,7 +44,8 @@ def warnings(settings: "GatewayConfig") -> list[str]:
     from gateway.net import tls
 
     hmi = settings.hmi
-    pages = (*hmi.warnings(), *tls.warnings(tls.TlsFiles.of_pages(hmi), SystemClock().wall_ns())) if hmi.enabled else ()
+    files = None if hmi.own_certificate else tls.TlsFiles.of_pages(settings)
+    pages = (*hmi.warnings(), *tls.warnings(files, SystemClock().wall_ns())) if hmi.enabled else ()
     return [*settings.modbus.warnings(), *doctor_settings.warnings(settings), *pages]
 
 

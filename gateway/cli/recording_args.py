@@ -43,8 +43,8 @@ def folders_of(paths: Iterable[Path]) -> list[Path]:
 
 def _root(args: argparse.Namespace) -> Path:
     from gateway import config
-    from gateway.bay_file import default_folder
     from gateway.records.recorder_service import folder_of
+    from gateway.systemd import default_folder
 
     if args.records is not None:
         if not args.records.is_dir():

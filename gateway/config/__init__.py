@@ -153,6 +153,12 @@ class GatewayConfig(Section):
             ids.add(recipe.id)
         return self
 
+    @model_validator(mode="after")
+    def _keeps_its_certificate(self) -> Self:
+        if self.hmi.own_certificate and not self.state_dir:
+            raise FieldError('"auto" needs state_dir, where the certificate is kept', "hmi", "tls_cert")
+        return self
+
 
 def load(path: Path, overrides: Mapping[str, Any] | None = None) -> GatewayConfig:
     """Read and check one TOML file; `overrides` (from the command line) are merged over it.

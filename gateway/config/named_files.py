@@ -13,7 +13,7 @@ def named_files(config: GatewayConfig) -> Iterator[tuple[str, str, bool]]:
     """Of each its key, the path as it is written, and whether it holds a private key or a password."""
     for place, value in _leaves((), config.model_dump()):
         key = place[-1]
-        if not isinstance(value, str) or not value:
+        if not isinstance(value, str) or not value or (place[-1] == "tls_cert" and config.hmi.own_certificate):
             continue
         if key in _SERVED.get(place[:-1], ()) or (key.endswith("_file") and key != "outbox_file"):
             yield ".".join(place), value, key in _PRIVATE or key.endswith("password_file")

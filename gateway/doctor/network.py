@@ -6,8 +6,6 @@ import socket
 from collections.abc import Iterator
 from contextlib import closing
 
-import psutil
-
 from gateway.clock import Clock
 from gateway.config import GatewayConfig
 from gateway.doctor.finding import Finding, Verdict
@@ -15,6 +13,7 @@ from gateway.errors import GatewayError
 from gateway.net import tls
 from gateway.net.certificate_ends import CertificateEnds
 from gateway.net.listener import bound_sockets, from_here
+from gateway.net.own_host import own_addresses, page_urls
 from gateway.net.tls import TlsFiles
 from gateway.sinks.mqtt.broker import brokers_of, certificates_of
 
@@ -32,6 +31,9 @@ def ports(config: GatewayConfig, *, running: bool) -> Iterator[Finding]:
         yield _port("modbus tls", "modbus.tls", modbus.host, modbus.tls.port, running=running)
     if hmi.enabled:
         yield _port("pages", "hmi", hmi.host, hmi.port, running=running)
+        if hmi.own_hosts:
+            result = f"open {' or '.join(page_urls(hmi.port))}"
+            yield Finding("pages", "", Verdict.OK, "look up this machine's names and addresses", result)
 
 
 def _port(name: str, section: str, host: str, port: int, *, running: bool) -> Finding:
@@ -74,12 +76,6 @@ def reached(host: str) -> Finding:
     return Finding("plc", "", Verdict.OK, tried, f"a PLC reaches it at {at if host in ANY else host}")
 
 
-def own_addresses() -> list[str]:
-    """IPv4 addresses of this machine, loopback last."""
-    found = [a.address for each in psutil.net_if_addrs().values() for a in each if a.family == socket.AF_INET]
-    return sorted(set(found), key=lambda address: (ipaddress.ip_address(address).is_loopback, address))
-
-
 def routes(config: GatewayConfig) -> Iterator[Finding]:
     """From each PLC that is named: would its connection arrive where the gateway listens?"""
     for text in config.modbus.plc_addresses:
@@ -116,13 +112,13 @@ def certificates(config: GatewayConfig, clock: Clock) -> Iterator[Finding]:
     """Of what the gateway serves, and of its connections to brokers."""
     days_left, wall_ns = CertificateEnds(config, clock).days_left(), clock.wall_ns()
     modbus = None if config.modbus.tls is None else TlsFiles.of_modbus(config.modbus.tls)
-    pages = TlsFiles.of_pages(config.hmi) if config.hmi.enabled else None
+    pages = TlsFiles.of_pages(config) if config.hmi.enabled else None
     for name, server, files, docs in (
         ("modbus tls", "modbus", modbus, "docs/modbus-security.md"),
         ("pages", "hmi", pages, "docs/hmi-security.md"),
     ):
-        if files is None:
-            continue
+        if files is None or (server == "hmi" and config.hmi.own_certificate and server not in days_left):
+            continue  # it is made by the first visit
         found = tls.warnings(files, wall_ns)
         for line in found:
             verdict = Verdict.FAULT if "expired" in line or "can't be read" in line else Verdict.WARNING

@@ -27,7 +27,7 @@ class CertificateEnds:
         self._servers, self._looked_ns = {}, None
         if config.modbus.tls is not None:
             self._servers["modbus"] = TlsFiles.of_modbus(config.modbus.tls)
-        if config.hmi.enabled and (pages := TlsFiles.of_pages(config.hmi)) is not None:
+        if config.hmi.enabled and (pages := TlsFiles.of_pages(config)) is not None:
             self._servers["hmi"] = pages
 
     def days_left(self) -> dict[str, int]:

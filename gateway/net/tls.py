@@ -5,14 +5,16 @@ import ssl
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from cryptography import x509
 
 from gateway.certs.client_certificate import DAY_NS, Serial, Validity, revoked, validity_of
 from gateway.clock import Clock
-from gateway.config import HmiConfig, TlsConfig
+from gateway.config import GatewayConfig, TlsConfig
 from gateway.durations import NS_PER_S
 from gateway.errors import ConfigError
+from gateway.systemd import state_folder
 
 log = logging.getLogger(__name__)
 
@@ -37,11 +39,12 @@ class TlsFiles:
         return cls("modbus.tls.", config.cert, config.key, config.ca, config.crl)
 
     @classmethod
-    def of_pages(cls, config: HmiConfig) -> "TlsFiles | None":
-        """None: without TLS."""
-        if config.tls_cert is None or config.tls_key is None:
-            return None
-        return cls("hmi.tls_", config.tls_cert, config.tls_key, alpn=("http/1.1",))
+    def of_pages(cls, config: GatewayConfig) -> "TlsFiles | None":
+        """None: without TLS. Those of a certificate of its own may be still to be made."""
+        cert, key = config.hmi.tls_cert, config.hmi.tls_key
+        if config.hmi.own_certificate and (folder := state_folder(config.state_dir)) is not None:
+            cert, key = str(folder / "pages.pem"), str(folder / "pages.key")
+        return None if cert is None or key is None else cls("hmi.tls_", cert, key, alpn=("http/1.1",))
 
     def named(self) -> Iterator[tuple[str, str]]:
         """Configuration key and file, of those that are configured."""
@@ -50,9 +53,48 @@ class TlsFiles:
                 yield f"{self.keys}{name}", path
 
 
+_HTTPS_ONLY = (
+    b"<!doctype html><meta charset=utf-8><title>https</title><script>location.protocol = 'https:'</script>"
+    b"<p>These pages are at https://, not at http://."
+)
+_TO_HTTPS = (
+    b"HTTP/1.1 400 Bad Request\r\nContent-Type: text/html\r\nContent-Length: %d\r\nCache-Control: no-store\r\n"
+    b"Connection: close\r\n\r\n%b" % (len(_HTTPS_ONLY), _HTTPS_ONLY)
+)
+
+
+class _BrowsersObject(ssl.SSLObject):
+    """Browsers take an address without a scheme for http://: such a request is answered with the way to https://."""
+
+    outgoing: ssl.MemoryBIO
+    answered = False
+
+    def do_handshake(self) -> None:
+        if self.answered:
+            raise ssl.SSLError("plain http, and answered")
+        try:
+            super().do_handshake()
+        except ssl.SSLError as error:
+            if getattr(error, "reason", "") != "HTTP_REQUEST":
+                raise
+            self.answered = True
+            self.outgoing.write(_TO_HTTPS)
+            raise ssl.SSLWantReadError from None  # what is to be sent is sent then
+
+
+class _BrowsersContext(ssl.SSLContext):
+    sslobject_class = _BrowsersObject
+
+    def wrap_bio(self, incoming: ssl.MemoryBIO, outgoing: ssl.MemoryBIO, *args: Any, **more: Any) -> ssl.SSLObject:
+        made = super().wrap_bio(incoming, outgoing, *args, **more)
+        assert isinstance(made, _BrowsersObject)
+        made.outgoing = outgoing
+        return made
+
+
 def server_context(files: TlsFiles) -> ssl.SSLContext:
     """Raises ConfigError, naming key and file, for files that can't be read, are not PEM or do not match."""
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context = (_BrowsersContext if files.alpn else ssl.SSLContext)(ssl.PROTOCOL_TLS_SERVER)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
     context.set_ciphers(CIPHERS)
     context.options |= ssl.OP_NO_RENEGOTIATION

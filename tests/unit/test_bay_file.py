@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from gateway import bay_file
 from gateway.bay import BayControl
-from gateway.bay_file import BayFiles, default_folder, path_of
+from gateway.bay_file import BayFiles, path_of
 from gateway.bay_file_format import decoded, encoded
 from gateway.config import BayConfig, CameraConfig, CropConfig, GatewayConfig
 from gateway.core.detection import Circle
@@ -33,6 +33,7 @@ from gateway.records.recorder_service import folder_of as recordings_of
 from gateway.sinks.outbox.durable import opened_outbox
 from gateway.sinks.outbox.outbox import OutboxEntry, OutboxLimits
 from gateway.supervisor import Supervisor, Task
+from gateway.systemd import default_folder
 from tests.virtual_time import LoopClock, run
 
 S = 1_000_000_000

@@ -11,6 +11,7 @@ from gateway.config.strict import forms
 from gateway.config.strict.errors import FieldError
 from gateway.config.strict.section import Section
 
+ALL_ADDRESSES = ("0.0.0.0", "::")
 LOOPBACK_NAMES = ("localhost", "127.0.0.1", "::1")
 MIN_MEMORY_KIB, MAX_MEMORY_KIB = (
     19_456,
@@ -101,13 +102,19 @@ class HmiConfig(Section):
         "program and the TLS files; absent: the gateway's own user",
     )
     tls_cert: str | None = Field(
-        None, min_length=1, description="PEM file: the pages' certificate, then any intermediate ones; absent: no TLS"
+        None,
+        min_length=1,
+        description="PEM file: the pages' certificate, then any intermediate ones; absent: no TLS; auto: the gateway "
+        "makes one for the names and addresses of this machine, and renews it (docs/hmi-security.md)",
     )
-    tls_key: str | None = Field(None, min_length=1, description="PEM file: its private key, without a passphrase")
+    tls_key: str | None = Field(
+        None, min_length=1, description="PEM file: its private key, without a passphrase; absent with `auto`"
+    )
     allowed_hosts: tuple[HostName, ...] = Field(
         (),
         max_length=64,
-        description="names and addresses by which the pages are called; empty: host, on loopback also localhost",
+        description="names and addresses by which the pages are called; empty: host, on loopback also localhost; on "
+        'all addresses, with `tls_cert = "auto"`, the names and addresses of this machine',
     )
     base_path: str = Field(
         "",
@@ -175,6 +182,12 @@ class HmiConfig(Section):
 
     @model_validator(mode="after")
     def _pair(self) -> Self:
+        if self.own_certificate:
+            if self.tls_key is not None:
+                raise FieldError('must be absent: tls_cert = "auto" makes its own', "tls_key")
+            if self.run_as is not None:
+                raise FieldError('"auto" makes a key that no other user can read: run_as must be absent', "tls_cert")
+            return self
         for key, other in (("tls_cert", "tls_key"), ("tls_key", "tls_cert")):
             if getattr(self, key) is not None and getattr(self, other) is None:
                 raise FieldError(f"needs {other}, too", key)
@@ -182,7 +195,7 @@ class HmiConfig(Section):
 
     @model_validator(mode="after")
     def _named(self) -> Self:
-        if not self.allowed_hosts and self.host in ("0.0.0.0", "::"):
+        if self.own_hosts and not self.own_certificate:
             raise FieldError(
                 f"must name the host in the pages' URL: {self.host} is no such name, and pages that answer to any "
                 "name let a foreign web site read them (DNS rebinding)",
@@ -200,11 +213,20 @@ class HmiConfig(Section):
         return self.tls_cert is not None
 
     @property
+    def own_certificate(self) -> bool:
+        return self.tls_cert == "auto"
+
+    @property
+    def own_hosts(self) -> bool:
+        """Requests for the names and addresses of this machine are answered, whatever these are at the time."""
+        return not self.allowed_hosts and self.host in ALL_ADDRESSES
+
+    @property
     def hosts(self) -> frozenset[str]:
         """The Host headers (lower case, without port and brackets) that are answered."""
         if self.allowed_hosts:
             return frozenset(self.allowed_hosts)
-        return frozenset((self.host, *LOOPBACK_NAMES) if self.loopback else (self.host,))
+        return frozenset((self.host, *LOOPBACK_NAMES) if self.loopback or self.own_hosts else (self.host,))
 
     def warnings(self) -> list[str]:
         """What works, and is still no good idea; one line each, with the key to edit."""

@@ -22,7 +22,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
-from gateway.bay_file import default_folder
 from gateway.clock import machine_ns
 from gateway.durations import NS_PER_S
 from gateway.errors import ConfigError
@@ -31,6 +30,7 @@ from gateway.sinks.contract import StoreStatus
 from gateway.sinks.outbox.outbox import MemoryOutbox, Outbox, OutboxEntry, OutboxLimits, in_order
 from gateway.sinks.outbox.pace import AT_ONCE, WritePace
 from gateway.sinks.outbox.store import EventFile, StoreError, put_aside
+from gateway.systemd import default_folder
 
 log = logging.getLogger(__name__)
 

@@ -19,6 +19,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocketClose
 
 from gateway.clock import Clock
+from gateway.net import own_host
 from gateway.web.auth.access import Level, Rule, find
 from gateway.web.auth.audit_log import AuditKind, AuditRecord, printable
 from gateway.web.auth.bodies import complete_body
@@ -114,7 +115,10 @@ class SecurityMiddleware:
             authority = header(scope["headers"], b"host")
         except ValueError:
             authority = None
-        if authority is None or not host_allowed(authority, self._hosts, scheme):
+        hosts = self._hosts
+        if self._config.own_hosts and scope.get("server"):
+            hosts = hosts | own_host.request_hosts(scope["server"][0])
+        if authority is None or not host_allowed(authority, hosts, scheme):
             text = f"{printable(authority or '(nothing)')} is not a host name of these pages; see hmi.allowed_hosts"
             raise RefusalError(400, "host", text, audited=True)
         return authority

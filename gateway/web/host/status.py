@@ -111,6 +111,7 @@ class StatusCollector:
     keys_waiting: int = 0  # of that file, for a restart
     certificates: CertificateEnds | None = None
     log: Callable[[], LogCounts] = LogCounts
+    pages: Callable[[], str] = str  # where they are opened, in words; empty: they have a configured address
 
     def system_status(self, monitor: AlarmMonitor) -> SystemStatus:
         """For the pages, about once a second."""
@@ -173,6 +174,7 @@ class StatusCollector:
         return "; ".join(
             [
                 " and ".join(ports) or self._modbus_fault() or "Modbus TCP not open yet",
+                *filter(None, [self.pages()]),
                 *(f"{bay}: {in_words(self.hub.shown(bay, now_ns))}" for bay in self.hub.bays),
                 *([f"configuration not loaded: {self.config_fault}"] if self.config_fault else []),
                 *([f"{self.keys_waiting} changed keys wait for a restart"] if self.keys_waiting else []),

@@ -4,6 +4,7 @@ Without clients there is no such process: a connection waits in the listening so
 """
 
 import asyncio
+import logging
 import os
 import socket
 from concurrent.futures import ThreadPoolExecutor
@@ -13,9 +14,8 @@ from msgspec.structs import replace
 
 from gateway.bay_file import folder_of
 from gateway.config import GatewayConfig
-from gateway.config.sections.hmi import HmiConfig
 from gateway.errors import ConfigError, LinkError
-from gateway.net import tls
+from gateway.net import own_certificate, own_host, tls
 from gateway.net.listener import listening
 from gateway.processes.channel import Failed, Gone
 from gateway.processes.deadlines import LOOK_S, SignsOfLife, StartDeadline
@@ -35,8 +35,11 @@ from gateway.web.ipc.messages import (
 )
 from gateway.web.languages import memory_of, usable
 
+log = logging.getLogger(__name__)
+
 START_S = 30.0  # real time, as the next; a first start on an idle machine takes 2 s of the processor, at low priority
 SILENT_S = 15.0  # the web process sends a request at least once a second
+CERTIFICATE_S = 60.0  # between two looks at the machine's names and addresses
 PAUSE_S = 0.01  # between two turns: a web process is not served more often
 MAX_MESSAGES = 8  # read in one turn; a web process in order has one request pending, and now and then a command
 MAX_FULL_TURNS = 100  # in a row with more messages than that, more than a second: it is out of control
@@ -99,7 +102,7 @@ class WebProcessService:
         """Until the configuration has changed."""
         await _first_connection(sockets)
         self._outdated = False
-        _check_certificate(self._setup.config.hmi, sockets)
+        await asyncio.to_thread(self._check_certificate, sockets)
         role = self._role(sockets, own)
         thread = ThreadPoolExecutor(1, thread_name_prefix="file")
         own.callback(thread.shutdown, wait=False, cancel_futures=True)
@@ -153,20 +156,47 @@ class WebProcessService:
         others = tuple(fd for fd in (job.questions, job.devices, job.test_sets, texts) if fd is not None)
         return Role(MODULE, "gw-hmi", job, (*rings, *listening, *others))
 
+    async def keep_certificate(self) -> None:
+        """Until cancelled; logs where the pages are opened, too. Raises LinkError where it can't be written."""
+        said = ""
+        while True:
+            try:
+                await asyncio.to_thread(self._make_certificate)
+            except (ConfigError, OSError) as error:
+                raise LinkError(f"hmi.tls_cert: {error}") from error
+            if (where := self.where()) != said:
+                said = where
+                log.info("hmi: %s", where)
+            await asyncio.sleep(CERTIFICATE_S)
+
+    def where(self) -> str:
+        """Where the pages are opened, in words; empty: at the address that is configured."""
+        hmi = self._setup.config.hmi
+        if not hmi.own_hosts or not self._sockets:
+            return ""
+        return f"pages at {' or '.join(own_host.page_urls(self._sockets[0].getsockname()[1]))}"
+
+    def _make_certificate(self) -> None:
+        """Raises ConfigError, OSError."""
+        config = self._setup.config
+        if config.hmi.own_certificate and (files := tls.TlsFiles.of_pages(config)) is not None:
+            own_certificate.keep(files, self._setup.clock)
+
+    def _check_certificate(self, sockets: tuple[socket.socket, ...]) -> None:
+        """Raises ConfigError where the web process would not start; then the connections that wait are closed."""
+        try:
+            with suppress(OSError):
+                self._make_certificate()
+            tls.check(tls.TlsFiles.of_pages(self._setup.config))
+        except ConfigError:
+            for sock in sockets:
+                with suppress(OSError):  # there are no more
+                    while True:
+                        sock.accept()[0].close()
+            raise
+
     def _forget_slot(self) -> None:
         self._slot = None
-
-
-def _check_certificate(config: HmiConfig, sockets: tuple[socket.socket, ...]) -> None:
-    """Raises ConfigError where the web process would not start; then the connections that wait for it are closed."""
-    try:
-        tls.check(tls.TlsFiles.of_pages(config))
-    except ConfigError:
-        for sock in sockets:
-            with suppress(OSError):  # there are no more
-                while True:
-                    sock.accept()[0].close()
-        raise
 
 
 async def _first_connection(sockets: tuple[socket.socket, ...]) -> None:

@@ -73,7 +73,7 @@ async def _serve(about: WebSetup, channel: Channel[FromWeb, ToWeb]) -> None:
     config = about.config.hmi
     for line in config.warnings():
         log.warning("%s", line)
-    files = TlsFiles.of_pages(config)
+    files = TlsFiles.of_pages(about.config)
     tls = None if files is None else ReloadingContext(files, pace)
     logins = Logins(config, pace, _log, instance=about.config.instance)
     services = services_of(client, pace)

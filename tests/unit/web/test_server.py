@@ -9,7 +9,7 @@ import socket
 import ssl
 import tomllib
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from datetime import timedelta
 from importlib.metadata import distributions, version
 from pathlib import Path
@@ -26,7 +26,7 @@ from websockets.typing import Origin
 from gateway import config_check
 from gateway.cli.main import main
 from gateway.clock import SystemClock
-from gateway.config import parse
+from gateway.config import GatewayConfig, parse
 from gateway.config.sections.hmi import HmiConfig
 from gateway.errors import ConfigError
 from gateway.net import tls
@@ -255,12 +255,12 @@ def plant(tmp_path_factory: pytest.TempPathFactory) -> Plant:
     return Plant(tmp_path_factory.mktemp("certs"))
 
 
-def pages(plant: Plant, **more: Any) -> HmiConfig:
+def pages(plant: Plant, **more: Any) -> GatewayConfig:
     files = {
         "tls_cert": str(plant.folder.certificate_path("gateway")),
         "tls_key": str(plant.folder.key_path("gateway")),
     }
-    return HmiConfig.model_validate({"enabled": True, **files, **more})
+    return GatewayConfig(hmi=HmiConfig.model_validate({"enabled": True, **files, **more}))
 
 
 def trusting(plant: Plant) -> ssl.SSLContext:
@@ -314,6 +314,26 @@ async def test_tls_and_a_certificate_that_is_renewed(
         fresh.cancel()
 
 
+@in_real_time
+async def test_http_where_https_is_served_is_answered_with_the_way_there(plant: Plant) -> None:
+    files = TlsFiles.of_pages(pages(plant))
+    assert files is not None
+    async with served(hello, context=tls.server_context(files)) as port:
+        for first in (REQUEST, REQUEST.replace(b"GET", b"POST")):
+            reader, writer = await asyncio.open_connection("127.0.0.1", port)
+            writer.write(first)
+            head, _, body = (await reader.readuntil(b"not at http://.")).partition(b"\r\n\r\n")
+            assert head.startswith(b"HTTP/1.1 400 ")
+            assert f"Content-Length: {len(body)}".encode() in head
+            assert b"location.protocol = 'https:'" in body
+            writer.write(REQUEST)  # a second one: nobody is there
+            with suppress(ConnectionError):
+                assert await reader.read(1) == b""
+            writer.close()
+        assert (await received(port, b"junk\r\n\r\n")) == b""
+        assert (await shaken(port, trusting(plant)))[0] == "TLSv1.3"
+
+
 @pytest.mark.parametrize(
     ("key", "text", "expected"),
     [
@@ -327,7 +347,7 @@ def test_files_that_are_no_good(plant: Plant, tmp_path: Path, key: str, text: st
     path = tmp_path / "file.pem"
     if text is not None:
         path.write_bytes(plant.folder.key_path("ca").read_bytes() if text == "other" else text.encode())
-    good = pages(plant)
+    good = pages(plant).hmi
     files = {"tls_cert": good.tls_cert, "tls_key": good.tls_key, key: str(path)}
     toml = f"[hmi]\nenabled = true\ntls_cert = '{files['tls_cert']}'\ntls_key = '{files['tls_key']}'\n"
     with pytest.raises(ConfigError) as caught:
@@ -343,7 +363,7 @@ def test_a_certificate_that_ends_soon_and_a_key_that_others_read(plant: Plant, t
     def at(days: float) -> list[str]:
         return tls.warnings(TlsFiles.of_pages(config), round((NOW + timedelta(days=days)).timestamp() * 1e9))
 
-    assert tls.warnings(TlsFiles.of_pages(HmiConfig()), 0) == []
+    assert tls.warnings(TlsFiles.of_pages(GatewayConfig()), 0) == []
     assert at(0) == []
     assert at(19.5) == []  # more than a third of its 30 days is left
     (soon,) = at(20.5)
