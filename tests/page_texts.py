@@ -61,7 +61,7 @@ NAMES = {"name", "fault", "before.who", "', '.join(cut)", "_not_good(state)", "'
 # Single words that stand in the scripts as plain strings, where they can't be told from names of fields.
 WORDS = {
     "off", "yes", "no", "To go", "radius of the marker in the picture", "distance to the truck",
-    "Operator", "Driver", "Manager", "Manual", "Technician", "light", "dark",
+    "Live", "History", "Report", "Tuning", "Lens", "Manual", "light", "dark",
     "active", "sound", "1 alarm", "Acknowledge", "Reset", "Shelve", "Remove",
     "on", "unknowable", "failure", "high", "medium", "low", "technician", "viewer", "Today", "Yesterday",
     "hour", "day", "to", "View", "theme", "units", "language", "Freeze", "Upload…", "default",

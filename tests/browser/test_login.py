@@ -67,7 +67,7 @@ def test_a_viewer_sees_and_a_technician_tunes(bay: Plant, visit: Visit, watches:
         page = visit(f"{bay.url}/login?next=/")
         log_in(page, name, password)
         expect(page.locator("header.top")).to_contain_text(name)
-        expect(page.get_by_role("link", name="Technician")).to_have_count(int(tunes))
+        expect(page.get_by_role("link", name="Set up")).to_have_count(int(tunes))
         answer = page.request.get(f"{bay.url}/tune/bay1", max_redirects=0)
         assert answer.ok == tunes
 

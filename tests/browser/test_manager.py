@@ -231,11 +231,21 @@ def test_it_is_accessible_and_fits_into_every_width(page: Page) -> None:
         judgements.no_sideways_scroll(page)
 
 
-@pytest.mark.long
-def test_the_other_pages_lead_here(served: tuple[Pages, Week], visit: Visit) -> None:
+def test_the_bay_is_kept_from_task_to_task(served: tuple[Pages, Week], visit: Visit) -> None:
     page = visit(f"{served[0].url}/#bay2")
-    page.get_by_role("navigation", name="pages").get_by_role("link", name="Manager").click()
+    tasks = page.get_by_role("navigation", name="pages")
+    expect(tasks.get_by_role("link")).to_have_text(["Live", "History", "Report", "Manual"])  # a viewer's
+    expect(page.get_by_role("heading", level=1)).to_have_text("bay2")
+    tasks.get_by_role("link", name="History").click()
+    expect(page).to_have_url(re.compile("/history#bay2"))
+    tasks.get_by_role("link", name="Report").click()
     expect(page.get_by_role("heading", level=1)).to_have_text("bay2: what the bay did")
+    tasks.get_by_role("link", name="Manual").click()  # a page of no bay
+    expect(page.locator("article")).to_be_visible()
+    tasks.get_by_role("link", name="Live").click()
+    expect(page).to_have_url(f"{served[0].url}/#bay2")
+    tasks.get_by_role("link", name="Live").click()
+    expect(page.get_by_role("heading", name="All bays")).to_be_visible()
 
 
 @pytest.mark.long

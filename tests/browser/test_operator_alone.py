@@ -910,7 +910,7 @@ def test_a_visitor_without_a_name_cannot_acknowledge_and_sees_no_tuning(operator
     page = operator(live([broken("bay1")], client.alarms))
     expect(page.get_by_role("button", name="Acknowledge Camera down")).to_be_disabled()
     expect(page.get_by_role("button", name="Mark this moment")).to_have_count(0)
-    expect(page.get_by_role("link", name="Technician")).to_have_count(0)
+    expect(page.get_by_role("link", name="Set up")).to_have_count(0)
     expect(page.get_by_role("link", name="Log in")).to_have_attribute("href", "/login?next=%2F")
 
 

@@ -103,7 +103,7 @@ def test_every_page_works_behind_nginx_below_a_base_path(
     expect(page).to_have_url(f"{root}/tune/bay1")
     (cookie,) = page.context.cookies()
     assert (cookie["path"], cookie["secure"]) == ("/bay1", False)
-    for name, path in (("Operator", "/"), ("Driver", "/driver/bay1"), ("Settings", "/setup"), ("Manual", "/manual")):
+    for name, path in (("Live", "/"), ("Settings", "/setup"), ("Lens", "/calibrate/bay1"), ("Manual", "/manual")):
         link = page.get_by_role("link", name=name, exact=True)
         expect(link).to_have_attribute("href", re.compile(rf"^/bay1{path}(#bay1)?$"))
     shown = (

@@ -5,5 +5,5 @@ import { html, render } from './lib/page.js';
 import { Brand, Pages, SessionMenu } from './lib/top.js';
 
 const session = await get('/api/session');
-render(html`<${Brand} title="Loading bays" /><${Pages} session=${session} bay=${null} current="Manual" />
+render(html`<${Brand} /><${Pages} session=${session} current="Manual" />
   <div class="facts push"><${SessionMenu} session=${session} /></div>`, document.querySelector('header'));

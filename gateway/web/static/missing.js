@@ -1,9 +1,12 @@
 // What stands at an address of no page.
 
+import { get } from './lib/api.js';
 import { html, render } from './lib/page.js';
 import { titled } from './lib/title.js';
-import { Brand } from './lib/top.js';
+import { Brand, Pages, SessionMenu } from './lib/top.js';
 
+const session = await get('/api/session').catch(() => null); // the page itself stands without it
 titled('No such page');
-render(html`<header class="top"><${Brand} title="Loading gateway" /></header>
+render(html`<header class="top"><${Brand} title="Loading gateway" />
+    ${['viewer', 'technician'].includes(session?.role) && html`<${Pages} session=${session} current="" /><div class="facts push"><${SessionMenu} session=${session} /></div>`}</header>
   <main class="page"><h1>There is no such page</h1><p><a href="/">To the operator's page</a></p></main>`, document.body);

@@ -5,7 +5,7 @@ import { below, ownBay } from '../lib/address.js';
 import { get, post, toLogin } from '../lib/api.js';
 import { guarded, start } from '../lib/start.js';
 import { titled } from '../lib/title.js';
-import { BayChoice, Top } from '../lib/top.js';
+import { Top } from '../lib/top.js';
 import { BoardForm } from './board.js';
 import { Coverage, Missing } from './coverage.js';
 import { Live } from './live.js';
@@ -87,9 +87,7 @@ function App({ session }) {
     setTrouble(why);
   };
   return html`
-    <${Top} session=${session} title="Calibration" bay=${bay} current="Calibration">
-      <${BayChoice} bays=${session.bays} bay=${bay} choose=${(name) => location.assign(below(`/calibrate/${encodeURIComponent(name)}`))} />
-    <//>
+    <${Top} session=${session} bay=${bay} current="Lens" choose=${(name) => location.assign(below(`/calibrate/${encodeURIComponent(name)}`))} />
     <main id="main" tabindex="-1" class="page calibration">
       <div class="whole head"><h1>Camera calibration: <span translate="no">${bay}</span></h1>
         ${trouble && html`<p class="notice bad" role="alert">${trouble}</p>`}</div>

@@ -8,7 +8,7 @@ import { MARKED, SCALES, abnormalEvent, firstScale, hashOf, inputTime, placeOf, 
 import { listed, t, text } from '../lib/lang.js';
 import { titled } from '../lib/title.js';
 import { start } from '../lib/start.js';
-import { BayChoice, Top } from '../lib/top.js';
+import { Top } from '../lib/top.js';
 import { useHash, useKept } from '../operator/hooks.js';
 import { useAnswer } from './answers.js';
 import { Film } from './film.js';
@@ -134,9 +134,7 @@ function App({ session }) {
   const view = records.answer?.bay === bay ? records.answer : null;
   if (view && view.last_ms !== null && first.current.bay !== bay) first.current = { bay, scale: firstScale(view.last_ms - view.first_ms) }; // kept while the records grow
   return html`
-    <${Top} session=${session} title="History" bay=${bay} current="History" next=${location.pathname + location.search + location.hash}>
-      ${session.bays.length > 1 && html`<${BayChoice} bays=${session.bays} bay=${bay} choose=${setBay} />`}
-    <//>
+    <${Top} session=${session} bay=${bay} current="History" next=${location.pathname + location.search + location.hash} choose=${setBay} />
     <main id="main" tabindex="-1" class="page history">
       ${records.wrong && html`<p class="notice bad" role="alert">${records.wrong}</p>`}
       ${view && html`<${LastTrucks} bay=${bay} lastMs=${view.last_ms} />`}

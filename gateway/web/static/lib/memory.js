@@ -1,19 +1,20 @@
 // What this browser remembers of its viewer's choices. Where it may not remember, each page begins anew.
 
-/** @param {string} key @returns {string|null} */
-export function remembered(key) {
+/** `ofTab`: by this tab alone. @param {string} key @returns {string|null} */
+export function remembered(key, ofTab = false) {
   try {
-    return localStorage.getItem(key);
+    return (ofTab ? sessionStorage : localStorage).getItem(key);
   } catch {
     return null;
   }
 }
 
-/** @param {string} key @param {string|null} value null: forget it */
-export function remember(key, value) {
+/** @param {string} key @param {string|null} value null: forget it @param {boolean} [ofTab] */
+export function remember(key, value, ofTab = false) {
   try {
-    if (value === null) localStorage.removeItem(key);
-    else localStorage.setItem(key, value);
+    const storage = ofTab ? sessionStorage : localStorage;
+    if (value === null) storage.removeItem(key);
+    else storage.setItem(key, value);
   } catch {
     // Private windows and kiosks without storage.
   }

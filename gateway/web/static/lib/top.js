@@ -1,47 +1,60 @@
-// The bar at the top of the pages for desks: brand, the other pages, and who is logged in.
+// The bar at the top of the pages for desks: brand, the tasks, the bay, and who is logged in.
 
 import { AlarmBar } from './alarmbar.js';
 import { logOut } from './api.js';
-import { called } from './bays.js';
+import { called, chosenBay } from './bays.js';
 import { kiosk } from './kiosk.js';
-import { choose, language, t, text } from './lang.js';
+import { choose as chooseLanguage, language, t, text } from './lang.js';
 import { html, offered, translated } from './page.js';
 import { setTheme, theme } from './theme.js';
 import { setUnits, units } from './units.js';
 
-/** `more`: the instance, where `title` is the site's own name; else `title` is a text. @param {{title: any, more?: any}} words */
-export const Brand = ({ title, more = '' }) => html`<a class="brand" href=${kiosk ? undefined : '/'}><svg viewBox="0 0 32 32" aria-hidden="true"><circle cx="16" cy="16" r="10" fill="none" stroke="currentColor" stroke-width="3" /><path d="M16 2v9M16 21v9M2 16h9M21 16h9" stroke="currentColor" stroke-width="2.4" /></svg>
+/** `more`: the instance, where `title` is the site's own name; else `title` is a text. @param {{title?: any, more?: any}} words */
+export const Brand = ({ title = 'Loading bays', more = '' }) => html`<a class="brand" href=${kiosk ? undefined : '/'}><svg viewBox="0 0 32 32" aria-hidden="true"><circle cx="16" cy="16" r="10" fill="none" stroke="currentColor" stroke-width="3" /><path d="M16 2v9M16 21v9M2 16h9M21 16h9" stroke="currentColor" stroke-width="2.4" /></svg>
   <span translate=${more === '' ? undefined : 'no'}>${title}<span class="muted small"> ${more}</span></span></a>`;
 
+/** Addresses by task, each for a bay's address part; `/` of no bay: all bays. @type {[string, (bay: string) => string][]} */
+const TASKS = [
+  ['Live', (bay) => (bay ? `/#${bay}` : '/')],
+  ['History', (bay) => `/history#${bay}`],
+  ['Report', (bay) => `/manager?bay=${bay}`],
+];
+/** Under *Set up*, for technicians. @type {[string, (bay: string) => string][]} */
+const SET_UP = [
+  ['Settings', () => '/setup'],
+  ['Set up a bay', () => '/setup/new-bay'],
+  ['Tuning', (bay) => `/tune/${bay}`],
+  ['Lens', (bay) => `/calibrate/${bay}`],
+];
+const MANUAL = ['Manual', () => '/manual'];
+
 /**
- * The other pages, and the alarm to see first. `bay`: the one that is looked at; none: the first. `alarms`: the summary, where the
- * page pulls it already, at the same pace. @param {{session: any, bay: string|null, current: string, alarms?: any}} at
+ * The tasks, and the alarm to see first. `bay`: the one that is looked at; null: all of them, undefined: the page is of none.
+ * `alarms`: the summary, where the page pulls it already, at the same pace.
+ * @param {{session: any, bay?: string|null, current: string, alarms?: any}} at
  */
 export function Pages({ session, bay, current, alarms }) {
-  const path = encodeURIComponent(bay ?? session.bays[0] ?? '');
-  const pages = [
-    ['Operator', bay === null || current === 'Operator' ? '/' : `/#${path}`],
-    ['Driver', `/driver/${path}`],
-    ['History', `/history#${path}`],
-    ['Manager', `/manager?bay=${path}`],
-    ...(session.role === 'technician' ? [['Technician', `/tune/${path}`], ['Settings', '/setup'], ['New bay', '/setup/new-bay']] : []),
-    ['Manual', '/manual'],
-  ];
+  const kept = chosenBay(session.bays, bay);
+  const inSetUp = SET_UP.some(([name]) => name === current);
+  const link = ([name, address], here = name === current) => {
+    const all = name === 'Live' && (here || kept === null); // from a bay to all of them
+    return html`<a href=${address(all ? '' : encodeURIComponent(kept ?? session.bays[0] ?? ''))} aria-current=${here ? 'page' : undefined}>${name}</a>`;
+  };
   if (kiosk) return html`<${AlarmBar} session=${session} given=${alarms} />`;
   return html`<nav aria-label="pages">
-    ${pages.map(([name, href]) => html`<a href=${href} aria-current=${name === current ? 'page' : undefined}>${name}</a>`)}
-  </nav><${AlarmBar} session=${session} given=${alarms} />`;
+    ${TASKS.map((one) => link(one))}
+    ${session.role === 'technician' && link(['Set up', SET_UP[0][1]], inSetUp)}
+    ${link(MANUAL)}
+  </nav>
+  ${inSetUp && html`<nav class="sub" aria-label="Set up">${SET_UP.map((one) => link(one))}</nav>`}
+  <${AlarmBar} session=${session} given=${alarms} />`;
 }
 
-/** Chooses a bay. @param {{bays: string[], bay: string|null, choose: (name: string) => void}} at */
-export const BayChoice = ({ bays, bay, choose }) => html`<label class="small">bay <select aria-label="bay" value=${bay} onChange=${(event) => choose(event.target.value)}>
-  ${bays.map((name) => html`<option translate="no" value=${name} selected=${name === bay}>${called(name)}</option>`)}</select></label>`;
-
 /**
- * The way past the bar, and the bar. `children`: after the pages; `facts`: before who is logged in; the rest as of `Brand`,
- * `Pages` and `SessionMenu`. @param {any} at
+ * The way past the bar, and the bar. `choose`: called with the bay that is chosen in it; undefined: none is to be chosen.
+ * `children`: after the tasks; `facts`: before who is logged in; the rest as of `Brand`, `Pages` and `SessionMenu`. @param {any} at
  */
-export function Top({ session, title, more = '', bay, current, alarms = undefined, next = undefined, facts = null, children = null }) {
+export function Top({ session, title = undefined, more = '', bay, current, alarms = undefined, next = undefined, choose = undefined, facts = null, children = null }) {
   const past = (event) => {
     event.preventDefault();
     document.getElementById('main').focus();
@@ -50,6 +63,8 @@ export function Top({ session, title, more = '', bay, current, alarms = undefine
     <header class="top">
       <${Brand} title=${title} more=${more} />
       <${Pages} session=${session} bay=${bay} current=${current} alarms=${alarms} />
+      ${choose && session.bays.length > 1 && html`<label class="small">bay <select aria-label="bay" value=${bay} onChange=${(event) => choose(event.target.value)}>
+        ${session.bays.map((name) => html`<option translate="no" value=${name} selected=${name === bay}>${called(name)}</option>`)}</select></label>`}
       ${children}
       <div class="facts push">${facts}<${SessionMenu} session=${session} next=${next} /></div>
     </header>`;
@@ -76,7 +91,7 @@ function placed({ target, newState }) {
 /** Language, theme and units, remembered by this browser. In a browser without popovers they stand beside the button. */
 export function ViewMenu() {
   const pick = (event) => {
-    choose(event.target.value);
+    chooseLanguage(event.target.value);
     reloadWithout('lang');
   };
   const measure = (event) => {

@@ -49,7 +49,7 @@ function useStatistics(wanted) {
   return { ...got, waiting: got.of !== path, path };
 }
 
-function Choice({ session, wanted, view, go }) {
+function Choice({ wanted, view, go }) {
   const first = wanted.first ?? view?.first ?? '';
   const last = wanted.last ?? view?.last ?? '';
   const pick = (name) => (event) => {
@@ -59,8 +59,6 @@ function Choice({ session, wanted, view, go }) {
     go(next);
   };
   return html`<form class="panel across choice row compact" aria-label="which days" onSubmit=${(event) => event.preventDefault()}>
-    ${session.bays.length > 1 && html`<label>bay <select value=${wanted.bay} onChange=${(event) => go({ ...wanted, bay: event.target.value })}>
-      ${session.bays.map((name) => html`<option translate="no" value=${name} selected=${name === wanted.bay}>${called(name)}</option>`)}</select></label>`}
     ${view && html`<div class="group" role="group" aria-label="usual spans">
       ${spans(view.made.slice(0, 10)).map(([name, from, to]) => html`<button type="button" aria-pressed=${String(first === from && last === to)} onClick=${() => go({ ...wanted, first: from, last: to })}>${name}</button>`)}</div>`}
     <label>from <input type="date" value=${first} onChange=${pick('first')} /></label>
@@ -104,10 +102,10 @@ function App({ session }) {
   titled('{0}: what the bay did', called(wanted.bay));
   const tooMany = wanted.first && wanted.last && between(wanted.first, wanted.last) > MOST_DAYS;
   return html`
-    <${Top} session=${session} title=${view?.site ?? 'Loading bays'} more=${view?.instance ?? ''} bay=${wanted.bay} current="Manager" />
+    <${Top} session=${session} title=${view?.site} more=${view?.instance ?? ''} bay=${wanted.bay} current="Report" choose=${(bay) => go({ ...wanted, bay })} />
     <${Patterns} />
     <main id="main" tabindex="-1" class="page manager" aria-busy=${String(waiting)}>
-      <${Choice} session=${session} wanted=${wanted} view=${view} go=${go} />
+      <${Choice} wanted=${wanted} view=${view} go=${go} />
       ${!view && html`<h1 class="sr">${text('{0}: what the bay did', wanted.bay)}</h1>`}
       ${waiting && html`<p class="across muted" role="status">Reading the records …</p>`}
       ${!waiting && wrong && (tooMany ? html`<p class="notice warn across" role="alert">${wrong}</p>` : html`<${Unavailable} wrong=${wrong} />`)}

@@ -45,7 +45,8 @@ function Bar({ session, bay, live, known, alarms }) {
   const apart = known ? Math.abs(view.server_time_ms - wall) : 0;
   const facts = html`<${Link} live=${live} known=${known} began=${began.current} />
     <span class="nowrap">${clock(wall)}${apart > 5000 ? html` <span class="tag warn" title="the gateway's clock and this computer's differ">${text('clocks {0} apart', age(apart))}</span>` : ''}</span>`;
-  return html`<${Top} session=${session} title=${site.site ?? 'Loading bays'} more=${session.bays.length === 1 && titleOf(bay) ? titleOf(bay) : site.instance ?? ''} bay=${bay} current="Operator" alarms=${alarms} next="/" facts=${facts} />`;
+  return html`<${Top} session=${session} title=${site.site} more=${session.bays.length === 1 && titleOf(bay) ? titleOf(bay) : site.instance ?? ''} bay=${bay} current="Live" alarms=${alarms} next="/" facts=${facts}>
+    ${!kiosk && html`<a class="small" href=${`/driver/${encodeURIComponent(bay ?? session.bays[0] ?? '')}`}>Driver's display</a>`}<//>`;
 }
 
 function BayBar({ names, bay, alarmsOf, highestOf }) {

@@ -284,7 +284,7 @@ function App({ session }) {
   const otherBays = settings?.command_line.some((path) => path.length === 1 && path[0] === 'bays');
   const why = otherBays ? "this gateway was started with other bays than the file's (--bays), and would not have the new one. Start it without that." : settings?.why_not || settings?.faults?.[0]?.message;
   return html`
-    <${Top} session=${session} title="Set up a bay" bay=${null} current="New bay" />
+    <${Top} session=${session} current="Set up a bay" />
     <main id="main" tabindex="-1" class="page wizard">
       ${(wrong || !settings || why) && html`<h1 class="sr">Set up a bay</h1>`}
       ${started && session.bays.includes(started) ? html`<${Started} session=${session} bay=${started} />`

@@ -190,7 +190,7 @@ function App({ session }) {
   useEffect(() => void load(), []);
   titled('Settings');
   return html`
-    <${Top} session=${session} title="Settings" bay=${session.bays[0] ?? null} current="Settings" />
+    <${Top} session=${session} current="Settings" />
     <main id="main" tabindex="-1" class="page">
       <h1 class="sr">Settings</h1>
       ${wrong && html`<p class="notice bad" role="alert"><b>The settings can't be shown</b>: ${wrong}</p><${Doctor} />`}

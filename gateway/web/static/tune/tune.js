@@ -6,7 +6,7 @@ import { get, post, toLogin } from '../lib/api.js';
 import { widthFor } from '../lib/pictures.js';
 import { t, text } from '../lib/lang.js';
 import { titled } from '../lib/title.js';
-import { BayChoice, Brand, Pages, SessionMenu } from '../lib/top.js';
+import { Top } from '../lib/top.js';
 import { Age, useLive } from '../operator/hooks.js';
 import { Health as Sign } from '../operator/signs.js';
 import { Camera } from './camera.js';
@@ -88,16 +88,6 @@ function useShown(result, pictureOf) {
   }, [result]);
   useEffect(() => () => shown.bitmap?.close(), [shown.bitmap]); // when the next one stands there: it holds megabytes
   return shown;
-}
-
-function Top({ session, connected, fresh }) {
-  return html`<a class="skip" href="#settings">to the settings</a><header class="top">
-    <${Brand} title="Tuning" />
-    <${Pages} session=${session} bay=${bay} current="Technician" />
-    <${BayChoice} bays=${session.bays} bay=${bay} choose=${(name) => location.assign(below(`/tune/${encodeURIComponent(name)}`))} />
-    <div class="facts push"><${Sign} state=${connected && fresh ? 'ok' : 'bad'} text=${connected ? (fresh ? 'connected' : 'no new data') : 'NO CONNECTION'} />
-      <${SessionMenu} session=${session} /></div>
-  </header>`;
 }
 
 function Page({ session, profile: first, taken: kept, renew }) {
@@ -326,8 +316,9 @@ function Page({ session, profile: first, taken: kept, renew }) {
   const elsewhere = shown !== null && !sameSource(shown.request.source, source) && !frozenFrom(shown, source, taken);
   const behind = shown !== null && ((source.kind === 'live' && !fresh) || shown.request.settings !== settings || !sameSource(shown.request.source, source));
   const stateAge = html`<${Age} of=${live} partMs=${one?.age_ms} />`;
-  return html`<${Top} session=${session} connected=${live.connected} fresh=${fresh} />
-    <main class="page tuning">
+  const linked = html`<${Sign} state=${live.connected && fresh ? 'ok' : 'bad'} text=${live.connected ? (fresh ? 'connected' : 'no new data') : 'NO CONNECTION'} />`;
+  return html`<${Top} session=${session} bay=${bay} current="Tuning" facts=${linked} choose=${(name) => location.assign(below(`/tune/${encodeURIComponent(name)}`))} />
+    <main id="main" tabindex="-1" class="page tuning">
       <h1 class="sr">${text('Tuning of {0}', bay)}</h1>
       <${CheckBanner} mode=${fresh ? mode : null} state=${mine?.state ?? null} age=${stateAge} change=${check} busy=${busy !== ''}
         thresholds=${mine?.thresholds ?? null} file=${file} untried=${untried} refresh=${mayEnd} restart=${askRestart} />
