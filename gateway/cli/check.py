@@ -33,8 +33,9 @@ def _access(hmi: "HmiConfig") -> str:
         "viewer": "anybody may view",
         "technician": "anybody may do everything",
     }
+    nobody = "no users: the first visitor makes one" if hmi.awaits_first_user else "no users"
     names = ", ".join(f"{user.name} ({user.role})" for user in hmi.users)
-    return f"{everybody[hmi.without_login]}; {f'users: {names}' if names else 'no users'}"
+    return f"{everybody[hmi.without_login]}; {f'users: {names}' if names else nobody}"
 
 
 def warnings(settings: "GatewayConfig") -> list[str]:

@@ -95,6 +95,11 @@ class HmiConfig(Section):
         "driver", description="what anybody may do without a login; `technician` only where host is loopback"
     )
     users: tuple[HmiUser, ...] = Field((), max_length=64, description="who may log in")
+    first_password: bool = Field(
+        False,
+        description="as long as there is no user, every page leads to one on which a browser of the same network makes "
+        "the first technician; needs TLS (docs/hmi-security.md#the-first-password)",
+    )
     run_as: str | None = Field(
         None,
         pattern=forms.SYSTEM_USER,
@@ -176,8 +181,25 @@ class HmiConfig(Section):
                 'Make users (gateway password), and set "none", "driver" or "viewer"',
                 "without_login",
             )
-        if self.without_login == "none" and not self.users:
+        if self.without_login == "none" and not self.users and not self.first_password:
             raise FieldError('"none" needs [[hmi.users]]: no user could log in (gateway password)', "without_login")
+        return self
+
+    @model_validator(mode="after")
+    def _first(self) -> Self:
+        if not self.first_password:
+            return self
+        against = {
+            'without_login = "technician" needs no password': self.without_login == "technician",
+            'it would be sent without TLS: set tls_cert, such as "auto"': not self.tls,
+            "a proxy hides who is of this network: no base_path, no trusted_proxies": bool(
+                self.base_path or self.trusted_proxies
+            ),
+            "setup_page = false lets only this file make users": not self.setup_page,
+        }
+        for why, holds in against.items():
+            if holds:
+                raise FieldError(why, "first_password")
         return self
 
     @model_validator(mode="after")
@@ -211,6 +233,10 @@ class HmiConfig(Section):
     @property
     def tls(self) -> bool:
         return self.tls_cert is not None
+
+    @property
+    def awaits_first_user(self) -> bool:
+        return self.first_password and not self.users
 
     @property
     def own_certificate(self) -> bool:

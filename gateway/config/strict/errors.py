@@ -91,7 +91,11 @@ def faults_of(
             same = depth == len(path) and _repr(written) == _repr(value)
             where, number = (source, number) if same else ("command line", None)  # merged over the file
         key = ".".join(str(part) for part in path)
-        shown = "" if _is_table(value) else f" = {'***' if is_secret(key) else _shown(value)}"
+        shown = (
+            ""
+            if _is_table(value)
+            else f" = {'***' if is_secret(key) and not isinstance(value, bool) else _shown(value)}"
+        )
         one = ConfigFault(where, number, path, shown, f"{message}{_allowed(place, model, shared)}")
         if one not in found:  # a fault in a shared section shows up once per bay
             found.append(one)

@@ -30,6 +30,7 @@ class SessionView(BaseModel):
     name: str | None = Field(description="null without a login")
     role: str = Field(description="none, driver, viewer or technician: the most that the caller may do")
     can_login: bool = Field(description="there are users")
+    first_password: bool = Field(description="there are none yet, and POST /api/setup/first-password makes the first")
     csrf: str
     expires_in_s: int | None = Field(description="until the login ends in any case; null without a login")
     bays: list[str] = Field(description="names, in the configuration's order; empty for role none")
@@ -47,6 +48,7 @@ def _view(request: Request, caller: Caller, next_page: str | None = None) -> dic
         name=caller.name or None,
         role=caller.level.role,
         can_login=bool(logins.config.users),
+        first_password=logins.config.awaits_first_user,
         csrf=caller.csrf,
         expires_in_s=None if caller.session is None else int(logins.remaining_s(caller.session)),
         bays=list(bays),

@@ -8,6 +8,7 @@ lock its owner out.
 
 import math
 from collections.abc import Iterator
+from ipaddress import ip_address
 
 from gateway.durations import NS_PER_S
 from gateway.net.rate_limit import KeyedBuckets, Rate, plain_address
@@ -52,6 +53,14 @@ class LoginThrottle:
         if address not in self._known.get(name, ()):
             yield self._names, name
             yield self._all, ""
+
+
+def is_of_network(address: str) -> bool:
+    """Is it an address that no router forwards from elsewhere: private, link-local, or this machine's own?"""
+    try:
+        return not (found := ip_address(plain_address(address))).is_global and not found.is_multicast
+    except ValueError:
+        return False
 
 
 def spelled(address: str) -> str:

@@ -40,7 +40,7 @@ class Logins:
             idle_ns=round(config.session_idle_minutes * 60 * NS_PER_S),
         )
         self.passwords = Passwords(config.users)
-        self._anonymous = Level.of(config.without_login)
+        self._anonymous = Level.OPEN if config.awaits_first_user else Level.of(config.without_login)
         self._throttle = LoginThrottle()
         self._clock = clock
         self._audit = audit

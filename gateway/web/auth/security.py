@@ -33,7 +33,7 @@ from gateway.web.auth.headers import (
     same_origin,
     security_headers,
 )
-from gateway.web.auth.login_throttle import spelled
+from gateway.web.auth.login_throttle import is_of_network, spelled
 from gateway.web.auth.logins import CHALLENGE, Logins
 from gateway.web.auth.page_files import KEPT, missing_page
 from gateway.web.auth.refusals import RefusalError, answer_to, is_missing_page, to_login
@@ -42,6 +42,7 @@ from gateway.web.auth.sessions import Caller, with_caller
 REQUEST_S = 120.0  # a request must be answered within this, by a route and by the one who reads
 ENDED = 4401  # close code of a WebSocket whose session has ended
 OTHER_SITES = (b"cross-site", b"same-site")  # Sec-Fetch-Site: another site, or another origin of this one
+BEFORE_REFUSED = ("/healthz", "/api/login")  # of what else needs no login, while nobody has made the first password
 UNSAFE_PATH = re.compile(rf"[\x00-\x1f\x7f\\]|{DOTS.pattern}")
 
 
@@ -82,6 +83,8 @@ class SecurityMiddleware:
             if not below and path == self._config.base_path and scope["type"] == "http":
                 await RedirectResponse(f"{path}/", 307)(scope, receive, outgoing)
                 return
+            if self._config.awaits_first_user:
+                self._check_first(scope, address)
             rule = self._find_rule(scope, below)
             self._check_origin(scope, rule, authority, scheme)
             caller = await self._logins.caller(scope["headers"], rule, address, secure=scheme == "https")
@@ -122,6 +125,15 @@ class SecurityMiddleware:
             text = f"{printable(authority or '(nothing)')} is not a host name of these pages; see hmi.allowed_hosts"
             raise RefusalError(400, "host", text, audited=True)
         return authority
+
+    def _check_first(self, scope: Scope, address: str) -> None:
+        """As long as nobody has made the first password: nothing of the plant, and nothing at all beyond this network.
+        What needs a role is refused anyway: there is nobody who has one."""
+        if not is_of_network(address):
+            text = f"{address} is not of a private network: nobody else is answered before there is a first password"
+            raise RefusalError(403, "address", text, audited=True)
+        if scope["path"] in BEFORE_REFUSED:
+            raise RefusalError(401, "login", "nobody has made the first password yet")
 
     def _find_rule(self, scope: Scope, below: bool) -> Rule:
         path: str = scope["path"] if below else ""
@@ -190,7 +202,8 @@ class SecurityMiddleware:
             if rule is not None and rule.page:
                 response = to_login(scope, self._config.base_path, need=rule.least.role)
         elif refusal.code == "unknown" and scope["type"] == "http" and is_missing_page(scope):
-            response = missing_page(self._config.base_path)
+            first = self._config.awaits_first_user
+            response = RedirectResponse("/login", 303) if first else missing_page(self._config.base_path)
         await response(scope, receive, outgoing)
 
     async def _serve(self, scope: Scope, receive: Receive, outgoing: "_Outgoing", rule: Rule, caller: Caller) -> None:

@@ -29,6 +29,7 @@ from gateway.web.ipc.messages import (
     FileResult,
     FileSaved,
     FileSettings,
+    MakeFirstUser,
     PreviewFile,
     PreviewSettings,
     ReadFile,
@@ -122,7 +123,7 @@ class ConfigFileRequests:
                 return settings.read()
             case PreviewSettings():
                 return settings.preview(request.action, request.who)
-            case SaveSettings():
+            case SaveSettings() | MakeFirstUser():
                 return settings.save(request.action, request.who)
 
 

@@ -27,6 +27,7 @@ from gateway.web.host.startup import Startup
 from gateway.web.ipc.messages import (
     ChangedOnDiskError,
     FileFault,
+    MakeFirstUser,
     PreviewSettings,
     SaveSettings,
     SettingsDocument,
@@ -153,9 +154,11 @@ class SettingsFile:
             vision=self._tuned(planned),
         )
 
-    def save(self, wanted: SaveSettings, who: Writer) -> SettingsSaved:
+    def save(self, wanted: SaveSettings | MakeFirstUser, who: Writer) -> SettingsSaved:
         """Raises ConfigError with every fault, ChangedOnDiskError."""
         self._permitted()
+        if isinstance(wanted, MakeFirstUser):
+            wanted = self._first_user(wanted)
         planned = self._planned(wanted)
         if planned.faults:
             raise ConfigError("\n".join(f"{'.'.join(fault.path)}: {fault.message}" for fault in planned.faults))
@@ -169,6 +172,19 @@ class SettingsFile:
         more = f" and {len(keys) - MAX_LOGGED} more" if len(keys) > MAX_LOGGED else ""
         log.info("%s: %s saved by %s", self._source, printable(f"{what}{more}", 400), printable(str(who)))
         return SettingsSaved(live, restart, config_file.load(self.path).digest, str(previous))
+
+    def _first_user(self, wanted: MakeFirstUser) -> SaveSettings:
+        """Raises ConfigError where it would not be in force at once, ChangedOnDiskError where somebody was first."""
+        if not self._running.hmi.first_password:
+            raise ConfigError("hmi.first_password is not set")
+        former = config_file.load(self.path)
+        if self._running.hmi.users or parsed(former.text, self._source).get("hmi", {}).get("users"):
+            raise ChangedOnDiskError("somebody else has made the first password meanwhile: log in")
+        user = {"role": "technician", "password_hash": wanted.password_hash}
+        made = SaveSettings((SettingChange(("hmi", "users", wanted.name), user),), former.digest)
+        if self._effects(self._planned(made))[1]:
+            raise ConfigError("the file has changes of [hmi] that wait for a restart: start the gateway again first")
+        return made
 
     def _begin_checks(self, planned: Planned) -> None:
         """A bay that is new starts under a function check: nobody has tried it. Raises ConfigError."""

@@ -174,7 +174,8 @@ class WebProcessService:
         hmi = self._setup.config.hmi
         if not hmi.own_hosts or not self._sockets:
             return ""
-        return f"pages at {' or '.join(own_host.page_urls(self._sockets[0].getsockname()[1]))}"
+        urls = " or ".join(own_host.page_urls(self._sockets[0].getsockname()[1]))
+        return f"nobody has made the first password yet, at {urls}" if hmi.awaits_first_user else f"pages at {urls}"
 
     def _make_certificate(self) -> None:
         """Raises ConfigError, OSError."""

@@ -174,7 +174,14 @@ class SaveSettings(Message, frozen=True):
     undo: bool = False
 
 
-FileAction = ReadFile | PreviewFile | SaveFile | ReadSettings | PreviewSettings | SaveSettings
+class MakeFirstUser(Message, frozen=True):
+    """Write a technician into the configuration's file, if `hmi.first_password` is set and there is no user."""
+
+    name: str
+    password_hash: str
+
+
+FileAction = ReadFile | PreviewFile | SaveFile | ReadSettings | PreviewSettings | SaveSettings | MakeFirstUser
 
 
 class FileRequest(Message, frozen=True):
@@ -323,7 +330,7 @@ class SettingsPreview(Message, frozen=True):
 
 
 class SettingsSaved(Message, frozen=True):
-    """To `SaveSettings`. `previous`: path of the former file."""
+    """To `SaveSettings` and `MakeFirstUser`. `previous`: path of the former file."""
 
     live: tuple[str, ...]
     restart: tuple[str, ...]

@@ -50,6 +50,12 @@ class NewPasswordView(AnswerModel):
     )
 
 
+class FirstPasswordView(AnswerModel):
+    """There is a technician."""
+
+    name: str = Field(description="who may log in as soon as /api/session says so")
+
+
 class ChangesBody(Body):
     """Changes of the file of this digest."""
 

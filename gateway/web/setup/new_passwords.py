@@ -29,17 +29,21 @@ class NewPasswords:
     async def keep(self, caller: Caller, user: str, password: str, passwords: Passwords) -> str:
         """A name for the hash of `user`'s new password, of use to this login alone. Raises RefusalError (400, 429,
         503)."""
-        if (weak := weakness(password, user)) is not None:
-            raise RefusalError(400, "password", f"this password {weak}")
-        wait_s = self._throttle.attempt(caller.address, caller.name, self._clock.now_ns())
-        if wait_s:
-            raise throttled("passwords in a short time", wait_s)
-        made = await passwords.hash(password)
+        made = await self.hashed(caller, user, password, passwords)
         name = MARK + secrets.token_urlsafe(16)
         self._kept[name] = (caller.csrf, user, made, self._clock.now_ns() + KEPT_S * NS_PER_S)
         while len(self._kept) > MAX_KEPT:
             self._kept.popitem(last=False)
         return name
+
+    async def hashed(self, caller: Caller, user: str, password: str, passwords: Passwords) -> str:
+        """The hash itself. Raises as `keep`."""
+        if (weak := weakness(password, user)) is not None:
+            raise RefusalError(400, "password", f"this password {weak}")
+        wait_s = self._throttle.attempt(caller.address, caller.name, self._clock.now_ns())
+        if wait_s:
+            raise throttled("passwords in a short time", wait_s)
+        return await passwords.hash(password)
 
     def filled_in(self, caller: Caller, change: SettingChange) -> SettingChange:
         """With the hash that it names. Raises RefusalError (409)."""

@@ -7,11 +7,13 @@ from starlette.requests import Request
 from gateway.errors import ConfigError
 from gateway.web.auth.access import LOGIN_BYTES, Level
 from gateway.web.auth.addresses import ApiAddresses
+from gateway.web.auth.audit_log import AuditKind, AuditRecord
 from gateway.web.auth.logins import Logins
 from gateway.web.auth.refusals import RefusalError
 from gateway.web.auth.sessions import Caller
 from gateway.web.ipc.messages import (
     TRUCK_AT_BAY,
+    MakeFirstUser,
     PreviewSettings,
     ReadSettings,
     RestartGateway,
@@ -26,6 +28,7 @@ from gateway.web.server.services import RequestCaller, Services, WebServices
 from gateway.web.setup.models import (
     BootView,
     ChangesBody,
+    FirstPasswordView,
     NewPasswordBody,
     NewPasswordView,
     PreviewView,
@@ -74,6 +77,30 @@ async def _password(
     logins: Logins = request.app.state.logins
     kept = await services.new_passwords.keep(caller, body.name, body.password, logins.passwords)
     return NewPasswordView(password_hash=kept)
+
+
+@ADDRESSES.post(
+    "/first-password",
+    "first_password",
+    "make the first technician, while there is no user",
+    least=Level.OPEN,
+    body_bytes=LOGIN_BYTES,
+    errors={
+        400: "the password is too weak, or the body is not what is described here",
+        409: "somebody else has made it",
+        429: "too many passwords in a short time",
+    },
+)
+async def _first_password(
+    request: Request, services: WebServices, caller: RequestCaller, body: NewPasswordBody
+) -> FirstPasswordView:
+    logins: Logins = request.app.state.logins
+    if not logins.config.awaits_first_user:
+        raise RefusalError(409, "made", "the first password was made already: log in")
+    made = await services.new_passwords.hashed(caller, body.name, body.password, logins.passwords)
+    await services.client.ask(MakeFirstUser(body.name, made), SettingsSaved, caller.writer)
+    logins.record(AuditRecord(AuditKind.CHANGED, body.name, caller.address, "the first password, as technician"))
+    return FirstPasswordView(name=body.name)
 
 
 @ADDRESSES.post(

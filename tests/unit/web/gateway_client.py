@@ -103,9 +103,11 @@ async def plant(
     source: str = "",
     startup: Startup | None = None,
     test_sets: int | None = None,
+    reload: Callable[[], None] | None = None,
 ) -> AsyncIterator[Plant]:
     """In virtual time. Every message crosses a real socket. `source`: the configuration's file; `startup`: how the
-    gateway was started; `test_sets`: descriptor of the socket to what keeps them."""
+    gateway was started; `test_sets`: descriptor of the socket to what keeps them; `reload`: takes over what is live of
+    a saved file."""
     clock = LoopClock()
     named = tuple(BayConfig(name=f"bay{n}", unit_id=n, fusion=PLAIN) for n in range(1, bays + 1))
     config = config or GatewayConfig(bays=named)
@@ -158,7 +160,7 @@ async def plant(
         config_check.check(found, source=name, text=text)
 
     started = startup or Startup()
-    settings = SettingsFile(Path(source), lambda: config, started, check, in_force=in_force) if source else None
+    settings = SettingsFile(Path(source), lambda: config, started, check, reload, in_force) if source else None
     file = ConfigFileRequests(settings, clock, AtOnce(), send_finished, handler.execute)
 
     def receive() -> None:

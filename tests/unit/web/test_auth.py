@@ -96,7 +96,7 @@ def test_what_technicians_do_is_closed_to_all_others() -> None:
     }  # fmt: skip
     assert {rule.path for rule in RULES if rule.least is Level.OPEN} == {
         "/login", "/static/{path:path}", "/favicon.ico", "/healthz", "/api/session", "/api/login", "/api/logout",
-        "/api/languages", "/api/languages/{code}", "/api/pages",
+        "/api/languages", "/api/languages/{code}", "/api/pages", "/api/setup/first-password",
     }  # fmt: skip
     assert {rule.path for rule in RULES if rule.least is Level.DRIVER} == {"/driver", "/driver/{bay}", "/api/driver"}
 
