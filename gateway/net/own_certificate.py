@@ -32,7 +32,7 @@ def keep(files: TlsFiles, clock: Clock) -> None:
     """Makes key and certificate where they are missing or no longer right. Raises ConfigError, OSError."""
     path = Path(files.cert)
     folder, name = Folder(path.parent), path.stem
-    hosts = (*own_names(), *own_addresses(), *LOOPBACK_NAMES)
+    hosts = list(dict.fromkeys((*own_names(), *own_addresses(), *LOOPBACK_NAMES)))
     wall_ns = clock.wall_ns()
     try:
         key = folder.key(name)
@@ -42,7 +42,7 @@ def keep(files: TlsFiles, clock: Clock) -> None:
         folder.replace_key(name, key)
     if _is_right(folder, name, key, hosts, wall_ns):
         return
-    made = issue.self_signed(SUBJECT, list(dict.fromkeys(hosts)), key, _time(wall_ns), DAYS)
+    made = issue.self_signed(SUBJECT, hosts, key, _time(wall_ns), DAYS)
     folder.replace_certificate(name, made)
     digest = made.fingerprint(hashes.SHA256()).hex(":")
     log.info("hmi: a certificate was made for %s; its SHA-256 is %s", ", ".join(hosts), digest)

@@ -91,13 +91,20 @@ class Watch:
 
 @contextlib.contextmanager
 def visited(
-    browser: Browser, url: str, *, width_px: int = 1366, height_px: int = 900, before: str = ""
+    browser: Browser,
+    url: str,
+    *,
+    width_px: int = 1366,
+    height_px: int = 900,
+    before: str = "",
+    trusts_all: bool = False,
 ) -> Iterator[tuple[Page, Watch]]:
     """The page as a new visitor sees it: no cookies, nothing cached. `before`: a script to run first.
+    `trusts_all`: as after the question whether to trust a certificate that nobody has signed.
 
     Whoever uses this looks into the watch's complaints in the end.
     """
-    context = browser.new_context(viewport={"width": width_px, "height": height_px})
+    context = browser.new_context(viewport={"width": width_px, "height": height_px}, ignore_https_errors=trusts_all)
     try:
         watch = Watch(urlsplit(url).netloc)
         watch.over(context)

@@ -2,6 +2,8 @@
 
 import re
 from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
 
 import pytest
 from playwright.sync_api import Page, expect
@@ -11,6 +13,7 @@ from tests.browser import judgements
 from tests.browser.chromium import Watch
 from tests.browser.conftest import Visit
 from tests.browser.plant import Plant, plant
+from tests.e2e.test_first_password import NAME, PASSWORD, fresh_gateway
 
 VIEWER, TECHNICIAN = ("olga", "viewer", "spout-and-truck-41"), ("theo", "technician", "lime-kiln-dust-77")
 # Chromium tells the console about every answer that is no success.
@@ -141,3 +144,35 @@ def test_who_may_not_see_a_page_is_told_so(bay: Plant, visit: Visit) -> None:
     expect(page.locator("header.top")).to_contain_text("olga")
     page.goto(f"{bay.url}/setup")
     expect(page.get_by_text("needs a login with more rights")).to_be_visible()
+
+
+def test_the_first_visitor_makes_the_first_password_and_goes_on_to_set_up(
+    tmp_path: Path, visit: Visit, started: ExitStack, watches: list[Watch]
+) -> None:
+    _, url, _ = started.enter_context(fresh_gateway(tmp_path))
+    page = visit(f"{url}/", trusts_all=True)
+    watches[0].excused = re.compile(r"a status of 400|net::ERR_|status of 40[19]")  # while its process is replaced, too
+    expect(page.get_by_role("heading")).to_have_text("Make the first password")
+    expect(page.get_by_role("link")).to_have_count(0)
+    for width_px in (390, 1366):
+        page.set_viewport_size({"width": width_px, "height": 844})
+        judgements.accessible(page)
+        judgements.no_sideways_scroll(page)
+
+    def typed(password: str, again: str) -> None:
+        page.get_by_label("Name").fill(NAME)
+        page.get_by_label("Password", exact=True).fill(password)
+        page.get_by_label("the same again").fill(again)
+        page.keyboard.press("Enter")
+
+    trouble = page.get_by_role("alert")
+    typed(PASSWORD, "another")
+    expect(trouble).to_have_text("The two passwords differ.")
+    typed("short", "short")
+    expect(trouble).to_contain_text("at least 10 are needed")
+    typed(PASSWORD, PASSWORD)
+    expect(page).to_have_url(f"{url}/setup/new-bay")
+    expect(page.locator("header.top")).to_contain_text(NAME)
+    page.goto(f"{url}/login")
+    expect(page.get_by_role("heading")).to_have_text("Log in to the loading gateway")
+    expect(page.get_by_label("the same again")).to_have_count(0)

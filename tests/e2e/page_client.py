@@ -2,23 +2,29 @@
 
 import http.client
 import json
+import ssl
 from types import TracebackType
 from typing import Any, Self
 from urllib.parse import urlsplit
 
 
 class PageClient:
-    """A context manager. `url`: of the pages, as the gateway prints it."""
+    """A context manager. `url`: of the pages, as the gateway prints it; `trusting`: whose certificate."""
 
-    def __init__(self, url: str) -> None:
-        self._host = urlsplit(url).netloc
-        self._connection = http.client.HTTPConnection(self._host, timeout=100)
+    def __init__(self, url: str, trusting: ssl.SSLContext | None = None) -> None:
+        parts = urlsplit(url)
+        self._origin, self._host = f"{parts.scheme}://{parts.netloc}", parts.netloc
+        self._connection = (
+            http.client.HTTPConnection(self._host, timeout=100)
+            if trusting is None
+            else http.client.HTTPSConnection(self._host, timeout=100, context=trusting)
+        )
 
     def __enter__(self) -> Self:
         session = self.get("/api/session")
         self._headers = {
             "Content-Type": "application/json",
-            "Origin": f"http://{self._host}",
+            "Origin": self._origin,
             "X-CSRF-Token": session["csrf"],
         }
         return self
@@ -38,6 +44,13 @@ class PageClient:
     def post(self, path: str, body: object = None, status: int = 200) -> Any:
         self._connection.request("POST", path, json.dumps(body or {}), self._headers)
         return json.loads(self._body(status))
+
+    def posted(self, path: str, body: object) -> int:
+        """The answer's status, whatever it is."""
+        self._connection.request("POST", path, json.dumps(body), self._headers)
+        response = self._connection.getresponse()
+        response.read()
+        return response.status
 
     def _body(self, status: int) -> bytes:
         response = self._connection.getresponse()
