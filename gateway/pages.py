@@ -63,6 +63,7 @@ def build_pages(
             bays.controls[bay.name],
             bays.units[bay.unit_id].read,
             sensors.visions[bay.name],
+            sensors.rangers[bay.name],
             partial(outputs.files.untried, bay.name),
         )
         for bay in config.bays

@@ -31,6 +31,7 @@ CACHE = ROOT / ".dev/wheels"
 PROJECT = "plc-loading-gateway"
 EXTRAS = ("mcap", "postgresql")
 KERNEL = "gateway/vision/compiled/_kernels.so"
+FIRMWARE = "gateway/ranger/hcsr04/ranger.hex"
 GLIBC = (2, 36)  # Debian 12's; wheels for a newer one are not taken
 TIMEOUT_S = 300.0
 
@@ -110,6 +111,7 @@ def project_wheel(wheels: Path, architecture: Architecture, version: str, epoch:
     nothing_built = shutil.ignore_patterns("__pycache__", "*.so", "*.tmp")
     for name in ("gateway", "config", "docs"):
         shutil.copytree(ROOT / name, copy / name, ignore=nothing_built)
+    shutil.copytree(ROOT / "firmware", copy / "firmware", ignore=shutil.ignore_patterns("build", "bench"))
     for name in ("pyproject.toml", "hatch_build.py", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, copy)
     project = (copy / "pyproject.toml").read_text()
@@ -130,6 +132,8 @@ def project_wheel(wheels: Path, architecture: Architecture, version: str, epoch:
         raise PackageError(f"{wheel.name} has no {KERNEL}: {(built.stdout + built.stderr).strip()}") from None
     if int.from_bytes(kernel[18:20], "little") != architecture.elf_machine:
         raise PackageError(f"{wheel.name}: {KERNEL} is for another machine than {architecture.machine}")
+    if FIRMWARE not in zipfile.ZipFile(wheel).namelist():
+        print(f"{wheel.name} has no firmware for the Arduino: {(built.stdout + built.stderr).strip()}", file=sys.stderr)
     return wheel
 
 

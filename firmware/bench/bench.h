@@ -106,6 +106,7 @@ void link_seed(uint64_t seed);
 void link_sent(uint8_t value);             // the UART's transmitter was given a byte
 void link_silence(void);                   // reset or power cut in the middle of a byte
 void link_run(uint64_t now);
+size_t link_room(void);                     // bytes that the host may send now
 void link_host(const uint8_t *data, size_t size); // what the host says
 void link_noise(double share);
 void link_burst(uint64_t until);

@@ -123,8 +123,13 @@ static void heard_up(double at, uint8_t value) {
     board_hear(value);
 }
 
+size_t link_room(void) {
+    const size_t waiting = wire_waiting(&up, board_now());
+    return waiting < 64 ? 64 - waiting : 0; // the USB bridge's buffer; the host waits for it
+}
+
 void link_host(const uint8_t *data, size_t size) {
-    for (size_t i = 0; i < size && wire_waiting(&up, board_now()) < 64; i++) // the USB bridge's buffer
+    for (size_t i = 0; i < size; i++)
         (void)wire_send(&up, board_now(), host_bit(), data[i]);
 }
 

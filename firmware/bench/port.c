@@ -110,7 +110,8 @@ void port_poll(void) {
     if (!opened) return;
     look_at_baud();
     uint8_t said[64];
-    const ssize_t size = look.revents & POLLIN ? read(master, said, sizeof said) : 0;
+    const size_t room = link_room();
+    const ssize_t size = look.revents & POLLIN && room ? read(master, said, room) : 0;
     if (size > 0) link_host(said, (size_t)size);
 }
 

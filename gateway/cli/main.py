@@ -15,6 +15,7 @@ VERBS = (
     "simulate",
     "check",
     "doctor",
+    "firmware",
     "bundle",
     "backup",
     "restore",

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from gateway.clock import SystemClock
-from gateway.config import CameraConfig, MqttConfig
+from gateway.config import CameraConfig, MqttConfig, RangerConfig
 from gateway.doctor import brokers, devices, plc
 from gateway.doctor.finding import Verdict
 from gateway.errors import ConfigError, GatewayError
@@ -28,6 +28,7 @@ from gateway.web.ipc.devices import (
     DeviceQuestion,
     DevicesSetup,
     Examine,
+    FlashRanger,
     ListDevices,
     LookAtCamera,
     LookAtRanger,
@@ -52,7 +53,8 @@ def run(channel: Channel[Failed, DevicesSetup], setup: DevicesSetup) -> None:
 def devices_helper(setup: DevicesSetup) -> Helper:
     look = QuestionKind(partial(_answer, setup), LOOK_LIMIT_S, LIMIT_BYTES, one_device=True)
     other = QuestionKind(partial(_answer, setup), LIMIT_S, LIMIT_BYTES)
-    kinds: dict[type, QuestionKind] = {LookAtCamera: look, LookAtRanger: look}
+    flash = QuestionKind(partial(_answer, setup), LIMIT_S, LIMIT_BYTES, one_device=True, to_its_end=True)
+    kinds: dict[type, QuestionKind] = {LookAtCamera: look, LookAtRanger: look, FlashRanger: flash}
     return Helper(kinds | dict.fromkeys((ListDevices, TryPlc, TryBroker, Examine), other), MOST)
 
 
@@ -89,11 +91,14 @@ def answer(setup: DevicesSetup, question: DeviceQuestion, send: Callable[[Device
                 send(_taken("camera", camera.url, user))
             else:
                 look.camera(camera, clock, send)
-        case LookAtRanger(ranger):
-            if user := devices.user_of_port(config, ranger.port, Path(setup.devices)):
-                send(_taken("ranger", ranger.port, user))
+        case LookAtRanger(RangerConfig(port=port)) | FlashRanger(port):
+            user = devices.user_of_port(config, port, Path(setup.devices))
+            if user and not (isinstance(question, FlashRanger) and question.released == user):
+                send(_taken("ranger", port, user))
+            elif isinstance(question, FlashRanger):
+                look.flash(port, clock, send)
             else:
-                look.ranger(ranger, clock, send)
+                look.ranger(question.ranger, clock, send)
         case TryPlc(port):
             send(TriedParts(tuple(map(look.as_tried, plc.findings(config, port, clock)))))
         case TryBroker(mqtt):

@@ -6,6 +6,7 @@ distances. Nothing happens to a device but that it is opened, as a bay would.
 
 import statistics
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict
 
 from gateway.clock import Clock
@@ -15,11 +16,12 @@ from gateway.doctor.finding import Finding, Verdict
 from gateway.doctor.sensors import CameraLook, RangerLook
 from gateway.durations import NS_PER_S
 from gateway.errors import ConfigError, GatewayError
+from gateway.ranger import flashing
 from gateway.vision.detect import registry
 from gateway.vision.source.contract import Frame
 from gateway.vision.source.specs import source_spec
 from gateway.vision.transport.messages import DetectorSpec
-from gateway.web.ipc.devices import CameraSeen, RangerSeen, Tried, TriedParts
+from gateway.web.ipc.devices import CameraSeen, FlashSeen, RangerSeen, Tried, TriedParts
 from gateway.web.server.pictures import encoded
 
 LOOK_S = 120.0  # then it ends, whoever still watches
@@ -152,6 +154,27 @@ def ranger(config: RangerConfig, clock: Clock, send: SendRanger, seconds: float 
         send(TriedParts((Tried("ranger", "", Verdict.FAULT, f"open {config.port}, listen", result, remedy),)))
     else:
         send(_ended("ranger", config.port, seconds))
+
+
+def flash(port: str, clock: Clock, send: Callable[[FlashSeen | TriedParts], None]) -> None:
+    """Writes the gateway's firmware, whether or not anybody watches. Returns with its result sent."""
+    tried = f"write the gateway's firmware to {port}"
+
+    def tell(piece: FlashSeen | TriedParts) -> None:
+        with suppress(OSError):
+            send(piece)
+
+    def progress(done: float) -> None:
+        doing = "writes" if done < 0.5 else "reads it back"
+        tell(FlashSeen(Tried("firmware", "", WAITING, tried, doing), done))
+
+    line = Tried("firmware", "", Verdict.OK, tried, "written, and read back equal", "look at the board")
+    try:
+        flashing.flash(port, flashing.image(), clock, progress)
+    except GatewayError as error:
+        result = str(error).removeprefix(f"ranger port {port}: ")
+        line = Tried("firmware", "", Verdict.FAULT, tried, result, sensors.port_remedy(result))
+    tell(TriedParts((line,)))
 
 
 def _ended(part: str, what: str, seconds: float) -> TriedParts:

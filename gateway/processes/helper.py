@@ -106,7 +106,8 @@ class Helper:
 
     def _begin(self, kind: QuestionKind, question: Any, fds: list[int]) -> None:
         """The process before, whose device may still be open, is ended, and the new one waits for that."""
-        before = [each for each in self.running if kind.one_device and each.kind.one_device]
+        ended = [each for each in self.running if each.kind.one_device and not each.kind.to_its_end]
+        before = ended if kind.one_device else []
         for each in before:
             _kill(each)
         parent, until_ns = os.getpid(), machine_ns() + round(kind.limit_s * NS_PER_S)

@@ -1,5 +1,6 @@
 """Opening, reading and closing a serial port by URL. The only file that imports pyserial; everything here blocks."""
 
+import contextlib
 import errno
 import io
 import os
@@ -11,12 +12,14 @@ from urllib.parse import parse_qs, urlsplit
 import serial
 from serial.tools import list_ports
 
+from gateway.clock import Clock
 from gateway.errors import ConfigError, LinkError
 
 READ_S = 0.05
 """A read that finds nothing returns after this time; the reader then checks the clock and its stop flag."""
 READ_BYTES = 4096
 WRITE_S = 0.2
+RESET_S = 0.1  # DTR is off: the capacitor behind it discharges
 
 # What a port may fail with. pyserial lets termios.error through, which is not an OSError.
 FAILURES = (serial.SerialException, OSError, termios.error)
@@ -102,6 +105,18 @@ class Port:
     def write(self, data: bytes) -> None:
         try:
             self._link.write(data)
+        except FAILURES as error:
+            raise LinkError(f"ranger port {self._url} was lost: {_reason(self._url, error)}") from error
+
+    def reset(self, clock: Clock) -> None:
+        """Restart an Arduino by its DTR line, and forget what came before. Opening the port has done the same where
+        there is no such line, as on a pty."""
+        try:
+            with contextlib.suppress(OSError):
+                self._link.dtr = False
+                clock.block(RESET_S)
+                self._link.dtr = True
+            self._link.reset_input_buffer()
         except FAILURES as error:
             raise LinkError(f"ranger port {self._url} was lost: {_reason(self._url, error)}") from error
 

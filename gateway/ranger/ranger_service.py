@@ -13,6 +13,7 @@ from gateway.clock import Clock
 from gateway.config import RangerConfig
 from gateway.config.sections.ranger import RANGERS
 from gateway.core.readings import RangeReading
+from gateway.durations import NS_PER_S
 from gateway.errors import LinkError
 from gateway.ranger.contract import Connection, RangerType
 from gateway.ranger.port import READ_BYTES, Port, check_url
@@ -56,18 +57,29 @@ class RangerService:
         self.session = self._type.session(config)
         self.undelivered = 0
         """Readings that a busy event loop did not take in time."""
+        self._reader: _Reader | None = None
+        self._released_until_ns = 0
 
     def connect(self) -> Connection:
         """Open the port. Blocks; raises LinkError."""
         connect = self._type.connect
         return connect(self.config) if connect is not None else Port(self.config.port, self.config.baud)
 
+    def release(self, seconds: float) -> None:
+        """Close the port for this time, LINK_DOWN: its board is given a firmware."""
+        self._released_until_ns = self.clock.now_ns() + round(seconds * NS_PER_S)
+        if self._reader is not None:
+            self._reader.end(LinkError(f"ranger port {self.config.port}: released, for the board's firmware"))
+
     async def run(self) -> None:
         """Read until cancelled. Emits LINK_DOWN and raises LinkError when the port cannot be opened or is lost."""
-        reader = _Reader(self)
+        while (rest_ns := self._released_until_ns - self.clock.now_ns()) > 0:
+            await self.clock.sleep(rest_ns / NS_PER_S)
+        reader = self._reader = _Reader(self)
         try:
             await reader.ended.wait()
         finally:
+            self._reader = None
             await reader.stop()
         error = reader.error or LinkError(f"ranger port {self.config.port}: the reading thread died")
         self.emit(self.session.lost(self.clock.now_ns(), str(error)))
@@ -88,6 +100,11 @@ class _Reader:
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._work, name=f"ranger {service.config.port}", daemon=True)
         self._thread.start()
+
+    def end(self, error: LinkError) -> None:
+        """The thread closes the port within READ_S; nothing is emitted any more."""
+        self.error = error
+        self._stop.set()
 
     async def stop(self) -> None:
         """End the thread; nothing is emitted any more."""

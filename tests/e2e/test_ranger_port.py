@@ -160,6 +160,23 @@ async def test_cancelling_ends_the_thread_and_frees_the_port() -> None:
 
 
 @in_real_time
+async def test_a_released_port_is_free_for_this_time_and_link_down() -> None:
+    clock = SystemClock()
+    async with SimulatedRanger(lambda _: 500.0, clock) as ranger:
+        host = Host(ranger.port, clock)
+        async with together(ranger.run, host.supervisor.run):
+            await host.until_measured(3)
+            released_ns = clock.now_ns()
+            host.service.release(0.8)
+            lost = await host.until(lambda r: r.quality is Quality.LINK_DOWN)
+            assert "released, for the board's firmware" in lost.detail
+            with serial.Serial(ranger.port, exclusive=True):
+                pass
+            await host.until_measured(3)
+            assert clock.now_ns() - released_ns > 0.8e9
+
+
+@in_real_time
 async def test_unplug_and_replug() -> None:
     async with connected(speed=2.0) as (ranger, host):
         before = await host.until_good()

@@ -103,15 +103,15 @@ def test_each_reset_is_told_with_its_cause_and_begins_at_sequence_0(hang: str) -
 
 
 def test_behind_the_unos_boot_loader_the_causes_are_still_told() -> None:
-    """It clears MCUSR and leaves by a watchdog reset of its own, a second after the reset line. A main loop that stalls
-    is told from that; what also stops the interrupts (`hang`) is not, and is told as the reset line."""
+    """It clears MCUSR and leaves by a watchdog reset of its own, a second after it has blinked three times. A main loop
+    that stalls is told from that; what also stops the interrupts (`hang`) is not, and is told as the reset line."""
     played = run(
         "distance 520\nat 1000 reset\nat 3510 stall\nat 5000 power off\nat 5500 power on\n",
         *(7000, "--bootloader", str(BOOTLOADER)),
     )
     told = [(round(t / 1e6), hello.mcusr) for t, hello in played.hellos]
     assert [cause for _, cause in told] == [1, 2, 8, 1]
-    assert told[1][0] == pytest.approx(1000 + 1024 + HELLO_MS, abs=20)
+    assert told[1][0] == pytest.approx(1000 + 375 + 1024 + HELLO_MS, abs=20)
     assert {m.flags for _, m in played.measurements} == {NO_FLAGS}
 
 

@@ -28,6 +28,7 @@ from gateway.hub import Hub
 from gateway.modbus.protocol.answers import ReadImage
 from gateway.net import rate_limit
 from gateway.processes.codec import record_of, record_packed
+from gateway.ranger.ranger_service import RangerService
 from gateway.vision.process.vision_service import VisionService
 from gateway.web.auth.audit_log import printable
 from gateway.web.ipc.messages import (
@@ -45,6 +46,7 @@ from gateway.web.ipc.messages import (
     NumberedEvent,
     ReadControls,
     ReadFormerSettings,
+    ReleaseRanger,
     RestartGateway,
     SetFunctionCheck,
     StateReply,
@@ -59,6 +61,7 @@ log = logging.getLogger(__name__)
 
 KEPT_EVENTS = 1000
 KEPT_FORMER = 20  # settings of a bay that can be gone back to
+RELEASED_S = 15.0  # a firmware takes some five seconds
 MAX_NAME = 120  # of a user, or of a requested object
 MAY_BE_THERE = "a truck was in place, and is not known to have left"
 RESTART_AFTER_S = 10.0  # after a start: nobody needs more, and a web process in strange hands gets no more
@@ -99,6 +102,7 @@ class BayParts:
     control: BayControl
     image: ReadImage
     vision: VisionService
+    ranger: RangerService
     untried: Callable[[], Sequence[str]] = tuple
     former: deque[VisionConfig] = field(default_factory=lambda: deque(maxlen=KEPT_FORMER))
 
@@ -206,6 +210,9 @@ def _read(what: ReadControls | ReadFormerSettings, bay: BayParts) -> CameraContr
 
 def _perform(what: BayAction, bay: BayParts, who: Writer) -> str:
     """What is wrong with it; empty: it was done."""
+    may_change = bay.control.state().function_check is not FunctionCheck.OFF
+    if not may_change and isinstance(what, ApplySettings | UndoSettings | TryControls | ReleaseRanger):
+        return "begin a function check first: nothing is changed in a bay at work"
     match what:
         case SetFunctionCheck(mode=mode):
             bay.control.check_function(mode, who)
@@ -229,21 +236,20 @@ def _perform(what: BayAction, bay: BayParts, who: Writer) -> str:
                 bay.former.pop()
             return why
         case TryControls(controls=controls):
-            if bay.control.state().function_check is FunctionCheck.OFF:
-                return "begin a function check first: settings never change in a bay at work"
             try:
                 bay.vision.try_controls(controls)
             except ConfigError as error:
                 return str(error)
             said = ", ".join(f"{key}: {value}" for key, value in controls.model_dump(exclude_none=True).items())
             bay.control.settings_changed(f"the camera's controls: {said or 'as the file has them'}", who)
+        case ReleaseRanger():
+            bay.ranger.release(RELEASED_S)
+            bay.control.settings_changed(f"the ranger's port: released for {RELEASED_S:g} s, for its firmware", who)
     return ""
 
 
 def _apply(vision: VisionConfig, over: VisionConfig | None, bay: BayParts, who: Writer) -> str:
     """As `_perform`."""
-    if bay.control.state().function_check is FunctionCheck.OFF:
-        return "begin a function check first: settings never change in a bay at work"
     try:
         if over is not None and (others := _changed(over, bay.vision.settings)):
             return f"other settings have been applied meanwhile: {others}"[:MAX_DETAIL_CHARS]

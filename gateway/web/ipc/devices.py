@@ -36,6 +36,14 @@ class LookAtRanger(Message, frozen=True):
     ranger: RangerConfig
 
 
+class FlashRanger(Message, frozen=True):
+    """Write the gateway's firmware to the board at this port. `released`: the bay that has the port, and was told to
+    release it; empty: none has it."""
+
+    port: str
+    released: str
+
+
 class TryPlc(Message, frozen=True):
     """Does the gateway's own Modbus port answer? `port`: the one that it listens on now; None: none is open."""
 
@@ -52,7 +60,7 @@ class Examine(Message, frozen=True):
     """All that `gateway doctor` can try beside a running gateway; a piece for each finding."""
 
 
-DeviceQuestion = ListDevices | LookAtCamera | LookAtRanger | TryPlc | TryBroker | Examine
+DeviceQuestion = ListDevices | LookAtCamera | LookAtRanger | FlashRanger | TryPlc | TryBroker | Examine
 DEVICE_QUESTIONS = Codec(DeviceQuestion)
 DEVICES_SETUP = Codec(DevicesSetup, compressed=True)
 
@@ -141,5 +149,12 @@ class RangerSeen(Message, frozen=True):
     damaged: int
 
 
-DeviceAnswer = FoundDevices | CameraSeen | RangerSeen | TriedParts
+class FlashSeen(Message, frozen=True):
+    """To `FlashRanger`. `done`: 0 to 1, writing and reading back."""
+
+    line: Tried
+    done: float
+
+
+DeviceAnswer = FoundDevices | CameraSeen | RangerSeen | FlashSeen | TriedParts
 DEVICE_ANSWERS = Codec(DeviceAnswer)

@@ -102,7 +102,14 @@ class TryControls(Message, frozen=True):
     controls: ControlsConfig
 
 
-BayAction = SetFunctionCheck | ApplySettings | UndoSettings | MarkMoment | TryControls
+class ReleaseRanger(Message, frozen=True):
+    """Close the ranger's port for some seconds, so that its board can be given a firmware; only while a function check
+    is on. The bay's distance is LINK_DOWN meanwhile."""
+
+    bay: str
+
+
+BayAction = SetFunctionCheck | ApplySettings | UndoSettings | MarkMoment | TryControls | ReleaseRanger
 
 
 class ReadControls(Message, frozen=True):

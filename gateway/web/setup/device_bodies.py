@@ -10,6 +10,7 @@ from gateway.config.strict.errors import explain
 from gateway.errors import ConfigError
 from gateway.web.ipc.devices import STORED_PASSWORDS, LookAtCamera, LookAtRanger
 
+MAX_PORT = 4096  # characters: a path
 Settings = Annotated[dict[str, Any], Field(max_length=64)]
 
 
@@ -36,6 +37,14 @@ class LookBody(DeviceBody):
             _refuse_stored("camera", self.camera)
             return LookAtCamera(_section(_Camera, {"camera": self.camera}).camera)
         return LookAtRanger(_section(_Ranger, {"ranger": self.ranger}).ranger)
+
+
+class FlashBody(DeviceBody):
+    """`bay`: the one that has the port, whose ranger is released first; empty: none has it."""
+
+    port: str = Field(min_length=1, max_length=MAX_PORT)
+    bay: str = ""
+    replaces: int | None = None
 
 
 class BrokerBody(DeviceBody):

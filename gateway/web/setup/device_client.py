@@ -19,6 +19,8 @@ from gateway.web.ipc.devices import (
     DeviceAnswer,
     DeviceQuestion,
     Examine,
+    FlashRanger,
+    FlashSeen,
     LookAtCamera,
     LookAtRanger,
     RangerSeen,
@@ -33,6 +35,7 @@ NEWS_S = 5.0  # a page's question waits at most this long for something newer
 UNWATCHED_S = NEWS_S + 5.0  # a look that no page asks for ends
 BUSY = "another page is looking at a device; close it there, or wait a few seconds"
 
+DeviceLook = LookAtCamera | LookAtRanger | FlashRanger
 Answer = TypeVar("Answer", bound=DeviceAnswer)
 
 
@@ -41,17 +44,17 @@ class DevicePreview:
     """One device that is looked at. `seen`: the newest; `end`: why it has ended; None: it goes on."""
 
     number: int
-    question: LookAtCamera | LookAtRanger
+    question: DeviceLook
     watched_s: float
     pieces: int = 0
-    seen: CameraSeen | RangerSeen | None = None
+    seen: CameraSeen | RangerSeen | FlashSeen | None = None
     end: Tried | None = None
     changed: asyncio.Event = field(default_factory=asyncio.Event)
     task: asyncio.Task[None] | None = None
 
     def take(self, piece: DeviceAnswer) -> None:
         match piece:
-            case CameraSeen() | RangerSeen():
+            case CameraSeen() | RangerSeen() | FlashSeen():
                 self.seen = piece
             case TriedParts((line, *_)):
                 self.end = line
@@ -116,7 +119,7 @@ class DeviceClient:
             self._examined = _now_s(), lines, complete
             return lines, complete
 
-    def begin(self, question: LookAtCamera | LookAtRanger, replaces: int | None) -> DevicePreview:
+    def begin(self, question: DeviceLook, replaces: int | None) -> DevicePreview:
         """`replaces`: the page's own look before, which ends. Raises RefusalError where another page has one."""
         running = self._look
         if running is not None and running.end is None and running.number != replaces:

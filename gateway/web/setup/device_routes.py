@@ -12,6 +12,8 @@ from gateway.web.auth.addresses import Addresses, whole_number
 from gateway.web.auth.refusals import RefusalError
 from gateway.web.ipc.devices import (
     CameraSeen,
+    FlashRanger,
+    FlashSeen,
     FoundDevices,
     ListDevices,
     RangerSeen,
@@ -20,9 +22,10 @@ from gateway.web.ipc.devices import (
     TryBroker,
     TryPlc,
 )
+from gateway.web.ipc.messages import ReleaseRanger
 from gateway.web.server import lists
-from gateway.web.server.services import Services, WebServices
-from gateway.web.setup.device_bodies import BrokerBody, LookBody, NoBody
+from gateway.web.server.services import RequestCaller, Services, WebServices
+from gateway.web.setup.device_bodies import BrokerBody, FlashBody, LookBody, NoBody
 from gateway.web.setup.device_client import DevicePreview
 
 ADDRESSES = Addresses("/api/setup")
@@ -39,6 +42,13 @@ async def _devices(services: WebServices) -> JSONResponse:
 @ADDRESSES.post("/look", Level.TECHNICIAN, "look at a camera or a board that no bay has")
 async def _begin(services: WebServices, body: LookBody) -> JSONResponse:
     return _look_json(services.devices.begin(body.question(), body.replaces))
+
+
+@ADDRESSES.post("/flash", Level.TECHNICIAN, "put the gateway's firmware on an Arduino; followed as a look")
+async def _flash(services: WebServices, caller: RequestCaller, body: FlashBody) -> JSONResponse:
+    if body.bay:
+        await services.client.command(ReleaseRanger(body.bay), caller.writer)
+    return _look_json(services.devices.begin(FlashRanger(body.port, body.bay), body.replaces))
 
 
 @ADDRESSES.get("/look/{number}", Level.TECHNICIAN, "what is seen of it; waits for more than is known")
@@ -87,7 +97,7 @@ def _look_json(look: DevicePreview) -> JSONResponse:
     match seen:
         case CameraSeen():
             figures = {name: getattr(seen, name) for name in seen.__struct_fields__ if name not in ("jpeg", "line")}
-        case RangerSeen():
+        case RangerSeen() | FlashSeen():
             figures = {name: getattr(seen, name) for name in seen.__struct_fields__ if name != "line"}
     return JSONResponse(
         {

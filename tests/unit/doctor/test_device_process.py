@@ -20,6 +20,7 @@ from gateway.web.ipc.devices import (
     DeviceQuestion,
     DevicesSetup,
     Examine,
+    FlashRanger,
     ListDevices,
     LookAtCamera,
     Tried,
@@ -68,6 +69,13 @@ def test_a_password_of_this_machine_goes_to_no_address_that_was_just_typed(key: 
 
 def test_a_device_that_a_bay_has_is_not_opened() -> None:
     (answer,) = asked(LOOK)
+    assert isinstance(answer, TriedParts)
+    assert answer.lines[0].result == "bay bay1 uses it"
+
+
+@pytest.mark.parametrize("released", ["", "bay2"])
+def test_the_board_of_a_bay_that_has_not_released_it_is_given_no_firmware(released: str) -> None:
+    (answer,) = asked(FlashRanger("/dev/ttyACM0", released))
     assert isinstance(answer, TriedParts)
     assert answer.lines[0].result == "bay bay1 uses it"
 

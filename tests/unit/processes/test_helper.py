@@ -227,6 +227,19 @@ def test_a_new_look_ends_the_one_before(made: Callable[..., Asked]) -> None:
         os.close(fd)
 
 
+def test_what_goes_on_to_its_end_is_not_ended_by_a_new_look(made: Callable[..., Asked]) -> None:
+    """A board that is being given its firmware."""
+    asked = made(hangs, 4, to_its_end=True)
+    pipes = [asked.begun(Look()), asked.begun(Look())]
+    asked.helper.reap()
+    assert len(asked.helper.running) == 2
+    assert not select.select(pipes, [], [], 0)[0]
+    for each, fd in zip(asked.helper.running, pipes, strict=True):
+        os.kill(each.pid, signal.SIGKILL)
+        os.close(fd)
+    asked.ended()
+
+
 def test_a_new_look_begins_when_the_one_before_has_ended(
     made: Callable[..., Asked], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

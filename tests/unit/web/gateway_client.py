@@ -44,6 +44,16 @@ from tests.virtual_time import AtOnce, LoopClock
 
 
 @dataclass
+class StandInRanger:
+    """In place of the ranger service."""
+
+    released_s: float = 0.0
+
+    def release(self, seconds: float) -> None:
+        self.released_s = seconds
+
+
+@dataclass
 class StandInVision:
     """In place of the vision service."""
 
@@ -78,6 +88,7 @@ class Plant:
     hub: Hub
     controls: dict[str, BayControl]
     vision: dict[str, StandInVision]
+    rangers: dict[str, StandInRanger]
     rings: dict[str, Ring]
     monitor: AlarmMonitor
     links: SystemStatus = field(default_factory=SystemStatus)  # how everything but the alarms does
@@ -116,8 +127,9 @@ async def plant(
     history = EventHistory(hub)
     controls = {bay.name: BayControl(bay, hub, clock, gateway=config) for bay in config.bays}
     vision = {name: StandInVision() for name in names}
+    rangers = {name: StandInRanger() for name in names}
     parts = {
-        name: BayParts(controls[name], image_of(controls[name].state, "big", clock), vision[name])  # type: ignore[arg-type]
+        name: BayParts(controls[name], image_of(controls[name].state, "big", clock), vision[name], rangers[name])  # type: ignore[arg-type]
         for name in names
     }
     monitor = AlarmMonitor(
@@ -144,6 +156,7 @@ async def plant(
         hub,
         controls,
         vision,
+        rangers,
         {name: Ring(spec, writable=True) for name, spec in specs.items()},
         monitor,
     )

@@ -20,6 +20,8 @@ from gateway.web.ipc.devices import (
     CameraSeen,
     DeviceAnswer,
     Examine,
+    FlashRanger,
+    FlashSeen,
     FoundDevices,
     FoundPort,
     LookAtCamera,
@@ -174,6 +176,25 @@ async def test_the_page_gets_figures_and_picture() -> None:
         assert (await api.post("/api/setup/look", {"ranger": {"port": "x", "baud": 1}})).status == 422
         wrong = await api.post("/api/setup/broker", {"mqtt": {"url": "mqtt://a:geheim@b", "keepalive_s": 0}})
         assert (wrong.status, "mqtt.keepalive_s" in wrong.text, "geheim" in wrong.text) == (422, True, False)
+
+
+@in_virtual_time
+async def test_a_board_is_given_its_firmware_and_a_bays_board_only_when_it_is_released() -> None:
+    async with plant() as made, asking() as (client, other):
+        api = api_client(made)
+        api.app.state.services = replace(api.app.state.services, devices=client)
+        refused = await api.post("/api/setup/flash", {"port": "/dev/ttyACM0", "bay": "bay1"})
+        assert (refused.status, refused.json["error"]) == (409, "refused")
+        begun = await api.post("/api/setup/flash", {"port": "/dev/ttyACM5"})
+        await settled()
+        question, fd = other.take()
+        assert question == FlashRanger("/dev/ttyACM5", "")
+        send(fd, FlashSeen(Tried("firmware", "", "waiting", "write it", "writes"), 0.25))
+        seen = (await api.get(f"/api/setup/look/{begun.json['look']}?after=0")).json
+        assert (seen["figures"], seen["line"]["result"]) == ({"done": 0.25}, "writes")
+        send(fd, FAULT)
+        assert (await api.get(f"/api/setup/look/{seen['look']}?after=1")).json["end"]["verdict"] == "fault"
+        os.close(fd)
 
 
 def test_every_address_is_for_technicians_alone() -> None:

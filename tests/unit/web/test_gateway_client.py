@@ -15,6 +15,7 @@ from gateway.web.ipc.messages import (
     MAX_STATES,
     ApplySettings,
     MarkMoment,
+    ReleaseRanger,
     SetFunctionCheck,
     StateRequest,
 )
@@ -189,6 +190,17 @@ async def test_settings_go_live_only_while_a_function_check_is_on() -> None:
         await asyncio.sleep(1.1)
         events = [row.event.detail for row in made.client.events if row.event.kind is EventKind.SETTINGS_CHANGED]
         assert events == ["127.0.0.1 (anna, role technician): method: robust -> paper, min_area_px2: 100.0 -> 250.0"]
+
+
+@in_virtual_time
+async def test_a_ranger_is_released_only_while_a_function_check_is_on() -> None:
+    async with plant() as made:
+        with pytest.raises(RefusedError, match="begin a function check first"):
+            await made.client.command(ReleaseRanger("bay1"), ANNA)
+        assert made.rangers["bay1"].released_s == 0
+        await made.client.command(SetFunctionCheck("bay1", FunctionCheck.MAY_MOVE_OFF), ANNA)
+        await made.client.command(ReleaseRanger("bay1"), ANNA)
+        assert made.rangers["bay1"].released_s == 15
 
 
 @in_virtual_time

@@ -4,7 +4,7 @@
 import { html, useEffect, useRef, useState } from '../lib/page.js';
 import { get, post } from '../lib/api.js';
 import { age, number, words } from '../lib/format.js';
-import { listed, text } from '../lib/lang.js';
+import { listed, t, text } from '../lib/lang.js';
 import { OVERVIEW_LIMIT_MS, moment } from '../lib/freshness.js';
 import { follow } from '../lib/pictures.js';
 import { Age, useFresh, usePolled } from '../operator/hooks.js';
@@ -46,6 +46,7 @@ export function useDevices(wanted) {
 
 /**
  * A live look at what `question` names (`{camera: {...}}` or `{ranger: {...}}`; null: at nothing). It ends with the page.
+ * `{flash: {port, bay}}` puts the firmware on a board, which goes on to its end.
  * @returns {{seen: any, wrong: string, again: () => void}}
  */
 export function usePreview(session, question) {
@@ -65,10 +66,11 @@ export function usePreview(session, question) {
       while (look === null && !end.signal.aborted) {
         try {
           asked = moment();
-          look = await post('/api/setup/look', { ...JSON.parse(key), replaces: former.current }, session.csrf);
+          const { flash, ...wanted } = JSON.parse(key);
+          look = await post(flash ? '/api/setup/flash' : '/api/setup/look', { ...wanted, ...flash, replaces: former.current }, session.csrf);
         } catch (error) {
           show(null, error.message);
-          if (error.status !== 409) return;
+          if (error.body?.error !== 'busy') return;
           await pause(AGAIN_MS, end.signal);
         }
       }
@@ -159,6 +161,26 @@ export function RangerLook({ look, what }) {
   </section>`;
 }
 
+/** The firmware on its way to a board. `close`: looks at the board, which starts anew. */
+export function FlashLook({ look, what, close }) {
+  const { seen } = look;
+  const end = seen?.end;
+  const done = end?.verdict === 'ok' ? 1 : seen?.figures?.done ?? 0;
+  return html`<section class="look" aria-label="firmware of the board">
+    <p>${text('The firmware goes to {0}. Leave the cable in.', what)}</p>
+    <p class="row"><progress value=${done} max="1" aria-label="progress"></progress> <span class="value">${number(100 * done, 0, '%')}</span></p>
+    <div role="status">${(end ?? seen?.line) && html`<${Line} line=${end ?? seen.line} />`}${look.wrong && html`<p class="notice bad">${look.wrong}</p>`}</div>
+    ${(end || look.wrong) && html`<div class="row"><button type="button" class=${end?.verdict === 'ok' ? 'primary' : ''} onClick=${close}>Look at the board</button>
+      ${end?.verdict !== 'ok' && html`<button type="button" class="primary" onClick=${look.again}>Put it on again</button>`}</div>`}
+  </section>`;
+}
+
+/** Offered where a board does not say that it carries the gateway's firmware. */
+export const OfferFirmware = ({ put, why }) => html`<div class="notice">
+  <p>An Arduino Uno can be given the gateway's firmware here. The program that is on it now is overwritten.</p>
+  ${why && html`<p class="muted">${why}</p>`}
+  <button type="button" disabled=${Boolean(why)} onClick=${put}>Put the gateway's firmware on this board</button></div>`;
+
 /** The newest of a bay that runs, again and again: as `usePolled`; `state` null: not known (any more). */
 export function useBayState(bay) {
   const polled = usePolled(`/api/bays/${encodeURIComponent(bay)}/state`, STATE_MS);
@@ -209,9 +231,12 @@ export function BayCamera({ bay }) {
   </section>`;
 }
 
-/** What the ranger of a bay that runs measures. */
-export function BayRanger({ bay }) {
+const NO_FIRMWARE = ['STALE', 'WAITING', 'WRONG_VERSION'];
+
+/** What the ranger of a bay that runs measures. `put`: gives its board the firmware; null: it can't be given one. */
+export function BayRanger({ bay, put }) {
   const { state } = useBayState(bay);
+  const wanted = put !== null && state !== null && NO_FIRMWARE.includes(state.range.quality.name);
   return html`<section class="look" aria-label="live distance">
     <p class="distance"><span class="value">${shownDistance(state?.distance_mm ?? null)}</span></p>
     <dl class="figures">
@@ -220,5 +245,6 @@ export function BayRanger({ bay }) {
       <${Figure} name="damaged lines">${number(state?.counters.range_damaged)}<//>
     </dl>
     ${state && html`<${Sensor} sensor=${state.range} health=${rangeHealth(state)} />`}
+    ${wanted && html`<${OfferFirmware} put=${put} why=${state.function_check === 'OFF' ? t('Begin a function check of this bay first.') : ''} />`}
   </section>`;
 }

@@ -8,7 +8,7 @@ import { listed, t, text } from '../lib/lang.js';
 import { titled } from '../lib/title.js';
 import { guarded, start } from '../lib/start.js';
 import { Top } from '../lib/top.js';
-import { BayCamera, BayRanger, CameraLook, Line, RangerLook, useDevices, usePreview } from './devices.js';
+import { BayCamera, BayRanger, CameraLook, FlashLook, Line, OfferFirmware, RangerLook, useDevices, usePreview } from './devices.js';
 import { KEPT, NOTHING_CHOSEN, brokerUrl, cameraIsRight, cameraKeys, changesOf, lastingName, nextName, nextUnit, portIsRight, sizesOf, unfinished, usualSize } from './draft.js';
 import { FileStep, Started, Waiting } from './finish.js';
 
@@ -161,7 +161,9 @@ function CameraStep({ session, draft, change, settings, devices }) {
 function RangerStep({ session, draft, change, settings, devices }) {
   const { ports, wrong } = devices;
   const file = inFile('ranger', 'port', draft, settings, session, ports);
-  const look = usePreview(session, draft.port && !draft.portOwn ? { ranger: { port: draft.port } } : null);
+  const [flash, setFlash] = useState(null);
+  const look = usePreview(session, flash ? { flash } : draft.port && !draft.portOwn ? { ranger: { port: draft.port } } : null);
+  const local = (port) => !port.includes('://'); // a serial server gives no reset
   const keep = (from) => change({ portFrom: from, portOwn: true, port: from === KEPT ? '' : from });
   useProposal(file, draft.portOwn || draft.port !== '', ports !== null || Boolean(wrong), keep);
   const take = (port) => {
@@ -174,8 +176,10 @@ function RangerStep({ session, draft, change, settings, devices }) {
     ${ports?.length === 0 && file === null && html`<p class="notice" role="status"><b>No serial port found.</b> Plug the board in; this list renews itself. For a serial server type its address.</p>`}
     <${Devices} name="port" label="Serial ports of this machine" bay=${draft.bay} found=${ports} file=${file} chosen=${draft.portFrom} keep=${keep} pick=${(port) => take(port.url)} />
     <${Typed} id="port-url" label="Another one: a serial server, or a path" name="Listen" take=${take} note="socket://address:port, rfc2217://address:port, or a path" />
-    ${draft.portOwn ? file.runs ? html`<${BayRanger} bay=${draft.bay} />` : html`<${NotRunning} bay=${draft.bay} />`
-      : draft.port ? html`<${RangerLook} look=${look} what=${draft.port} />` : html`<p class="muted">Choose a port to see its live distance.</p>`}
+    ${flash ? html`<${FlashLook} look=${look} what=${flash.port} close=${() => setFlash(null)} />`
+      : draft.portOwn ? file.runs ? html`<${BayRanger} bay=${draft.bay} put=${local(file.address) ? () => setFlash({ port: file.address, bay: draft.bay }) : null} />` : html`<${NotRunning} bay=${draft.bay} />`
+      : draft.port ? html`<${RangerLook} look=${look} what=${draft.port} />
+        ${local(draft.port) && look.seen?.line?.verdict === 'fault' && html`<${OfferFirmware} put=${() => setFlash({ port: draft.port, bay: '' })} />`}` : html`<p class="muted">Choose a port to see its live distance.</p>`}
   </div>`;
 }
 

@@ -1,0 +1,99 @@
+"""A program through a boot loader, without a port: what is sent, and what is refused."""
+
+import pytest
+
+from gateway.errors import ProtocolError
+from gateway.ranger.hcsr04 import stk500
+
+IMAGE = bytes(range(200))
+
+
+class BootLoader:
+    """As Optiboot answers. `signature`: of the chip; `weak`: an address whose bit does not stay."""
+
+    def __init__(self, signature: bytes = stk500.SIGNATURE, weak: int | None = None) -> None:
+        self.flash = bytearray(b"\xee" * 0x8000)
+        self.signature, self.weak, self.at, self.commands = signature, weak, 0, ""
+
+    def answer(self, sent: bytes) -> bytes:
+        assert sent[-1:] == b" "
+        command, body = sent[:1].decode(), sent[1:-1]
+        self.commands += command
+        data = b""
+        match command:
+            case "u":
+                data = self.signature
+            case "U":
+                self.at = 2 * int.from_bytes(body, "little")
+            case "d":
+                assert body[:3] == b"\x00\x80F"
+                self.flash[self.at : self.at + 128] = body[3:]
+                if self.weak is not None:
+                    self.flash[self.weak] ^= 1
+            case "t":
+                data = bytes(self.flash[self.at : self.at + 128])
+        return b"\x14" + data + b"\x10"
+
+
+def talk(board: BootLoader, image: bytes = IMAGE) -> list[float]:
+    done, conversation = [], stk500.conversation(image)
+    ask = next(conversation)
+    try:
+        while True:
+            done.append(ask.done)
+            answer = board.answer(ask.data)
+            assert len(answer) == ask.answer_bytes
+            ask = conversation.send(answer)
+    except StopIteration:
+        return done
+
+
+def test_a_program_is_written_by_pages_and_read_back() -> None:
+    board = BootLoader()
+    done = talk(board)
+    assert board.flash[:256] == IMAGE + b"\xff" * 56
+    assert board.flash[256:] == b"\xee" * (0x8000 - 256)
+    assert board.commands == "uP" + "Ud" * 2 + "Ut" * 2 + "Q"
+    assert done == [0, 0, 0.25, 0.25, 0.5, 0.5, 0.75, 0.75, 1, 1, 1]
+
+
+def test_nothing_is_written_to_another_chip() -> None:
+    board = BootLoader(bytes.fromhex("1e9801"))
+    with pytest.raises(ProtocolError, match="signature 1E 98 01: not an Arduino Uno; nothing was written"):
+        talk(board)
+    assert board.commands == "u"
+
+
+def test_a_cell_that_does_not_hold_is_noticed() -> None:
+    with pytest.raises(ProtocolError, match="byte 128 and following read otherwise than written"):
+        talk(BootLoader(weak=130))
+
+
+@pytest.mark.parametrize("answer", [b"", b"\x14", b"\x15\x1e\x95\x0f\x10", b"\x14\x1e\x95\x0f\x11"])
+def test_a_damaged_answer_ends_it(answer: bytes) -> None:
+    conversation = stk500.conversation(IMAGE)
+    next(conversation)
+    with pytest.raises(ProtocolError, match="answer is damaged"):
+        conversation.send(answer)
+
+
+def test_intel_hex_with_a_gap() -> None:
+    assert stk500.image_of(":020000000102FB\n:01000400AA51\n:00000001FF\n") == b"\x01\x02\xff\xff\xaa"
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("", "no end"),
+        (":00000001FF\n", "no end"),
+        (":020000000102FB\n", "no end"),
+        (":020000000102FC\n:00000001FF\n", "damaged"),
+        ("020000000102FB\n", "damaged"),
+        (":02000000\n", "damaged"),
+        (":zz\n", "damaged"),
+        (":017E00000081\n:00000001FF\n", "no room"),
+    ],
+)
+def test_a_wrong_file_is_refused(text: str, why: str) -> None:
+    with pytest.raises(ProtocolError, match=why):
+        stk500.image_of(text)
