@@ -114,15 +114,16 @@ class BayControl:
 
     def settings_changed(self, what: str, who: Writer) -> None:
         """Other settings were put into effect: an event for the record."""
-        now_ns, state = self._clock.now_ns(), self.state()
-        changed = Event(EventKind.SETTINGS_CHANGED, self.name, now_ns, state, detail=f"{who}: {what}")
-        self._report(self._hub.state(self.name), [changed])
+        self.report(EventKind.SETTINGS_CHANGED, f"{who}: {what}")
 
     def mark(self, note: str, who: Writer) -> None:
         """A person wants this moment to be looked at later: an event, with pictures where they are recorded."""
-        now_ns, state = self._clock.now_ns(), self.state()
-        marked = Event(EventKind.OPERATOR_MARK, self.name, now_ns, state, detail=f"{who}: {note}" if note else str(who))
-        self._report(self._hub.state(self.name), [marked])
+        self.report(EventKind.OPERATOR_MARK, f"{who}: {note}" if note else str(who))
+
+    def report(self, kind: EventKind, detail: str) -> None:
+        """What people have done, as an event: the state stays as it is."""
+        happened = Event(kind, self.name, self._clock.now_ns(), self.state(), detail=detail)
+        self._report(self._hub.state(self.name), [happened])
 
     def resume_visit(self, earlier: VisitSummary) -> None:
         """The visit that was open when the gateway ended before goes on, or has ended meanwhile."""

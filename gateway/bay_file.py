@@ -123,6 +123,7 @@ class BayFiles:
     in_force: Callable[[str], Mapping[str, Any]] = lambda _: {}  # the keys of a bay's decision now
     first: RetainedState = field(default_factory=RetainedState)  # what a bay begins with of which nothing is kept
     _bays: dict[str, _Bay] = field(default_factory=dict)
+    _others: dict[Path, bytes | None] = field(default_factory=dict)
     _changed: asyncio.Event = field(default_factory=asyncio.Event)
 
     @staticmethod
@@ -167,11 +168,17 @@ class BayFiles:
         bay.wanted = retained
         self._changed.set()
 
+    def keep(self, path: Path, data: bytes | None) -> None:
+        """Another file of a bay, written as these are; None: deleted. Never waits."""
+        self._others[path] = data
+        self._changed.set()
+
     async def run(self) -> NoReturn:
         """Write changes at once, and everything after a start. Raises LinkError when the disk refuses."""
         while True:
             self._changed.clear()
             faults = [fault for bay in self._bays.values() if (fault := await self._update(bay))]
+            faults += [fault for path in tuple(self._others) if (fault := await self._update_other(path))]
             if faults:
                 self.fault = faults[0]
                 raise LinkError(self.fault)
@@ -207,7 +214,15 @@ class BayFiles:
         bay.tried_written = tried is bay.tried
         return ""
 
-    async def _written(self, path: Path, data: bytes) -> OSError | None:
+    async def _update_other(self, path: Path) -> str:
+        data = self._others[path]
+        if (error := await self._written(path, data)) is not None:
+            return f"{path}: {error.strerror or error}"
+        if self._others[path] is data:  # else there is something newer
+            del self._others[path]
+        return ""
+
+    async def _written(self, path: Path, data: bytes | None) -> OSError | None:
         """In a thread. Longer than SLOW_S is a fault; a second write must not begin meanwhile."""
         loop = asyncio.get_running_loop()
         done: asyncio.Future[OSError | None] = loop.create_future()
@@ -219,7 +234,10 @@ class BayFiles:
         def work() -> None:
             error: OSError | None = None
             try:
-                self.write(path, data)
+                if data is None:
+                    path.unlink(missing_ok=True)
+                else:
+                    self.write(path, data)
             except OSError as failed:
                 error = failed
             with contextlib.suppress(RuntimeError):  # the loop is closed: the result is not needed any more

@@ -7,8 +7,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from gateway import config_check
+from gateway.bay_file import path_of
 from gateway.config import GatewayConfig
 from gateway.errors import LinkError
 from gateway.net import tls
@@ -19,6 +21,7 @@ from gateway.processes.request_service import RequestService
 from gateway.records.questions import ReaderSetup
 from gateway.reload import InForce, ReloadRequests
 from gateway.supervisor import Task
+from gateway.web.host.releases import BayRelease, Polls, look_at_all, signed_keys
 from gateway.web.host.request_handler import BayParts, PagesRequestHandler
 from gateway.web.host.settings_file import SettingsFile
 from gateway.web.host.startup import Startup
@@ -58,19 +61,34 @@ def build_pages(
     certificate that can't be read is a ConfigError, or the port would be open without a server behind it.
     """
     config, clock = shared.config, shared.clock
+    polls = Polls(status.modbus, clock, named=bool(config.modbus.plc_addresses))
+    releases = {
+        bay.name: BayRelease(
+            path_of(config, bay.name),
+            bays.controls[bay.name],
+            clock,
+            outputs.files.keep,
+            polls.now,
+            partial(in_force.of, bay.name),
+            partial(_signed_keys, in_force, bay.name),
+            lambda: [user.name for user in in_force.config.hmi.users if user.role == "technician"],
+        )
+        for bay in config.bays
+    }
     parts = {
         bay.name: BayParts(
             bays.controls[bay.name],
             bays.units[bay.unit_id].read,
             sensors.visions[bay.name],
             sensors.rangers[bay.name],
+            releases[bay.name],
             partial(outputs.files.untried, bay.name),
         )
         for bay in config.bays
     }
     for bay in config.bays:
         shared.hub.listen_to_readings(bay.name, partial(status.latencies.note, bay.name))
-    tasks: list[Task] = []
+    tasks = [Task("releases", partial(look_at_all, releases.values(), clock))]
     replying = partial(_replying, shared, tasks)
     questions = devices = test_sets = None
     if (recordings := outputs.recorder.folder) is not None:
@@ -110,6 +128,11 @@ def build_pages(
     scheme = "https" if config.hmi.tls_cert else "http"
     address = url(scheme, config.hmi.host, sockets[0].getsockname()[1])
     return Pages(service, f"{address.rstrip('/')}{config.hmi.base_path}/", tasks)
+
+
+def _signed_keys(in_force: InForce, bay: str) -> dict[str, Any]:
+    (own,) = [one for one in in_force.config.bays if one.name == bay]
+    return signed_keys(own, in_force.deciding(bay))
 
 
 def _replying(

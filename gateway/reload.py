@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 
 from gateway.bay import BayControl
 from gateway.bay_file import BayFiles
-from gateway.config import GatewayConfig, decision, live
+from gateway.config import GatewayConfig, VisionConfig, decision, live
 from gateway.config.live import Change
 from gateway.core.events import MAX_DETAIL_CHARS
 from gateway.core.plc import Writer
@@ -43,6 +43,10 @@ class InForce:
 
     config: GatewayConfig
     visions: Mapping[str, VisionService]
+
+    def of(self, bay: str) -> tuple[GatewayConfig, VisionConfig]:
+        """What the keys of the bay's decision are made of: another object where they may be others."""
+        return self.config, self.visions[bay].settings
 
     def deciding(self, bay: str) -> dict[str, Any]:
         """The keys of the bay's decision."""

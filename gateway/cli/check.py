@@ -39,15 +39,18 @@ def _access(hmi: "HmiConfig") -> str:
 
 
 def warnings(settings: "GatewayConfig") -> list[str]:
-    """What is legal in the settings, and no good idea; one line each. Reads the pages' certificate."""
+    """What is legal in the settings, and no good idea; one line each. Reads the pages' certificate and
+    what was signed of the bays."""
     from gateway.clock import SystemClock
     from gateway.doctor import settings as doctor_settings
     from gateway.net import tls
+    from gateway.web.host import releases
 
     hmi = settings.hmi
     files = None if hmi.own_certificate else tls.TlsFiles.of_pages(settings)
     pages = (*hmi.warnings(), *tls.warnings(files, SystemClock().wall_ns())) if hmi.enabled else ()
-    return [*settings.modbus.warnings(), *doctor_settings.warnings(settings), *pages]
+    released = (f"bay {bay}: {why}" for bay, why in releases.warnings(settings))
+    return [*settings.modbus.warnings(), *doctor_settings.warnings(settings), *released, *pages]
 
 
 def main(args: argparse.Namespace) -> int:

@@ -54,6 +54,8 @@ class EventKind(StrEnum):
     FUNCTION_CHECK_ENDED = "function_check_ended"
     SETTINGS_CHANGED = "settings_changed"
     OPERATOR_MARK = "operator_mark"
+    OPERATION_RELEASED = "operation_released"
+    OPERATION_RELEASE_VOID = "operation_release_void"
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,6 +13,7 @@ from gateway.doctor.finding import Finding, Verdict
 from gateway.doctor.permissions import permissions
 from gateway.errors import LinkError
 from gateway.shared_state import SharedStateReader, SharedVector, attachable
+from gateway.web.host import releases
 
 
 def findings(config: GatewayConfig, seconds: float, *, beside: bool = False) -> Iterator[Finding]:
@@ -52,6 +53,9 @@ def _one(part: Callable[[], Finding]) -> Iterator[Finding]:
 def _settings(config: GatewayConfig) -> Iterator[Finding]:
     for line in settings.warnings(config):
         yield Finding("settings", "", Verdict.WARNING, "read them", line, "edit the file, unless it is meant so")
+    for bay, why in releases.warnings(config):
+        remedy = "try the bay, and sign its checklist on the page Release"
+        yield Finding("release", bay, Verdict.WARNING, "compare with what was signed", why, remedy)
 
 
 def _bay(

@@ -44,6 +44,8 @@ EVENT_MEANING: dict[EventKind, str] = {
     EventKind.FUNCTION_CHECK_ENDED: "the technician has finished",
     EventKind.SETTINGS_CHANGED: "other settings are in force; `detail` has the user and the changes",
     EventKind.OPERATOR_MARK: "a person wants this moment to be looked at later; `detail` has who, and the note",
+    EventKind.OPERATION_RELEASED: "a technician has signed the checklist of the bay; `detail` has who",
+    EventKind.OPERATION_RELEASE_VOID: "the bay is not released for operation any more; `detail` has the changed keys",
 }
 SENSORS = ("vision", "range", "cross_check")
 

@@ -17,9 +17,10 @@ from gateway.errors import ConfigError
 from gateway.net import rate_limit
 from gateway.web.auth.audit_log import printable
 from gateway.web.host import config_file
-from gateway.web.host.request_handler import ends_function_check
+from gateway.web.host.request_handler import forbidden_by_waiting
 from gateway.web.host.settings_file import SettingsFile
 from gateway.web.ipc.messages import (
+    ActOnRelease,
     ChangedOnDiskError,
     Command,
     CommandReply,
@@ -69,12 +70,12 @@ class ConfigFileRequests:
         self._running: list[asyncio.Future[Callable[[], CommandReply]]] = []
 
     def submit(self, request: FileRequest | Command) -> CommandReply | None:
-        """The reply, if there is one at once; None: `finished` returns it. A command waits for the file only where it
-        ends a function check, which what waits there for a restart forbids."""
+        """The reply, if there is one at once; None: `finished` returns it. A command waits for the file only where
+        what waits there for a restart forbids it."""
         if isinstance(request, FileRequest):
             self._bucket, unreported = rate_limit.take(self._bucket, self._clock.now_ns())
             refused = unreported is None
-        elif self._settings is None or not ends_function_check(request):
+        elif self._settings is None or not forbidden_by_waiting(request):
             return self._execute(request, ())
         else:
             refused = False
@@ -103,7 +104,7 @@ class ConfigFileRequests:
         return lambda: reply
 
     def _waiting(self, command: Command) -> tuple[str, ...]:
-        if self._settings is None or not isinstance(command.action, SetFunctionCheck):
+        if self._settings is None or not isinstance(command.action, SetFunctionCheck | ActOnRelease):
             raise ValueError(command)
         return self._settings.waiting(command.action.bay)
 

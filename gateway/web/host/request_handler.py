@@ -31,10 +31,12 @@ from gateway.processes.codec import record_of, record_packed
 from gateway.ranger.ranger_service import RangerService
 from gateway.vision.process.vision_service import VisionService
 from gateway.web.auth.audit_log import printable
+from gateway.web.host.releases import BayRelease
 from gateway.web.ipc.messages import (
     MAX_EVENTS,
     MAX_STATES,
     TRUCK_AT_BAY,
+    ActOnRelease,
     ApplySettings,
     BayAction,
     BayStatus,
@@ -46,6 +48,8 @@ from gateway.web.ipc.messages import (
     NumberedEvent,
     ReadControls,
     ReadFormerSettings,
+    ReadRelease,
+    ReleaseNow,
     ReleaseRanger,
     RestartGateway,
     SetFunctionCheck,
@@ -103,6 +107,7 @@ class BayParts:
     image: ReadImage
     vision: VisionService
     ranger: RangerService
+    release: BayRelease
     untried: Callable[[], Sequence[str]] = tuple
     former: deque[VisionConfig] = field(default_factory=lambda: deque(maxlen=KEPT_FORMER))
 
@@ -158,13 +163,15 @@ class PagesRequestHandler:
         bay = self._bays.get(command.action.bay)
         if bay is None:
             return CommandReply(command.number, f"no bay {command.action.bay[:MAX_NAME]!r}")
-        if isinstance(command.action, ReadControls | ReadFormerSettings):
+        if isinstance(command.action, ReadControls | ReadFormerSettings | ReadRelease):
             return CommandReply(command.number, result=_read(command.action, bay))
         self._command_rate, unreported = rate_limit.take(self._command_rate, self._clock.now_ns())
         if unreported is None:  # each is reported as an event, and may restart processes
             why = "too many commands in a short time: wait a moment"
-        elif waiting and ends_function_check(command):
+        elif waiting:
             why = f"not while keys of this bay's decision wait for a restart: {', '.join(waiting)}"[:MAX_DETAIL_CHARS]
+        elif isinstance(command.action, ActOnRelease):
+            why = bay.release.act(command.action, _clipped(command.who))
         else:
             why = _perform(command.action, bay, _clipped(command.who))
         return CommandReply(command.number, why)
@@ -195,12 +202,22 @@ class PagesRequestHandler:
         return ""
 
 
-def ends_function_check(command: Command) -> bool:
-    return isinstance(command.action, SetFunctionCheck) and command.action.mode is FunctionCheck.OFF
+def forbidden_by_waiting(command: Command) -> bool:
+    """A function check ends, and a bay is released, with the settings that the next start has."""
+    match command.action:
+        case SetFunctionCheck(mode=mode):
+            return mode is FunctionCheck.OFF
+        case ActOnRelease(what=what):
+            return what == "sign"
+    return False
 
 
-def _read(what: ReadControls | ReadFormerSettings, bay: BayParts) -> CameraControlsNow | FormerSettings:
+def _read(
+    what: ReadControls | ReadFormerSettings | ReadRelease, bay: BayParts
+) -> CameraControlsNow | FormerSettings | ReleaseNow:
     """Changes nothing: may be asked at any rate."""
+    if isinstance(what, ReadRelease):
+        return bay.release.now()
     if isinstance(what, ReadFormerSettings):
         return FormerSettings(len(bay.former), bay.former[-1] if bay.former else None, tuple(bay.untried()))
     bay.vision.ask_controls()

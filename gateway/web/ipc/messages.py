@@ -6,7 +6,7 @@ stalled or hostile costs the main process nothing. Commands are the few actions 
 
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Literal
 
 from msgspec import Meta
 
@@ -15,6 +15,7 @@ from gateway.clock import SystemClock
 from gateway.config import ControlsConfig, GatewayConfig, VisionConfig
 from gateway.core.events import Event
 from gateway.core.plc import Writer
+from gateway.core.release_checklist import Checklist, Polled, Signature
 from gateway.core.state import FunctionCheck, StateVector
 from gateway.errors import ConfigError
 from gateway.logs.folding import LogCounts
@@ -109,7 +110,15 @@ class ReleaseRanger(Message, frozen=True):
     bay: str
 
 
-BayAction = SetFunctionCheck | ApplySettings | UndoSettings | MarkMoment | TryControls | ReleaseRanger
+class ActOnRelease(Message, frozen=True):
+    """About the checklist of a bay. `item`: to be confirmed."""
+
+    bay: str
+    what: Literal["begin", "confirm", "sign", "discard"]
+    item: str = ""
+
+
+BayAction = SetFunctionCheck | ApplySettings | UndoSettings | MarkMoment | TryControls | ReleaseRanger | ActOnRelease
 
 
 class ReadControls(Message, frozen=True):
@@ -120,6 +129,12 @@ class ReadControls(Message, frozen=True):
 
 class ReadFormerSettings(Message, frozen=True):
     """What `UndoSettings` would go back to."""
+
+    bay: str
+
+
+class ReadRelease(Message, frozen=True):
+    """What of the checklist is done, and what was signed."""
 
     bay: str
 
@@ -136,7 +151,7 @@ class Command(Message, frozen=True):
 
     number: int
     who: Writer
-    action: BayAction | OperatorAction | RestartGateway | ReadControls | ReadFormerSettings
+    action: BayAction | OperatorAction | RestartGateway | ReadControls | ReadFormerSettings | ReadRelease
 
 
 class ReadFile(Message, frozen=True):
@@ -376,13 +391,24 @@ class FormerSettings(Message, frozen=True):
     untried: tuple[str, ...] = ()
 
 
+class ReleaseNow(Message, frozen=True):
+    """To `ReadRelease`. `done`: every item. `keys`: what a signature holds for, values as JSON. `signed`: the newest
+    first."""
+
+    checklist: Checklist | None
+    done: dict[str, bool]
+    polled: Polled | None
+    keys: dict[str, str]
+    signed: tuple[Signature, ...]
+
+
 class CommandReply(Message, frozen=True):
     """To a `Command` or a `FileRequest`. `why`: the reason for a refusal; empty: it was executed."""
 
     number: int
     why: str = ""
     error: FileErrorKind = FileErrorKind.NONE
-    result: FileResult | CameraControlsNow | FormerSettings | None = None
+    result: FileResult | CameraControlsNow | FormerSettings | ReleaseNow | None = None
 
 
 FromWeb = StateRequest | Command | FileRequest

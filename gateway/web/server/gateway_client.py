@@ -39,6 +39,8 @@ from gateway.web.ipc.messages import (
     NumberedEvent,
     ReadControls,
     ReadFormerSettings,
+    ReadRelease,
+    ReleaseNow,
     RestartGateway,
     StateReply,
     StateRequest,
@@ -66,8 +68,8 @@ _RAISED = {
     FileErrorKind.WRONG: ConfigError,
     FileErrorKind.CHANGED: ChangedOnDiskError,
 }
-Question = FileAction | ReadControls | ReadFormerSettings
-Result = TypeVar("Result", bound=FileResult | CameraControlsNow | FormerSettings)
+Question = FileAction | ReadControls | ReadFormerSettings | ReadRelease
+Result = TypeVar("Result", bound=FileResult | CameraControlsNow | FormerSettings | ReleaseNow)
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,7 +206,7 @@ class GatewayClient:
     async def ask(self, question: Question, kind: type[Result], who: Writer) -> Result:
         """`kind`: of the reply to `question`. Raises ChangedOnDiskError, ConfigError, and as `command` does."""
         number = next(self._numbers)
-        if isinstance(question, ReadControls | ReadFormerSettings):
+        if isinstance(question, ReadControls | ReadFormerSettings | ReadRelease):
             reply = await self._reply_to(Command(number, who, question))
         else:
             reply = await self._reply_to(FileRequest(number, who, question))

@@ -113,4 +113,5 @@ _page("/manager", Level.VIEWER, "manager.html", "the manager's page: what a bay 
 _page("/tune/{bay}", Level.TECHNICIAN, "tune.html", "the technician's page")
 _page("/calibrate/{bay}", Level.TECHNICIAN, "calibrate.html", "calibrates a bay's camera with a board")
 _page("/setup", Level.TECHNICIAN, "setup.html", "the settings page: every key of the configuration's file")
+_page("/setup/release", Level.TECHNICIAN, "release.html", "the checklist up to a bay's release for operation")
 _page("/setup/new-bay", Level.TECHNICIAN, "new-bay.html", "sets up a bay: cameras and boards found, the file saved")

@@ -12,10 +12,12 @@ from gateway import config_check
 from gateway.alarms.definition import GatewayConditions
 from gateway.alarms.monitor import AlarmMonitor
 from gateway.bay import BayControl
+from gateway.bay_file import path_of
 from gateway.clock import SystemClock
 from gateway.config import BayConfig, CameraConfig, ControlsConfig, FusionConfig, GatewayConfig, VisionConfig, decision
 from gateway.core.detection import Circle
 from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.release_checklist import Polled
 from gateway.errors import ConfigError
 from gateway.hub import Hub
 from gateway.modbus.registers.bay_unit import image_of
@@ -25,6 +27,7 @@ from gateway.vision.source.v4l2_controls import OfferedControl
 from gateway.vision.transport.messages import ControlsReport
 from gateway.vision.transport.ring import Ring, RingSpec
 from gateway.web.host.config_file_requests import ConfigFileRequests
+from gateway.web.host.releases import BayRelease, look_at_all, signed_keys
 from gateway.web.host.request_handler import BayParts, EventHistory, PagesRequestHandler
 from gateway.web.host.settings_file import SettingsFile
 from gateway.web.host.startup import Startup
@@ -93,6 +96,7 @@ class Plant:
     monitor: AlarmMonitor
     links: SystemStatus = field(default_factory=SystemStatus)  # how everything but the alarms does
     conditions: GatewayConditions = field(default_factory=GatewayConditions)
+    polled: Polled | None = None
     requests: list[StateRequest] = field(default_factory=list)
     hang: Callable[[], object] = lambda: None
     go_on: Callable[[], object] = lambda: None
@@ -118,7 +122,7 @@ async def plant(
 ) -> AsyncIterator[Plant]:
     """In virtual time. Every message crosses a real socket. `source`: the configuration's file; `startup`: how the
     gateway was started; `test_sets`: descriptor of the socket to what keeps them; `reload`: takes over what is live of
-    a saved file."""
+    a saved file. Where `state_dir` of `config` names a folder, releases are kept."""
     clock = LoopClock()
     named = tuple(BayConfig(name=f"bay{n}", unit_id=n, fusion=PLAIN) for n in range(1, bays + 1))
     config = config or GatewayConfig(bays=named)
@@ -128,8 +132,36 @@ async def plant(
     controls = {bay.name: BayControl(bay, hub, clock, gateway=config) for bay in config.bays}
     vision = {name: StandInVision() for name in names}
     rangers = {name: StandInRanger() for name in names}
+
+    def in_force(bay: str) -> dict[str, Any]:
+        (own,) = [one for one in config.bays if one.name == bay]
+        return decision.keys_of(own.model_copy(update={"vision": vision[bay].settings}), config)
+
+    def signed(bay: str) -> dict[str, Any]:
+        (own,) = [one for one in config.bays if one.name == bay]
+        return signed_keys(own, in_force(bay))
+
+    def polled() -> Polled | None:
+        return made.polled
+
+    def store(path: Path, data: bytes | None) -> None:
+        if data is None:
+            path.unlink()
+        else:
+            path.write_bytes(data)
+
     parts = {
-        name: BayParts(controls[name], image_of(controls[name].state, "big", clock), vision[name], rangers[name])  # type: ignore[arg-type]
+        name: BayParts(
+            controls[name],
+            image_of(controls[name].state, "big", clock),
+            vision[name],  # type: ignore[arg-type]
+            rangers[name],  # type: ignore[arg-type]
+            BayRelease(
+                *(path_of(config, name) if config.state_dir != "auto" else None, controls[name], clock, store),
+                *(polled, partial(lambda bay: (vision[bay].settings,), name), partial(signed, name)),
+                lambda: ("anna",),
+            ),
+        )
         for name in names
     }
     monitor = AlarmMonitor(
@@ -161,10 +193,6 @@ async def plant(
         monitor,
     )
 
-    def in_force(bay: str) -> dict[str, Any]:
-        (own,) = [one for one in config.bays if one.name == bay]
-        return decision.keys_of(own.model_copy(update={"vision": vision[bay].settings}), config)
-
     def send_finished() -> None:
         for done in file.finished():
             assert near.offer(done)
@@ -191,6 +219,7 @@ async def plant(
     try:
         async with asyncio.TaskGroup() as group:
             ticking = [group.create_task(control.run()) for control in controls.values()]
+            ticking.append(group.create_task(look_at_all([part.release for part in parts.values()], clock)))
             ticking.append(group.create_task(monitor.run(lambda: made.conditions)))
             kept = group.create_task(client.keep()) if keep else None
             yield made

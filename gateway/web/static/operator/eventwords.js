@@ -10,7 +10,7 @@ const GROUPS = {
   stop: (kind) => /^(stop|latch|target|in_place|moved|rolling|released|visit)/.test(kind),
   sensors: (kind) => /^(sensor|target)/.test(kind),
   plc: (kind) => /^(plc|write|recipe|latch)/.test(kind),
-  service: (kind) => /^(start|shutdown|function|settings|operator)/.test(kind),
+  service: (kind) => /^(start|shutdown|function|settings|operat)/.test(kind),
 };
 export const GROUP_WORDS = { all: 'all', stop: 'stop and position', sensors: 'sensors', plc: 'PLC', service: 'service' };
 

@@ -142,6 +142,6 @@ export function Started({ session, bay }) {
     <p role="status" data-started>${listed([t(decisionWords(state)), ...works.map(({ said }) => said)])} · ${state === null ? 'function check: not known' : live.last.function_check !== 'OFF' ? html`<b>function check is on</b>` : 'function check is off'} <${Age} of=${live} partMs=${live.last?.age_ms} /></p>
     <p>Its thresholds are those of the paper, or of the other bays, until a truck has stood right: teach it in, try it with a truck, then end the function check.</p>
     <p class="row"><a class="button primary" href=${`/tune/${encodeURIComponent(bay)}`}>${text('Teach in and tune {0}', bay)}</a>
-      <a class="button" href=${`/#${encodeURIComponent(bay)}`}>Operator's page</a><a class="button" href="/setup/new-bay?new">Set up another bay</a></p>
+      <a class="button" href=${`/setup/release?bay=${encodeURIComponent(bay)}`}>Release</a><a class="button" href=${`/#${encodeURIComponent(bay)}`}>Operator's page</a><a class="button" href="/setup/new-bay?new">Set up another bay</a></p>
   </section>`;
 }

@@ -1,0 +1,154 @@
+"""What was tried on a bay before it is released for operation. Pure: (checklist, state, polls, now) -> checklist.
+
+What the gateway sees itself counts only as seen: a person confirms no more than what stands in CONFIRMED. Nothing here
+permits anything: neither a checklist nor a release switches an output.
+"""
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+
+from gateway.core.readings import FRESH_FRAME, Quality
+from gateway.core.state import FunctionCheck, Reason, StateVector
+
+OUT_S = 1.0  # a sensor that was unplugged is out for at least so long
+CAMERA_OUT = frozenset({Quality.LINK_DOWN})
+RANGER_OUT = frozenset({Quality.LINK_DOWN, Quality.STALE})
+CONFIRMED = ("heartbeat", "thresholds")
+"""Items that need a person: that the PLC stopped, and that these settings are what is wanted."""
+
+
+@dataclass(frozen=True, slots=True)
+class Polled:
+    """A PLC that polls. `unix_s`: when it was last answered."""
+
+    address: str
+    unix_s: float
+    rate_hz: float
+
+
+@dataclass(frozen=True, slots=True)
+class Outage:
+    """A good sensor that was out under the function check, with stop on. Unix time, s; `good` None: it still is."""
+
+    quality: str
+    lost_unix_s: float
+    good_unix_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class HeartbeatLoss:
+    """The gateway's end while a PLC polled, and that PLC's first poll of the next start; None: not yet."""
+
+    address: str
+    before_unix_s: float
+    after_unix_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Checklist:
+    """Of one bay, from its beginning to its signature. `marker`: when the camera has seen one. `confirmed`: items of
+    CONFIRMED. `good`: sensors that were good under the function check in this run of the gateway."""
+
+    begun_unix_s: float
+    by: str
+    marker_unix_s: float | None = None
+    camera_out: Outage | None = None
+    ranger_out: Outage | None = None
+    heartbeat: HeartbeatLoss | None = None
+    confirmed: tuple[str, ...] = ()
+    good: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Signature:
+    """Of a checklist: by whom, and what the sensors said then. `void`: since when the keys that were signed are not
+    those in force, and which ones."""
+
+    unix_s: float
+    who: str
+    address: str
+    checklist: Checklist
+    polled: Polled | None
+    radius_px: float | None
+    distance_mm: float | None
+    void_unix_s: float | None = None
+    void_keys: tuple[str, ...] = ()
+
+
+def resumed(kept: Checklist) -> Checklist:
+    """After a restart: what had not ended by then must be seen again."""
+    camera, ranger = (
+        one if one is not None and one.good_unix_s is not None else None for one in (kept.camera_out, kept.ranger_out)
+    )
+    return replace(kept, camera_out=camera, ranger_out=ranger, good=())
+
+
+def step(checklist: Checklist, state: StateVector, polled: Polled | None, unix_s: float) -> Checklist:
+    """`state`: as it may be shown at `unix_s`."""
+    if state.reason is Reason.SHUTDOWN:
+        return _ended(checklist, polled)
+    if not state.running:
+        return checklist
+    checklist = replace(checklist, heartbeat=_returned(checklist.heartbeat, polled))
+    if state.function_check is FunctionCheck.OFF:
+        return resumed(checklist)
+    vision, distance = state.vision.quality, state.range.quality
+    seen = {"camera": vision is Quality.GOOD, "ranger": distance is Quality.GOOD}
+    good = checklist.good
+    return replace(
+        checklist,
+        marker_unix_s=checklist.marker_unix_s or (unix_s if seen["camera"] else None),
+        camera_out=_outage(checklist.camera_out, "camera" in good and vision in CAMERA_OUT, vision, state.stop, unix_s),
+        ranger_out=_outage(
+            checklist.ranger_out, "ranger" in good and distance in RANGER_OUT, distance, state.stop, unix_s
+        ),
+        good=tuple(name for name, now in seen.items() if now or name in good),
+    )
+
+
+def done(checklist: Checklist, state: StateVector, polled: Polled | None) -> dict[str, bool]:
+    """Every item, in the order in which it is shown, and whether it holds now."""
+    lost = checklist.heartbeat is not None and checklist.heartbeat.after_unix_s is not None
+    return {
+        "function_check": state.function_check is not FunctionCheck.OFF,
+        "camera": state.vision.quality in FRESH_FRAME and state.running,
+        "marker": checklist.marker_unix_s is not None,
+        "ranger": state.range.quality is Quality.GOOD and state.running,
+        "plc": polled is not None,
+        "camera_out": _over(checklist.camera_out),
+        "ranger_out": _over(checklist.ranger_out),
+        "heartbeat": lost and "heartbeat" in checklist.confirmed,
+        "thresholds": "thresholds" in checklist.confirmed,
+    }
+
+
+def confirmable(checklist: Checklist) -> Collection[str]:
+    """What a person may confirm now."""
+    lost = checklist.heartbeat is not None and checklist.heartbeat.after_unix_s is not None
+    return CONFIRMED if lost else ("thresholds",)
+
+
+def _ended(checklist: Checklist, polled: Polled | None) -> Checklist:
+    if polled is None or checklist.heartbeat is not None:
+        return checklist
+    return replace(checklist, heartbeat=HeartbeatLoss(polled.address, polled.unix_s))
+
+
+def _returned(lost: HeartbeatLoss | None, polled: Polled | None) -> HeartbeatLoss | None:
+    if lost is None or lost.after_unix_s is not None or polled is None or polled.address != lost.address:
+        return lost
+    return replace(lost, after_unix_s=polled.unix_s)
+
+
+def _outage(known: Outage | None, out: bool, quality: Quality, stop: bool, unix_s: float) -> Outage | None:
+    if known is None:
+        return Outage(quality.name.lower(), unix_s) if out and stop else None
+    if _over(known):
+        return known
+    if quality is Quality.GOOD:
+        return replace(known, good_unix_s=unix_s) if unix_s - known.lost_unix_s >= OUT_S else None
+    return known if stop else None
+
+
+def _over(outage: Outage | None) -> bool:
+    return outage is not None and outage.good_unix_s is not None
