@@ -25,6 +25,7 @@ const SET_UP = [
   ['Set up a bay', () => '/setup/new-bay'],
   ['Tuning', (bay) => `/tune/${bay}`],
   ['Lens', (bay) => `/calibrate/${bay}`],
+  ['Release', (bay) => `/setup/release?bay=${bay}`],
 ];
 const MANUAL = ['Manual', () => '/manual'];
 

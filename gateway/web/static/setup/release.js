@@ -3,12 +3,12 @@
 
 import { html, useState } from '../lib/page.js';
 import { get, post, toLogin } from '../lib/api.js';
-import { called } from '../lib/bays.js';
+import { called, chosenBay } from '../lib/bays.js';
 import { NONE, clock, moment, number, px, words } from '../lib/format.js';
 import { listed, t, text } from '../lib/lang.js';
 import { titled } from '../lib/title.js';
 import { guarded, start } from '../lib/start.js';
-import { BayChoice, Top } from '../lib/top.js';
+import { Top } from '../lib/top.js';
 import { usePolled } from '../operator/hooks.js';
 import { useBayState } from './devices.js';
 import { Restart } from './review.js';
@@ -124,11 +124,9 @@ function Release({ session, bay }) {
 
 function App({ session }) {
   titled('Release');
-  const wanted = new URLSearchParams(location.search).get('bay');
-  const bay = session.bays.includes(wanted) ? wanted : session.bays[0];
+  const bay = chosenBay(session.bays, new URLSearchParams(location.search).get('bay')) ?? session.bays[0];
   return html`
-    <${Top} session=${session} title="Release" bay=${bay} current="Release">
-      ${session.bays.length > 1 && html`<${BayChoice} bays=${session.bays} bay=${bay} choose=${(name) => location.assign(`?bay=${encodeURIComponent(name)}`)} />`}<//>
+    <${Top} session=${session} bay=${bay} current="Release" choose=${(name) => location.assign(`?bay=${encodeURIComponent(name)}`)} />
     <main id="main" tabindex="-1" class="page release">
       <h1 translate="no">${text('Release of {0} for operation', called(bay))}</h1>
       <${Release} session=${session} bay=${bay} />

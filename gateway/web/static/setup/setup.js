@@ -40,8 +40,7 @@ function Tree({ list, path, changes, faults }) {
   };
   const item = (one) => html`<${SectionLink} one=${one} path=${path} touched=${touched(one)} />`;
   return html`<ul>${list.map((one) => html`<li>${item(one)}${one.below.length > 0 && html`<ul>${one.below.map((each) => html`<li>${item(each)}</li>`)}</ul>`}</li>`)}
-    <li><a href=${hashOf(DOCTOR)} aria-current=${same(path, DOCTOR) ? 'page' : undefined}>Doctor</a></li>
-    <li><a href="/setup/release">Release</a></li></ul>`;
+    <li><a href=${hashOf(DOCTOR)} aria-current=${same(path, DOCTOR) ? 'page' : undefined}>Doctor</a></li></ul>`;
 }
 
 /**
