@@ -23,14 +23,14 @@ from gateway.records.recorder_service import RecorderService
 from gateway.reload import InForce
 from gateway.shared_state import SharedStateWriter
 from gateway.sinks import registry as sink_registry
-from gateway.sinks.contract import Sink
+from gateway.sinks.contract import AlarmStep, Sink
 from gateway.supervisor import Task
 from gateway.vision.process.vision_service import VisionService, vision_template
 from gateway.vision.source.contract import SourceSpec
 from gateway.vision.source.specs import check_exposure, source_spec
 from gateway.vision.transport.ring import RingSpec
 from gateway.web.host.request_handler import EventHistory
-from gateway.web.host.shown_alarms import ShownAlarms
+from gateway.web.host.shown_alarms import ShownAlarms, step_of
 
 log = logging.getLogger("gateway.app")  # the name that operators filter by
 
@@ -127,13 +127,15 @@ def build_outputs(shared: Shared, sensors: Sensors, in_force: InForce) -> BayOut
     config, hub, clock = shared.config, shared.hub, shared.clock
     history = EventHistory(hub)
     recorder = RecorderService(config, clock, sensors.frames, shared.boot)
+    listeners: list[Callable[[AlarmStep], None]] = []
     alarms = AlarmMonitor(
         {bay.name: bay for bay in config.bays},
         lambda bay: hub.shown(bay, clock.now_ns()),
         clock,
-        partial(_on_alarm, recorder),
+        partial(_on_alarm, recorder, listeners),
     )
-    sinks = sink_registry.opened(config, hub, clock, shared.boot, shared.resources, ShownAlarms(alarms))
+    shown, listen = ShownAlarms(alarms), listeners.append
+    sinks = sink_registry.opened(config, hub, clock, shared.boot, shared.resources, shown, listen)
     vectors = {
         bay.name: shared.resources.enter_context(SharedStateWriter(config.instance, bay.name)) for bay in config.bays
     }
@@ -188,7 +190,9 @@ def _expect(control: BayControl, vision: VisionService, reading: VisionReading |
         vision.expect(control.marker_radii_px())
 
 
-def _on_alarm(recorder: RecorderService, change: AlarmChange) -> None:
+def _on_alarm(recorder: RecorderService, listeners: Sequence[Callable[[AlarmStep], None]], change: AlarmChange) -> None:
     recorder.on_alarm(change)
+    for listener in () if change.by_design else listeners:
+        listener(step_of(change))
     fields = {"alarm": change.kind} | ({} if change.bay is None else {"bay": change.bay})
     log.log(logging.DEBUG if change.by_design else logging.INFO, "alarm %s", change, extra={"fields": fields})

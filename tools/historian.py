@@ -9,7 +9,7 @@ HEAD = """\
 -- Where the gateway must not create tables (create_tables = false), it needs no more than this:
 --   GRANT USAGE ON SCHEMA loading TO gateway;
 --   GRANT SELECT ON loading.layout TO gateway;
---   GRANT INSERT ON loading.events, loading.visits, loading.states TO gateway;
+--   GRANT INSERT ON loading.events, loading.visits, loading.states, loading.alarms TO gateway;
 """
 
 

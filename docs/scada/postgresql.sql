@@ -4,7 +4,7 @@
 -- Where the gateway must not create tables (create_tables = false), it needs no more than this:
 --   GRANT USAGE ON SCHEMA loading TO gateway;
 --   GRANT SELECT ON loading.layout TO gateway;
---   GRANT INSERT ON loading.events, loading.visits, loading.states TO gateway;
+--   GRANT INSERT ON loading.events, loading.visits, loading.states, loading.alarms TO gateway;
 
 BEGIN;
 -- Several gateways may begin at the same time.
@@ -180,6 +180,43 @@ COMMENT ON COLUMN "loading".states.vision_hz IS 'vision results a second';
 COMMENT ON COLUMN "loading".states.range_hz IS 'distances a second';
 COMMENT ON COLUMN "loading".states.vision_latency_ms IS 'capture to result, newest frame';
 INSERT INTO "loading".layout (version) VALUES (1) ON CONFLICT DO NOTHING;
+CREATE TABLE IF NOT EXISTS "loading".alarms (
+    id text NOT NULL,
+    t timestamptz,
+    site text,
+    instance text,
+    bay text,
+    alarm text,
+    kind text,
+    title text,
+    priority text,
+    event text,
+    before text,
+    state text,
+    detail text,
+    who text,
+    note text,
+    PRIMARY KEY (id)
+);
+CREATE INDEX IF NOT EXISTS alarms_t ON "loading".alarms (t);
+CREATE INDEX IF NOT EXISTS alarms_site_bay_t ON "loading".alarms (site, bay, t);
+COMMENT ON TABLE "loading".alarms IS 'the journal of the alarms: every change of each, and who made it; every change once';
+COMMENT ON COLUMN "loading".alarms.id IS 'unique: <random number of the gateway''s start>-alarm-<count>';
+COMMENT ON COLUMN "loading".alarms.t IS 'when it happened';
+COMMENT ON COLUMN "loading".alarms.site IS '`site` of the configuration';
+COMMENT ON COLUMN "loading".alarms.instance IS '`instance` of the gateway';
+COMMENT ON COLUMN "loading".alarms.bay IS 'name of the bay; null: of the gateway itself';
+COMMENT ON COLUMN "loading".alarms.alarm IS '`<bay>.<kind>`, or `<kind>` of the gateway itself';
+COMMENT ON COLUMN "loading".alarms.kind IS 'a row of docs/alarms.md';
+COMMENT ON COLUMN "loading".alarms.title IS 'in words, for people; never to be parsed';
+COMMENT ON COLUMN "loading".alarms.priority IS 'low, medium, high';
+COMMENT ON COLUMN "loading".alarms.event IS 'what happened: occurs, returns, acknowledge, reset, shelve ... (docs/alarms.md)';
+COMMENT ON COLUMN "loading".alarms.before IS 'the state that it left';
+COMMENT ON COLUMN "loading".alarms.state IS 'of ISA-18.2, by its name in docs/alarms.md';
+COMMENT ON COLUMN "loading".alarms.detail IS 'in words, when it was last announced; never to be parsed';
+COMMENT ON COLUMN "loading".alarms.who IS 'the user who did it; empty: nobody';
+COMMENT ON COLUMN "loading".alarms.note IS 'and why';
+INSERT INTO "loading".layout (version) VALUES (2) ON CONFLICT DO NOTHING;
 -- With the extension TimescaleDB `states` is a hypertable, without it an ordinary table.
 DO $$ BEGIN
     IF EXISTS (SELECT FROM pg_extension WHERE extname = 'timescaledb') THEN

@@ -107,12 +107,35 @@ class BayAlarms:
         return ALARM_PRIORITIES[max(found)] if found else None
 
 
+@dataclass(frozen=True, slots=True)
+class AlarmStep:
+    """One change of one alarm, numbered over all alarms since the start of the gateway. `t_ns`: the gateway's clock."""
+
+    number: int
+    t_ns: int
+    alarm: str  # its id, as of ShownAlarm
+    kind: str
+    bay: str | None  # None: of the gateway itself
+    title: str
+    priority: str  # of ALARM_PRIORITIES
+    event: str  # what happened, by its name in docs/alarms.md
+    before: str  # state of ISA-18.2
+    state: str  # since then
+    detail: str = ""
+    who: str = ""  # the user who did it; empty: nobody
+    note: str = ""
+
+
 AlarmSource = Callable[[str, int], BayAlarms]  # bay, now (monotonic ns); never waits
 
 
 def no_alarms(bay: str, now_ns: int) -> BayAlarms:
     """Where nothing evaluates any."""
     return BayAlarms()
+
+
+def no_alarm_steps(listener: Callable[[AlarmStep], None]) -> None:
+    """Likewise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +165,8 @@ class LinkStatus:
 
 @dataclass(frozen=True, slots=True)
 class SinkContext:
-    """What a sink is made of. `settings`: its section of the configuration. `boot`: random number of this start."""
+    """What a sink is made of. `settings`: its section of the configuration. `boot`: random number of this start.
+    `listen_to_alarms`: as Bays.listen, of each change of an alarm but those that are suppressed by design."""
 
     config: GatewayConfig
     settings: Any
@@ -151,6 +175,7 @@ class SinkContext:
     boot: str
     resources: ExitStack  # closed after `close`
     alarms: AlarmSource = no_alarms
+    listen_to_alarms: Callable[[Callable[[AlarmStep], None]], None] = no_alarm_steps
 
 
 class Sink(Protocol):

@@ -17,7 +17,7 @@ from gateway.config.strict.errors import explain
 from gateway.config.strict.section import Section
 from gateway.errors import ConfigError, SettingError
 from gateway.registry import Registry
-from gateway.sinks.contract import AlarmSource, Bays, Sink, SinkContext, SinkType, no_alarms
+from gateway.sinks.contract import AlarmSource, AlarmStep, Bays, Sink, SinkContext, SinkType, no_alarm_steps, no_alarms
 from gateway.sinks.mqtt.publisher import MQTT
 from gateway.sinks.sparkplug.publisher import SPARKPLUG
 
@@ -34,10 +34,11 @@ def opened(
     boot: str,
     resources: ExitStack,
     alarms: AlarmSource = no_alarms,
+    listen_to_alarms: Callable[[Callable[[AlarmStep], None]], None] = no_alarm_steps,
 ) -> list[Sink]:
     """The configured sinks. Raises ConfigError for a sink that is not known, and for settings that can't work."""
     return [
-        kind.open(SinkContext(config, settings, bays, clock, boot, resources, alarms))
+        kind.open(SinkContext(config, settings, bays, clock, boot, resources, alarms, listen_to_alarms))
         for kind, settings in _configured(config)
     ]
 

@@ -3,7 +3,8 @@
 import asyncio
 import json
 import re
-from collections.abc import AsyncIterator, Iterator
+import time
+from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -20,6 +21,7 @@ from gateway.core.state import Moved, Reason, VisitPhase
 from gateway.core.visit_summary import VisitEnd, VisitSummary
 from gateway.doctor.databases import databases
 from gateway.doctor.finding import Finding, Verdict
+from gateway.sinks.contract import ALARM_PRIORITIES, AlarmStep
 from gateway.sinks.postgresql import tables
 from gateway.sinks.postgresql.settings import PostgresqlConfig
 from gateway.sinks.postgresql.sink import PostgresqlSink
@@ -78,7 +80,10 @@ class Plant(ComputedBays):
     def __init__(self, url: str, schema: str, *bays: str, boot: str = BOOT, **settings: Any) -> None:
         super().__init__(*bays)
         config = PostgresqlConfig(**({"url": url, "schema_name": schema, "timeout_s": 1.0} | settings))
-        self.sink = PostgresqlSink(sink_context(config, self.hub, self.clock, site="site1", boot=boot))
+        self.alarm: list[Callable[[AlarmStep], None]] = []
+        listen = self.alarm.append
+        context = sink_context(config, self.hub, self.clock, site="site1", boot=boot, listen_to_alarms=listen)
+        self.sink = PostgresqlSink(context)
         self.supervise(self.sink.deliver)
 
     @property
@@ -174,7 +179,7 @@ async def test_every_column_is_filled_or_null_on_purpose(server: Postgres, schem
 def test_comments_and_the_file_for_administrators(server: Postgres) -> None:
     server.sql(sql_file())
     server.sql(sql_file())  # any number of times
-    assert server.sql("SELECT version FROM loading.layout") == [[str(tables.LAYOUT)]]
+    assert server.sql("SELECT max(version) FROM loading.layout") == [[str(tables.LAYOUT)]]
     (count,) = server.sql(
         "SELECT count(*) FROM information_schema.columns WHERE table_schema = 'loading' AND table_name <> 'layout' "
         "AND col_description((table_schema || '.' || table_name)::regclass, ordinal_position) IS NOT NULL"
@@ -184,11 +189,45 @@ def test_comments_and_the_file_for_administrators(server: Postgres) -> None:
 
 
 @in_real_time
+async def test_a_database_of_the_first_layout_gets_the_journal_of_alarms(server: Postgres, schema: str) -> None:
+    first = (Path(__file__).parents[1] / "data" / "historian_layout_1.sql").read_text(encoding="utf-8")
+    server.sql(first.replace("loading", schema))
+    server.sql(f"INSERT INTO {schema}.events (id, kind) VALUES ('old-1', 'start')")
+    closed = Plant(server.url, schema, create_tables=False)
+    async with closed.running():
+        await closed.until(lambda: f"in schema {schema} have version 1, and 2 is needed" in closed.refusal)
+    plant = Plant(server.url, schema)
+    t_ns, offset_ns = plant.clock.now_ns(), plant.clock.wall_ns() - plant.clock.now_ns()
+    of_bay, of_gateway = ("bay1.camera_down", "camera_down", "bay1", "Camera down", "high"), ("sink_lost", "sink_lost")
+    async with plant.running():
+        plant.alarm[0](AlarmStep(1, t_ns, *of_bay, "occurs", "normal", "unacknowledged", "it's off"))
+        states = "unacknowledged", "acknowledged"
+        plant.alarm[0](AlarmStep(2, t_ns, *of_bay, "acknowledge", *states, "it's off", "ann", "b\0 µ"))
+        plant.alarm[0](AlarmStep(3, t_ns, *of_gateway, None, "Sink lost", "low", "returns", "acknowledged", "normal"))
+        plant.happen(EventKind.START)
+        await plant.until(lambda: plant.sink.link.figures["alarms_written"] == 3 and plant.written == 1)
+        await plant.stop()
+    assert server.sql(f"SELECT version FROM {schema}.layout ORDER BY 1") == [["1"], ["2"]]
+    assert ids(server, schema) == ["old-1", f"{BOOT}-1"]
+    rows = server.sql(f"SELECT * FROM {schema}.alarms ORDER BY id")
+    assert [tuple(row[2:]) for row in rows] == [
+        ("site1", "gw", "bay1", *of_bay[:2], *of_bay[3:], "occurs", "normal", "unacknowledged", "it's off", "", ""),
+        ("site1", "gw", "bay1", *of_bay[:2], *of_bay[3:], "acknowledge", *states, "it's off", "ann", "b\ufffd µ"),
+        ("site1", "gw", "", *of_gateway, "Sink lost", "low", "returns", "acknowledged", "normal", "", "", ""),
+    ]
+    assert [row[0] for row in rows] == [f"{BOOT}-alarm-{n}" for n in (1, 2, 3)]
+    at = "(extract(epoch FROM t) * 1000)::bigint"
+    (told,) = server.sql(f"SELECT bay IS NULL, {at} FROM {schema}.alarms WHERE kind = 'sink_lost'")
+    assert told[0] == "t"
+    assert abs(int(told[1]) - (t_ns + offset_ns) // 1_000_000) <= 1000
+
+
+@in_real_time
 async def test_a_role_that_may_only_insert_is_enough(server: Postgres, schema: str) -> None:
     server.sql(
         f"{tables.create(schema)} CREATE ROLE writer_{schema} LOGIN PASSWORD 'w'; "
         f"GRANT USAGE ON SCHEMA {schema} TO writer_{schema}; GRANT SELECT ON {schema}.layout TO writer_{schema}; "
-        f"GRANT INSERT ON {schema}.events, {schema}.visits, {schema}.states TO writer_{schema}"
+        f"GRANT INSERT ON {schema}.events, {schema}.visits, {schema}.states, {schema}.alarms TO writer_{schema}"
     )
 
     url = f"postgresql://writer_{schema}:w@127.0.0.1:{server.port}/plant"
@@ -220,7 +259,10 @@ def test_the_doctor_logs_in_and_proves_the_right_to_insert(server: Postgres, sch
     )
     well = examined()
     assert (well.verdict, well.remedy) == (Verdict.OK, "")
-    assert well.result == f"logged in; the tables in schema {schema} have version 1, and this user may insert"
+    assert (
+        well.result
+        == f"logged in; the tables in schema {schema} have version {tables.LAYOUT}, and this user may insert"
+    )
     denied = examined(**login)
     assert "permission denied for table states" in denied.result
     assert denied.remedy == "grant what docs/scada/postgresql.sql names in its head"
@@ -238,7 +280,7 @@ def test_the_doctor_logs_in_and_proves_the_right_to_insert(server: Postgres, sch
         ({"url": "postgresql://nobody:x@127.0.0.1:PORT/plant"}, 'authentication failed for user "nobody"'),
         ({"url": "URL_BASE/other"}, 'database "other" does not exist'),
         ({"url": "postgresql://gateway:x@127.0.0.1:1/plant"}, "Connect call failed ('127.0.0.1', 1)"),
-        ({"create_tables": False}, "have version 0, and 1 is needed"),
+        ({"create_tables": False}, "have version 0, and 2 is needed"),
         ({"tls": {}}, "rejected SSL upgrade"),
         ({"url": "URL_BASE/latin"}, "its encoding is LATIN1; it must be UTF8"),
     ],
@@ -407,7 +449,7 @@ STATEMENTS = re.findall(r"```sql\n(.*?)```", PAGE.read_text(encoding="utf-8"), r
 def test_the_statements_of_the_page_run(server: Postgres) -> None:
     server.sql(sql_file())
     examples = [text for text in STATEMENTS if "CREATE DATABASE" not in text]
-    assert len(examples) == 5
+    assert len(examples) == 6
     for text in examples:
         server.sql(f"BEGIN; {text} ROLLBACK")
 
@@ -427,14 +469,25 @@ def test_a_complete_gateway_writes_until_its_end_with_the_ids_of_mqtt(
             f'[sinks.postgresql]\nurl = "{url}"\npassword_file = "{tmp_path}/password"\nschema_name = "{schema}"\n'
             f'outbox_file = "{tmp_path}/outbox.sqlite"\n'
         )
-        with Gateway("simulate", "--config", str(config), "--json", "--modbus-port", "0", "--no-hmi") as gateway:
+        faults = ("--scenario", "faults", "--speed", "2", "--modbus-port", "0", "--no-hmi")
+        with Gateway("simulate", "--config", str(config), "--json", *faults) as gateway:
             gateway.started()
-            gateway.wait_for(lambda row: row["type"] == "state" and row["t_s"] > 3)
+            deadline = time.monotonic() + 60
+            there = f"SELECT 1 FROM pg_tables WHERE schemaname = '{schema}' AND tablename = 'alarms'"
+            while not server.sql(there) or not server.sql(f"SELECT id FROM {schema}.alarms WHERE event = 'occurs'"):
+                assert time.monotonic() < deadline
+                time.sleep(0.1)
             assert gateway.end() == 0
         records.wait_for(lambda message: '"shutdown"' in message.text)
         sent = {message.json["id"]: message.json["kind"] for message in records.messages}
     found = server.sql(f"SELECT id, kind FROM {schema}.events ORDER BY split_part(id, '-', 2)::int")
     assert [tuple(row) for row in found] == list(sent.items())
     assert [found[0][1], found[-1][1]] == ["start", "shutdown"]
+    first = server.sql(
+        f"SELECT id, priority, before, state FROM {schema}.alarms WHERE event = 'occurs' ORDER BY t LIMIT 1"
+    )
+    assert first[0][0].startswith(found[0][0].partition("-")[0] + "-alarm-")
+    assert first[0][1] in ALARM_PRIORITIES
+    assert first[0][2:] == ["normal", "unacknowledged"]
     last = server.sql(f"SELECT stop, reason, instance FROM {schema}.states ORDER BY t DESC LIMIT 1")
     assert last == [["t", "SHUTDOWN", instance]]

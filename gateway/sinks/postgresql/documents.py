@@ -2,10 +2,21 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import asdict
+
+from gateway.sinks.contract import AlarmStep
+from gateway.sinks.mqtt import payloads
 
 
 def array(documents: Sequence[bytes]) -> str:
     return f"[{','.join(document.decode() for document in documents)}]"
+
+
+def journaled(step: AlarmStep, row_id: str, unix_ms: int, site: str, instance: str) -> bytes:
+    """One change of an alarm."""
+    texts = {name: payloads.text(getattr(step, name)) for name in ("detail", "who", "note")}
+    where = {"id": row_id, "timestamp_ms": unix_ms, "site": site, "instance": instance}
+    return json.dumps(asdict(step) | texts | where, ensure_ascii=False).encode()
 
 
 def storable(document: bytes) -> bytes:

@@ -23,8 +23,8 @@ async def probe(settings: PostgresqlConfig, connect: Connect) -> str:
                 raise LinkError(f"{server}: {missing}, and this user may not create them (CREATE on the database)")
             return f"logged in; {missing} yet, and this user may create them: the gateway does at its start"
         try:
-            for statement in (tables.write_events(schema), tables.write_states(schema)):
-                await database.write(statement, "[]")  # rights and columns are checked, and no row is written
+            for statement in (tables.write_events, tables.write_states, tables.write_alarms):
+                await database.write(statement(schema), "[]")  # rights and columns are checked, and no row is written
         except RowsRefusedError as error:
             raise LinkError(f"{server}: {error}") from error
         return f"logged in; the tables in schema {schema} have version {found}, and this user may insert"

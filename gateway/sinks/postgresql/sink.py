@@ -1,4 +1,4 @@
-"""The historian: events, visits and a series of states in a PostgreSQL database. IO.
+"""The historian: events, visits, alarms and a series of states in a PostgreSQL database. IO.
 
 An event is rendered and put into the outbox when it happens, so that it outlives the gateway; that takes microseconds
 and never waits. `deliver` is the life of one connection. It writes what waits in the outbox in order, many events with
@@ -19,14 +19,14 @@ from gateway.core.events import Event
 from gateway.core.state import StateVector
 from gateway.durations import NS_PER_S
 from gateway.errors import LinkError, SettingError
-from gateway.sinks.contract import LinkStatus, SinkContext, SinkType
+from gateway.sinks.contract import AlarmStep, LinkStatus, SinkContext, SinkType
 from gateway.sinks.mqtt import payloads
 from gateway.sinks.mqtt.topics import Gateway, Topics
 from gateway.sinks.outbox.durable import limits, opened_outbox
 from gateway.sinks.outbox.outbox import Outbox, OutboxEntry
 from gateway.sinks.postgresql import tables
 from gateway.sinks.postgresql.database import Connect, Database, RowsRefusedError, prepare
-from gateway.sinks.postgresql.documents import array, storable
+from gateway.sinks.postgresql.documents import array, journaled, storable
 from gateway.sinks.postgresql.server import SECTION, server_of, tls_of
 from gateway.sinks.postgresql.settings import PostgresqlConfig
 
@@ -35,7 +35,16 @@ log = logging.getLogger(__name__)
 POLL_S = 0.1  # how often it is checked whether an output has changed, and whether a row of states is due
 EVENTS_AT_ONCE = 100  # with one statement
 REMOVED_AT_ONCE = 10  # from the outbox, before others on the event loop have their turn
-FIGURES = ("connections", "events_written", "events_repeated", "events_refused", "states_written", "states_refused")
+ALARMS = "alarms"  # topic in the outbox
+FIGURES = (
+    "connections",
+    "events_written",
+    "alarms_written",
+    "events_repeated",
+    "events_refused",
+    "states_written",
+    "states_refused",
+)
 EXTRA = "pip install 'plc-loading-gateway[postgresql]'"
 
 
@@ -77,6 +86,7 @@ class PostgresqlSink:
             )
         )
         self._write_events_sql = tables.write_events(settings.schema_name)
+        self._write_alarms_sql = tables.write_alarms(settings.schema_name)
         self._write_states_sql = tables.write_states(settings.schema_name)
         self._numbered = 0
         self._event_queued = asyncio.Event()
@@ -89,6 +99,7 @@ class PostgresqlSink:
         self._figures = dict.fromkeys(FIGURES, 0)
         self._skipped = 0
         bays.listen(self._queue_event)
+        context.listen_to_alarms(self._queue_alarm)
 
     @property
     def link(self) -> LinkStatus:
@@ -161,6 +172,15 @@ class PostgresqlSink:
     def _queue_event(self, event: Event) -> None:
         self._numbered += 1
         entry = payloads.outbox_entry(event, self._numbered, self._gateway, self._offset_ns())
+        self._put(entry)
+
+    def _queue_alarm(self, step: AlarmStep) -> None:
+        topics, unix_ms = self._gateway.topics, payloads.unix_ms(step.t_ns + self._offset_ns())
+        row_id = f"{self._gateway.boot}-alarm-{step.number}"
+        payload = journaled(step, row_id, unix_ms, topics.site, topics.instance)
+        self._put(OutboxEntry(row_id, ALARMS, payload, drop_last=False, unix_ms=unix_ms))
+
+    def _put(self, entry: OutboxEntry) -> None:
         self._outbox.put(replace(entry, payload=storable(entry.payload)))
         self._event_queued.set()
 
@@ -170,7 +190,7 @@ class PostgresqlSink:
         try:
             await self._write_entries(database, entries)
         except RowsRefusedError:  # because of at least one of them
-            for entry in entries:
+            for entry in self._outbox.batch(len(entries)):
                 try:
                     await self._write_entries(database, [entry])
                 except RowsRefusedError as error:
@@ -180,10 +200,16 @@ class PostgresqlSink:
         return bool(entries)
 
     async def _write_entries(self, database: Database, entries: Sequence[OutboxEntry]) -> None:
+        alarms = [entry for entry in entries if entry.topic == ALARMS]
+        events = [entry for entry in entries if entry.topic != ALARMS]
+        await self._write_rows(database, self._write_events_sql, events, "events_written")
+        await self._write_rows(database, self._write_alarms_sql, alarms, "alarms_written")
+
+    async def _write_rows(self, database: Database, sql: str, entries: Sequence[OutboxEntry], figure: str) -> None:
         if not entries:
             return
-        count = await database.write(self._write_events_sql, array([entry.payload for entry in entries]))
-        self._figures["events_written"] += count
+        count = await database.write(sql, array([entry.payload for entry in entries]))
+        self._figures[figure] += count
         self._figures["events_repeated"] += len(entries) - count
         for number, entry in enumerate(entries, 1):
             self._outbox.acknowledge(entry.id)

@@ -2,18 +2,18 @@
 
 A row is made by the server of the JSON that MQTT publishes, too (docs/schemas): `e` in the expressions below. A column
 is never renamed or removed, and its meaning never changes: an older gateway can write into the tables of a newer one.
-A new column is a further step in `_steps`.
+A new table is a further step in LAYOUTS.
 """
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
+from gateway.sinks.contract import ALARM_PRIORITIES
+from gateway.sinks.mqtt.alarm_topic import AlarmPayload
 from gateway.values.bay_values import BAY_VALUES
 from gateway.values.value import Value
 from gateway.values.visit_values import VISIT_VALUES
-
-LAYOUT = 1  # version of the tables: number of steps
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +40,11 @@ def _text(name: str, path: str, meaning: str) -> Column:
 
 def _time(name: str, path: str, meaning: str) -> Column:
     return Column(name, "timestamptz", f"to_timestamp((e#>>'{{{path}}}')::bigint / 1000.0)", meaning)
+
+
+def _alarm(name: str, field: str) -> Column:
+    """Of an alarm, as over MQTT."""
+    return _text(name, field if field != "id" else "alarm", AlarmPayload.model_fields[field].description or "")
 
 
 def _bay(*same: str, **picked: str) -> tuple[Column, ...]:
@@ -127,7 +132,30 @@ STATES = Table(
     key=("site", "bay", "instance", "t"),
     indexes=(("t",),),
 )
-TABLES = (EVENTS, VISITS, STATES)
+ALARMS = Table(
+    "alarms",
+    "the journal of the alarms: every change of each, and who made it; every change once",
+    (
+        _text("id", "id", "unique: <random number of the gateway's start>-alarm-<count>"),
+        _time("t", "timestamp_ms", "when it happened"),
+        *_WHERE[:2],
+        _text("bay", "bay", "name of the bay; null: of the gateway itself"),
+        _alarm("alarm", "id"),
+        *(_alarm(name, name) for name in ("kind", "title")),
+        _text("priority", "priority", ", ".join(ALARM_PRIORITIES)),
+        _text("event", "event", "what happened: occurs, returns, acknowledge, reset, shelve ... (docs/alarms.md)"),
+        _text("before", "before", "the state that it left"),
+        _alarm("state", "state"),
+        _alarm("detail", "detail"),
+        _text("who", "who", "the user who did it; empty: nobody"),
+        _text("note", "note", "and why"),
+    ),
+    key=("id",),
+    indexes=(("t",), ("site", "bay", "t")),
+)
+LAYOUTS = ((EVENTS, VISITS, STATES), (ALARMS,))  # what each version of the tables adds to the one before
+TABLES = tuple(table for added in LAYOUTS for table in added)
+LAYOUT = len(LAYOUTS)
 
 
 def write_events(schema: str) -> str:
@@ -139,6 +167,11 @@ def write_events(schema: str) -> str:
 def write_states(schema: str) -> str:
     """Writes the array of states `$1`."""
     return _insert(schema, STATES)
+
+
+def write_alarms(schema: str) -> str:
+    """Writes what is not there yet of the array of changes `$1`."""
+    return _insert(schema, ALARMS)
 
 
 def newest_layout(schema: str) -> str:
@@ -177,8 +210,7 @@ def create(schema: str) -> str:
 
 
 def _steps(schema: str) -> list[str]:
-    """What each version of the tables adds to the one before."""
-    return ["\n".join(_created(schema, table) for table in TABLES)]
+    return ["\n".join(_created(schema, table) for table in added) for added in LAYOUTS]
 
 
 def _created(schema: str, table: Table) -> str:

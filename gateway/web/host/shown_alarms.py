@@ -2,10 +2,11 @@
 
 from gateway.alarms.definition import AlarmDefinition, BayInputs, GatewayInputs
 from gateway.alarms.monitor import PERIOD_S, AlarmMonitor
-from gateway.alarms.records import Alarm
+from gateway.alarms.records import Alarm, AlarmChange
 from gateway.alarms.states import AlarmState
+from gateway.alarms.table import ALARM_DEFINITIONS
 from gateway.durations import NS_PER_S
-from gateway.sinks.contract import BayAlarms, ShownAlarm
+from gateway.sinks.contract import AlarmStep, BayAlarms, ShownAlarm
 
 VALID_NS = round(5 * PERIOD_S * NS_PER_S)  # after the last evaluation
 UNACKNOWLEDGED = frozenset({AlarmState.UNACKNOWLEDGED, AlarmState.RETURNED, AlarmState.LATCHED_UNACKNOWLEDGED})
@@ -28,6 +29,25 @@ class ShownAlarms:
         if (bay, evaluated) not in self._known:
             self._known[bay, evaluated] = BayAlarms(_shown(monitor, bay), _shown(monitor, None), evaluated)
         return self._known[bay, evaluated]
+
+
+def step_of(change: AlarmChange) -> AlarmStep:
+    row = ALARM_DEFINITIONS[change.kind]
+    return AlarmStep(
+        change.number,
+        change.t_ns,
+        change.id,
+        change.kind,
+        change.bay,
+        row.title,
+        row.priority.name.lower(),
+        change.event.value,
+        change.before.value,
+        change.after.value,
+        change.detail,
+        change.who,
+        change.note,
+    )
 
 
 def _shown(monitor: AlarmMonitor, bay: str | None) -> tuple[ShownAlarm, ...]:

@@ -6,7 +6,7 @@ import json
 import ssl
 import sys
 import tomllib
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,9 +21,11 @@ from gateway.config import GatewayConfig, parse
 from gateway.core import fusion
 from gateway.core.events import Event, EventKind
 from gateway.core.state import Moved, Reason, Visit
+from gateway.durations import NS_PER_S
 from gateway.errors import ConfigError, LinkError, SettingError
 from gateway.hub import Hub
 from gateway.sinks import registry
+from gateway.sinks.contract import AlarmStep
 from gateway.sinks.outbox.outbox import MemoryOutbox, OutboxEntry, OutboxLimits
 from gateway.sinks.postgresql import tables
 from gateway.sinks.postgresql.database import Database, RowsRefusedError
@@ -47,6 +49,7 @@ class Memory:
         self.layout = tables.LAYOUT
         self.encoding = "UTF8"
         self.events: dict[str, dict[str, Any]] = {}
+        self.alarms: dict[str, dict[str, Any]] = {}
         self.states: list[dict[str, Any]] = []
         self.statements: list[int] = []  # documents in each statement about events
         self.scripts: list[str] = []
@@ -71,12 +74,13 @@ class Memory:
         if sql == tables.write_states("loading"):
             self.states += documents
             return len(documents)
-        assert sql == tables.write_events("loading")
+        assert sql in (tables.write_events("loading"), tables.write_alarms("loading"))
+        kept = self.events if sql == tables.write_events("loading") else self.alarms
         self.statements.append(len(documents))
         if self.poison & {document["kind"] for document in documents}:
             raise RowsRefusedError("out of range")
-        new = [document for document in documents if document["id"] not in self.events]
-        self.events |= {document["id"]: document for document in new}
+        new = [document for document in documents if document["id"] not in kept]
+        kept |= {document["id"]: document for document in new}
         self.answers -= 1
         if self.answers == 0:
             raise LinkError("lost")
@@ -101,7 +105,9 @@ class Plant:
             self.hub.publish(fusion.initial(bay, self.clock.now_ns()))
         self.computing = set(self.hub.bays)
         self.outbox = MemoryOutbox(OutboxLimits(settings.pop("outbox_events", 1000)))
-        context = sink_context(PostgresqlConfig(**({"url": URL} | settings)), self.hub, self.clock, boot=BOOT)
+        self.alarm: list[Callable[[AlarmStep], None]] = []
+        config, listen = PostgresqlConfig(**({"url": URL} | settings)), self.alarm.append
+        context = sink_context(config, self.hub, self.clock, boot=BOOT, listen_to_alarms=listen)
         self.sink = PostgresqlSink(context, outbox=self.outbox, connect=self.memory.connect)
         self.link_errors: list[str] = []
 
@@ -138,6 +144,11 @@ class Plant:
             yield
             for task in tasks:
                 task.cancel()
+
+
+def step(number: int, t_ns: int, who: str = "") -> AlarmStep:
+    where, states = ("bay1.camera_down", "camera_down", "bay1"), ("unacknowledged", "acknowledged")
+    return AlarmStep(number, t_ns, *where, "Camera down", "high", "acknowledge", *states, who=who)
 
 
 def ids(*numbers: int) -> list[str]:
@@ -264,6 +275,35 @@ async def test_an_event_that_can_never_be_written_is_given_up_alone() -> None:
 
 
 @in_virtual_time
+async def test_changes_of_alarms_wait_with_the_events_and_are_written_once_whatever_is_lost() -> None:
+    plant = Plant()
+    plant.memory.refuses = True
+    async with plant.running():
+        await asyncio.sleep(3)
+        for number, who in enumerate(("", "ann"), 1):
+            plant.happen(EventKind.START)
+            plant.alarm[0](step(number, plant.clock.now_ns(), who))
+        plant.memory.refuses, plant.memory.answers = False, 2  # the answer about the alarms is lost
+        await asyncio.sleep(3)
+        assert not len(plant.outbox)
+        assert [*plant.memory.alarms] == [f"{BOOT}-alarm-1", f"{BOOT}-alarm-2"]
+        assert plant.memory.alarms[f"{BOOT}-alarm-2"] == {
+            "id": f"{BOOT}-alarm-2", "timestamp_ms": plant.memory.alarms[f"{BOOT}-alarm-1"]["timestamp_ms"],
+            "site": "site", "instance": "gw", "number": 2, "t_ns": 3 * NS_PER_S, "alarm": "bay1.camera_down",
+            "kind": "camera_down", "bay": "bay1", "title": "Camera down", "priority": "high", "event": "acknowledge",
+            "before": "unacknowledged", "state": "acknowledged", "detail": "", "who": "ann", "note": "",
+        }  # fmt: skip
+        assert [*plant.memory.events] == ids(1, 2)
+        assert (plant.figures["alarms_written"], plant.figures["events_repeated"]) == (0, 2)
+        plant.memory.poison = {"camera_down"}
+        plant.alarm[0](step(3, plant.clock.now_ns()))
+        plant.happen(EventKind.SHUTDOWN)
+        await asyncio.sleep(1)
+        assert (plant.figures["events_refused"], plant.figures["events_written"]) == (1, 3)
+        assert plant.sink.link.events_lost == 1
+
+
+@in_virtual_time
 async def test_a_full_outbox_drops_the_oldest_and_counts() -> None:
     plant = Plant(outbox_events=10)
     plant.happen(*[EventKind.TARGET_FOUND] * 14)
@@ -308,7 +348,7 @@ async def test_the_end_without_a_connection_makes_one_and_gives_up_in_time() -> 
 
 @in_virtual_time
 async def test_missing_tables_are_created_or_named() -> None:
-    for create, errors in ((True, []), (False, ["have version 0, and 1 is needed"])):
+    for create, errors in ((True, []), (False, ["have version 0, and 2 is needed"])):
         plant = Plant(create_tables=create)
         plant.memory.layout = 0
         async with plant.running():
@@ -489,7 +529,7 @@ def test_every_table_is_complete() -> None:
         assert {*table.key, *(name for index in table.indexes for name in index)} <= set(names)
         assert all(column.meaning for column in table.columns)
     sql = sql_file()
-    assert sql.count("CREATE TABLE IF NOT EXISTS") == 4
+    assert sql.count("CREATE TABLE IF NOT EXISTS") == 5
     assert "create_hypertable('\"loading\".states', 't'" in sql
 
 

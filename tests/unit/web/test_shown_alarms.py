@@ -11,8 +11,8 @@ from gateway.config import BayConfig
 from gateway.core.fusion import initial
 from gateway.core.readings import Quality, VisionReading
 from gateway.core.state import Reason, StateVector
-from gateway.sinks.contract import BayAlarms, ShownAlarm
-from gateway.web.host.shown_alarms import ShownAlarms
+from gateway.sinks.contract import AlarmStep, BayAlarms, ShownAlarm
+from gateway.web.host.shown_alarms import ShownAlarms, step_of
 
 S = 1_000_000_000
 
@@ -34,11 +34,12 @@ class Plant:
             initial("bay1", 5), vision=VisionReading(5, Quality.LINK_DOWN, detail="cable"), reason=Reason.CAMERA_DOWN
         )
         self.conditions = GatewayConditions(sinks_connected={"mqtt": False})
+        self.steps: list[AlarmStep] = []
         self.monitor = AlarmMonitor(
             {"bay1": BayConfig()},
             lambda bay: self.state,
             self.clock,  # type: ignore[arg-type]
-            lambda change: None,
+            lambda change: self.steps.append(step_of(change)),
         )
         self.shown = ShownAlarms(self.monitor)
 
@@ -58,6 +59,22 @@ class Plant:
 def camera(alarms: BayAlarms) -> ShownAlarm:
     (found,) = [alarm for alarm in alarms.bay if alarm.kind == "camera_down"]
     return found
+
+
+def test_each_change_is_a_step_with_who_made_it() -> None:
+    plant = Plant()
+    plant.scan(5)
+    plant.act(AlarmEvent.ACKNOWLEDGE)
+    steps = [step for step in plant.steps if step.kind == "camera_down"]
+    same = ("bay1.camera_down", "camera_down", "bay1", "Camera down", "high")
+    assert steps == [
+        AlarmStep(steps[0].number, steps[0].t_ns, *same, "occurs", "normal", "unacknowledged", "cable"),
+        AlarmStep(
+            steps[0].number + 1, plant.clock.ns, *same,
+            "acknowledge", "unacknowledged", "acknowledged", "cable", "joe", "seen",
+        ),
+    ]  # fmt: skip
+    assert 100 * S < steps[0].t_ns < plant.clock.ns
 
 
 def test_an_alarm_is_shown_as_it_is_raised_acknowledged_shelved_and_returns() -> None:
