@@ -136,6 +136,7 @@ class StandInServer:
         self.frame = (64, 48)  # of the picture
         self.frame_age_ms = 20.0
         self.asked: list[str] = []  # pictures, by their addresses
+        self.trucks: list[dict[str, Any]] = []  # recorded
 
     def answer(self, route: Route) -> None:
         request = route.request
@@ -150,8 +151,11 @@ class StandInServer:
                 server_time_ms=0, summary=summary(self.alarms), alarms=self.alarms, omitted=0, changes=()
             )
             with_json(view.model_dump_json())(route)
-        elif path.endswith("/records"):  # none are kept
-            with_json(json.dumps({"bay": path.split("/")[3], "recorded": False, "last_ms": None}))(route)
+        elif path.endswith("/records"):
+            last_ms = self.trucks[0]["last_seen_ms"] if self.trucks else None  # none: nothing is recorded
+            with_json(json.dumps({"bay": path.split("/")[3], "recorded": False, "last_ms": last_ms}))(route)
+        elif "/visits?" in path:
+            with_json(json.dumps({"bay": path.split("/")[3], "visits": self.trucks}))(route)
         elif path.startswith("/api/events"):
             with_json(json.dumps({"newest": len(self.events), "events": self.events}))(route)
         elif "/picture?" in path and (self.gone or "/bay_without_picture/" in path):
@@ -274,10 +278,13 @@ def test_tiles_fill_the_width(operator: Open, client: StandInServer, bays: int, 
     assert len({left for left, _ in tiles}) == columns
     assert max(right for _, right in tiles) == pytest.approx(room[1], abs=1)
     judgements.no_sideways_scroll(page)
+    page.set_viewport_size({"width": wide, "height": 768})
+    until(page, lambda: max(page.locator(".tile").evaluate_all(ENDS)) < 768)  # all of them at a glance
 
 
 TO_GO = {"name": "FORWARD", "code": 1, "amount_mm": None, "closing_mm_s": None, "offset_u_px": None}
 TO_GO |= {"offset_v_px": None, "offset_mm": None, "text": ""}
+ENDS = "(all) => all.map((each) => each.getBoundingClientRect().bottom)"
 BOXES = "(all) => all.map((each) => each.getBoundingClientRect()).map((box) => [box.left, box.right])"
 HERE = {"d": True, "stop": True, "may_move": False, "in_place": True, "phase": "IN_PLACE", "in_place_ms": 125_000.0}
 SCALE = {"px_mm": 56_000.0, "spread": 0.012, "visits": 12, "newest_ms": 1_794_000_000_000, "jump": None}
@@ -864,6 +871,20 @@ def test_no_shape_of_the_picture_collapses_the_page(
         if width_px >= 1700:
             assert at["below"]["end"] > 0.98 * height_px, size
             assert max(at["columns"][:2]) - min(at["columns"][:2]) < 2, size
+
+
+@pytest.mark.parametrize("bays", [1, 12])
+def test_the_last_trucks_are_seen_without_scrolling(operator: Open, client: StandInServer, bays: int) -> None:
+    """On a small desk, beside the verdict, its reason and the picture."""
+    client.session["bays"] = [f"bay{n}" for n in range(1, bays + 1)]
+    truck = {"last_seen_ms": 1_795_000_000_000, "in_place_s": 412.0, "unintended": False, "faults": [], "end": "CLEAR"}
+    client.trucks = [{**truck, "begun_ms": 1_795_000_000_000 - n * 1_500_000} for n in range(6)]
+    client.alarms = (alarm("bay1", "camera_down", AlarmState.UNACKNOWLEDGED),)
+    page = operator(live([broken("bay1")], client.alarms), "/#bay1")
+    page.set_viewport_size({"width": 1366, "height": 768})
+    expect(page.locator(".trucks a")).to_have_count(6)
+    for what in (".trucks", ".decision", ".decision .why", ".view"):
+        until(page, lambda what=what: page.locator(what).evaluate_all(ENDS)[0] <= 768)  # type: ignore[misc]
 
 
 def test_a_moment_is_marked_with_a_note(operator: Open, client: StandInServer) -> None:

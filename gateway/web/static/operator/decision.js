@@ -2,6 +2,7 @@
 
 import { html, useEffect, translated, useRef, useState } from '../lib/page.js';
 import { CODES, wordOf } from '../lib/guidance.js';
+import { kiosk } from '../lib/kiosk.js';
 import { NONE, signed, words } from '../lib/format.js';
 import { text } from '../lib/lang.js';
 import { quantity } from '../lib/quantity.js';
@@ -66,7 +67,7 @@ export function Decision({ state, age, bay, alarm }) {
       <div class="instruction">
         ${guidance ? html`<${Arrow} name=${CODES[guidance.name]?.symbol ?? 'stop'} />` : html`<span class="arrow"></span>`}
         <div>
-          <h2>Driver is told</h2>
+          <h2><a href=${kiosk ? undefined : `/driver/${encodeURIComponent(bay)}`}>Driver is told</a></h2>
           <p class="said">${guidance ? text(wordOf(guidance.name)) : NONE}${guidance?.amount_mm != null ? html` <span class="value">${quantity(distance(guidance.amount_mm))}</span>` : ''}</p>
           ${early && html`<p class="small names">early: a driver needs time to react</p>`}
         </div>

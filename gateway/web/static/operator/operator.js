@@ -33,7 +33,7 @@ function Link({ live, known, began }) {
   return html`<${Sign} state="bad" text=${live.connected ? (Number.isFinite(ageMs) ? text('no data for {0}', age(ageMs)) : 'no data') : 'NO CONNECTION'} />`;
 }
 
-function Bar({ session, bay, live, known, alarms }) {
+function Bar({ session, bay, bays, live, known, alarms }) {
   const began = useRef(performance.now());
   const view = live.last;
   const site = view?.bays.find((one) => one.state !== null)?.state ?? {};
@@ -45,8 +45,7 @@ function Bar({ session, bay, live, known, alarms }) {
   const apart = known ? Math.abs(view.server_time_ms - wall) : 0;
   const facts = html`<${Link} live=${live} known=${known} began=${began.current} />
     <span class="nowrap">${clock(wall)}${apart > 5000 ? html` <span class="tag warn" title="the gateway's clock and this computer's differ">${text('clocks {0} apart', age(apart))}</span>` : ''}</span>`;
-  return html`<${Top} session=${session} title=${site.site} more=${session.bays.length === 1 && titleOf(bay) ? titleOf(bay) : site.instance ?? ''} bay=${bay} current="Live" alarms=${alarms} next="/" facts=${facts}>
-    ${!kiosk && html`<a class="small" href=${`/driver/${encodeURIComponent(bay ?? session.bays[0] ?? '')}`}>Driver's display</a>`}<//>`;
+  return html`<${Top} session=${session} title=${site.site} more=${session.bays.length === 1 && titleOf(bay) ? titleOf(bay) : site.instance ?? ''} bay=${bay} current="Live" alarms=${alarms} next="/" facts=${facts}>${bays}<//>`;
 }
 
 function BayBar({ names, bay, alarmsOf, highestOf }) {
@@ -94,20 +93,19 @@ function App({ session }) {
   titled(bay === null ? 'Loading bays' : '{0}', called(bay ?? ''));
 
   return html`
-    <${Bar} session=${session} bay=${bay} live=${live} known=${known} alarms=${bay === null ? undefined : known ? view?.alarms ?? null : null} />
-    <main id="main" tabindex="-1" class=${`page ${bay === null ? 'all' : 'one'} ${wide ? 'wide-picture' : shape < 0.9 ? 'tall-picture' : ''} ${single ? '' : 'with-bays'} ${known ? '' : 'unknown'}`}>
+    <${Bar} session=${session} bay=${bay} bays=${bay !== null && !single && html`<${BayBar} names=${names} bay=${bay} alarmsOf=${alarmsOf} highestOf=${highestOf} />`} live=${live} known=${known} alarms=${bay === null ? undefined : known ? view?.alarms ?? null : null} />
+    <main id="main" tabindex="-1" class=${`page ${bay === null ? 'all' : 'one'} ${wide ? 'wide-picture' : shape < 0.9 ? 'tall-picture' : ''} ${known ? '' : 'unknown'}`}>
       <${Notice} kind="bad" loud wide say=${!known && view !== null && html`<b>NO CONNECTION TO THE GATEWAY.</b> Nothing here is live; treat the bay as STOP. Trying again.`} />
       <${Notice} kind="bad" loud wide say=${live.refusal} />
       ${bay === null
         ? html`<${Overview} names=${names} live=${live} alarmsOf=${alarmsOf} highestOf=${highestOf} />
             <div class="below"><${Alarms} bay=${null} ...${list} known=${known} /><${Events} bay=${null} newest=${newest} /></div>`
         : html`
-            ${!single && html`<${BayBar} names=${names} bay=${bay} alarmsOf=${alarmsOf} highestOf=${highestOf} />`}
             <h1 class="sr" translate="no">${called(bay)}</h1>
             <div class="column a"><${LivePicture} key=${bay} bay=${bay} aim=${one ? aimOf(one) : null} connected=${known} fault=${cameraFault(state)} onShape=${setShape} />${one ? html`<${Bars} state=${state} limits=${limitsOf(one)} />` : html`<div class="panel room bars-room"></div>`}${wide && large && events}</div>
             <div class="column b"><${Decision} state=${state} age=${html`<${Age} of=${live} partMs=${one?.age_ms} />`} bay=${bay} alarm=${(alarms?.alarms ?? []).some((each) => each.active && standing(each) && (each.bay === bay || each.bay === null))} />${one ? html`<${Trend} bay=${bay} state=${state} limits=${limitsOf(one)} />` : html`<div class="panel room trend-room"></div>`}</div>
-            <div class="column c"><${Alarms} bay=${bay} ...${list} known=${known} />${!(wide && large) && events}${large && health}</div>
-            <div class="below"><${RecordedTrucks} bay=${bay} />${!large && health}<${Registers} key=${bay} bay=${bay} /></div>`}
+            <div class="column c"><${Alarms} bay=${bay} ...${list} known=${known} /><${RecordedTrucks} bay=${bay} />${!(wide && large) && events}${large && health}</div>
+            <div class="below">${!large && health}<${Registers} key=${bay} bay=${bay} /></div>`}
     </main>`;
 }
 

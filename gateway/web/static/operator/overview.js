@@ -80,13 +80,12 @@ function Side({ toGoMm }) {
 function Tile({ name, state, age, alarms, highest, everyMs }) {
   const trouble = state === null || state.ne107.name === 'FAILURE';
   return html`<li><a class=${`tile ${trouble ? 'trouble' : ''}`} href=${`#${encodeURIComponent(name)}`}>
-    <span class="row spread"><b translate="no">${called(name)}</b><${Ne107} name=${state?.ne107.name ?? null} label=${false} alarm=${alarms > 0} /></span>
+    <span class="row spread"><b translate="no">${called(name)}</b><span class="row">${alarms > 0 && html`<span class=${`tag ${highest}`}>${alarmCount(alarms, 0)}</span>`}<${Ne107} name=${state?.ne107.name ?? null} label=${false} alarm=${alarms > 0} /></span></span>
     ${everyMs > 0 && html`<${Thumbnail} name=${name} everyMs=${everyMs} state=${state} />`}
     <span class="state"><${Decision} stop=${state?.stop ?? null} mayMove=${state?.may_move ?? null} inPlace=${state?.in_place ?? false} fault=${trouble} /><span><b>${decisionWords(state)}</b> ${age}</span></span>
     <${Side} toGoMm=${state?.guidance.to_go_mm ?? null} />
     <span class="small value to-go">${state?.guidance.to_go_mm == null ? '' : text('to go {0}', distance(state.guidance.to_go_mm))}</span>
     <span class="why">${why(state)}</span>
-    ${alarms > 0 && html`<span class=${`tag ${highest}`}>${alarmCount(alarms, 0)}</span>`}
   </a></li>`;
 }
 
