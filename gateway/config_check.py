@@ -10,7 +10,7 @@ from gateway.errors import ConfigError, SettingError
 from gateway.files import device_at
 from gateway.net import tls
 from gateway.net.tls import TlsFiles
-from gateway.ranger.ranger_service import check_port, ranger_type
+from gateway.ranger.ranger_service import check_port
 from gateway.sinks import registry as sink_registry
 from gateway.vision.detect import registry as detection_methods
 from gateway.vision.source.specs import check_exposure, source_spec
@@ -63,18 +63,18 @@ def check(config: GatewayConfig, *, source: str, text: str) -> None:
 
 def _check_trigger(modbus: ModbusConfig, ranger: RangerConfig) -> None:
     """Raises ConfigError where a triggered measurement would end before the ranger can have a result for it."""
-    period_s, timeout_s = ranger_type(ranger).period_s, modbus.handshake.trigger_timeout_s
-    if modbus.writes and period_s is not None and timeout_s < ranger.median * period_s:
+    cycle_s, timeout_s = ranger.period_s, modbus.handshake.trigger_timeout_s
+    if modbus.writes and cycle_s is not None and timeout_s < ranger.median * cycle_s:
         raise ConfigError(
             f"{timeout_s:g} is too short for a result: ranger.median = {ranger.median} readings younger than the "
-            f"trigger take {ranger.median * period_s:g} s"
+            f"trigger take {ranger.median * cycle_s:g} s"
         )
 
 
 def _beyond_range(n: int, bay: BayConfig, config: GatewayConfig) -> Iterator[tuple[tuple[str | int, ...], str]]:
     """Distances that the bay's ranger can't measure: no truck would ever be there."""
-    max_range_mm = ranger_type(bay.ranger).max_range_mm
-    if max_range_mm is None:
+    farthest_mm = bay.ranger.max_range_mm
+    if farthest_mm is None:
         return
     distances: list[tuple[tuple[str | int, ...], float | None]] = [
         (("bays", n, "fusion", "distance_threshold_mm"), bay.fusion.distance_threshold_mm),
@@ -83,8 +83,8 @@ def _beyond_range(n: int, bay: BayConfig, config: GatewayConfig) -> Iterator[tup
     for m, recipe in enumerate(config.recipes):
         distances.append((("recipes", m, "fusion", "distance_threshold_mm"), recipe.fusion.distance_threshold_mm))
     for place, distance_mm in distances:
-        if distance_mm is not None and distance_mm > max_range_mm:
-            yield place, f"the ranger of bay {bay.name!r} ({bay.ranger.type}) measures up to {max_range_mm:g} mm"
+        if distance_mm is not None and distance_mm > farthest_mm:
+            yield place, f"the ranger of bay {bay.name!r} ({bay.ranger.type}) measures up to {farthest_mm:g} mm"
 
 
 def check_languages(config: GatewayConfig, *, source: str, text: str) -> None:

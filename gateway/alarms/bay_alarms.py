@@ -7,7 +7,6 @@ truck in place, a marker that is hidden for a moment, a sensor that starts.
 from collections.abc import Callable
 
 from gateway.alarms.definition import MINUTE_S, AlarmDefinition, BayInputs, Priority, Suppression
-from gateway.config.sections.ranger import RANGERS
 from gateway.core.ne107 import degraded
 from gateway.core.readings import DEAD, EXPOSURE_MEANING, UNCONTROLLED, PictureFault, Quality
 from gateway.core.state import MOVED_MEANING, FunctionCheck, Moved, Reason
@@ -41,7 +40,7 @@ def expected_mm(inputs: BayInputs) -> float | None:
 def _no_echo(inputs: BayInputs) -> bool:
     if inputs.state.range.quality not in (Quality.NO_ECHO, Quality.TOO_FAR):
         return False
-    far_mm, max_range_mm = expected_mm(inputs), RANGERS.load(inputs.config.ranger.type).max_range_mm
+    far_mm, max_range_mm = expected_mm(inputs), inputs.config.ranger.max_range_mm
     due_mm = ECHO_DUE_MM if max_range_mm is None else ECHO_DUE_SHARE * max_range_mm
     return far_mm is not None and far_mm < due_mm
 

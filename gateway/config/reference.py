@@ -66,7 +66,7 @@ def _toml(value: object) -> str:
         case bool():
             return str(value).lower()
         case str():
-            return f'"{value}"'
+            return f'"{value}"'.replace("\r", "\\r").replace("\n", "\\n")
         case tuple() | list():
             return "[" + ", ".join(_toml(item) for item in value) + "]"
         case _:

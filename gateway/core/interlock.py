@@ -18,7 +18,6 @@ from gateway.config import (
     RecipeConfig,
     VisitConfig,
 )
-from gateway.config.sections.ranger import RANGERS
 from gateway.core import agreement, fusion, guidance, handshake, ne107, scale, shown, visit
 from gateway.core.plc import Control, Handshake, PlcConnection, PlcLink, PlcWrite, ResetVerdict, WriteVerdict
 from gateway.core.readings import Quality, RangeReading
@@ -77,7 +76,7 @@ class Rules:
     @staticmethod
     def of(bay: BayConfig, gateway: GatewayConfig | None = None) -> "Rules":
         """The rules of `bay`; without the gateway's configuration there are no writes and no recipes."""
-        max_range_mm = RANGERS.load(bay.ranger.type).max_range_mm
+        max_range_mm = bay.ranger.max_range_mm
         recipes = {0: Recipe(bay.fusion, bay.guidance)}
         if gateway is None:
             return Rules(recipes, None, bay.visit, max_range_mm)

@@ -9,7 +9,6 @@ from urllib.parse import urlsplit
 
 from gateway.config import BayConfig, GatewayConfig
 from gateway.config.sections.common import is_loopback
-from gateway.ranger.ranger_service import ranger_type
 from gateway.vision.source.specs import names_file
 
 USUAL_FPS = 30.0  # of a camera whose rate nobody has set
@@ -96,13 +95,13 @@ def _deadlines(bay: BayConfig) -> Iterator[str]:
             f"fusion.vision_deadline_s = {fusion.vision_deadline_s:g}: at {rate} a frame comes every "
             f"{1 / fps:.3g} s, so that one lost frame is a stop; at least {2 / fps:.3g}"
         )
-    period_s = ranger_type(bay.ranger).period_s
-    if period_s is not None:
+    cycle_s = bay.ranger.period_s
+    if cycle_s is not None:
         # The median's middle reading is as old as half of the others; the next one is a period later.
-        least_s = (bay.ranger.median // 2 + 2) * period_s
+        least_s = (bay.ranger.median // 2 + 2) * cycle_s
         if fusion.range_deadline_s < least_s:
             yield (
                 f"fusion.range_deadline_s = {fusion.range_deadline_s:g}: the ranger measures every "
-                f"{1000 * period_s:g} ms, and the median of {bay.ranger.median} makes a reading older; "
+                f"{1000 * cycle_s:g} ms, and the median of {bay.ranger.median} makes a reading older; "
                 f"at least {least_s:g}"
             )

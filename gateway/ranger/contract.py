@@ -60,5 +60,5 @@ class RangerType:
     session: Callable[[RangerConfig], RangerSession]
     connect: Callable[[RangerConfig], Connection] | None = None  # blocks; raises LinkError
     check_url: Callable[[str], None] | None = None  # raises ConfigError for a port that can never be opened
-    period_s: float | None = None  # between two readings, as shipped; None: not known
-    max_range_mm: float | None = None  # the farthest distance that it measures; None: not known
+    period_s: Callable[[RangerConfig], float] | None = None  # between two readings; None: not known
+    max_range_mm: Callable[[RangerConfig], float] | None = None  # the farthest distance measured; None: not known

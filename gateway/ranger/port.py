@@ -20,6 +20,7 @@ READ_S = 0.05
 READ_BYTES = 4096
 WRITE_S = 0.2
 RESET_S = 0.1  # DTR is off: the capacitor behind it discharges
+PARITY = {"none": serial.PARITY_NONE, "even": serial.PARITY_EVEN, "odd": serial.PARITY_ODD}
 
 # What a port may fail with. pyserial lets termios.error through, which is not an OSError.
 FAILURES = (serial.SerialException, OSError, termios.error)
@@ -79,11 +80,11 @@ def serial_ports() -> list[tuple[str, str]]:
 class Port:
     """An opened port. Its methods raise LinkError when the port is lost."""
 
-    def __init__(self, url: str, baud: int) -> None:
+    def __init__(self, url: str, baud: int, parity: str = "none", stop_bits: int = 1) -> None:
         """Open and flush. Blocks up to 5 s on a network. Raises LinkError."""
         self._url = url
         try:
-            self._link = _opened(url, baud)
+            self._link = _opened(url, baud, PARITY[parity], stop_bits)
         except (*FAILURES, ValueError) as error:  # ValueError: a serial server refused a setting
             raise LinkError(f"ranger port {url}: {_reason(url, error)}") from error
         try:
@@ -132,18 +133,27 @@ class Port:
                 connection.close()  # pyserial leaves it open where the other side hung up first
 
 
-def _opened(url: str, baud: int) -> serial.Serial:
+def _opened(url: str, baud: int, parity: str, stop_bits: int) -> serial.Serial:
     scheme = urlsplit(url).scheme.lower() if "://" in url else ""
     if scheme == "rfc2217":
         # Many servers never answer SET_CONTROL (ser2net on a pty): nothing here depends on the answer.
         if "ign_set_control" not in url:
             url += ("&" if "?" in url else "?") + "ign_set_control"
-        link = serial.serial_for_url(url, do_not_open=True, baudrate=baud, timeout=READ_S)
+        link = serial.serial_for_url(
+            url, do_not_open=True, baudrate=baud, parity=parity, stopbits=stop_bits, timeout=READ_S
+        )
     else:
         # exclusive: a second program on the same device would take some of the bytes.
         exclusive = None if scheme else True
         link = serial.serial_for_url(
-            url, do_not_open=True, baudrate=baud, timeout=0, write_timeout=WRITE_S, exclusive=exclusive
+            url,
+            do_not_open=True,
+            baudrate=baud,
+            parity=parity,
+            stopbits=stop_bits,
+            timeout=0,
+            write_timeout=WRITE_S,
+            exclusive=exclusive,
         )
         if scheme == "loop":
             link.timeout = READ_S

@@ -63,7 +63,9 @@ class RangerService:
     def connect(self) -> Connection:
         """Open the port. Blocks; raises LinkError."""
         connect = self._type.connect
-        return connect(self.config) if connect is not None else Port(self.config.port, self.config.baud)
+        if connect is not None:
+            return connect(self.config)
+        return Port(self.config.port, self.config.baud, self.config.parity, self.config.stop_bits)
 
     def release(self, seconds: float) -> None:
         """Close the port for this time, LINK_DOWN: its board is given a firmware."""

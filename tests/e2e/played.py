@@ -8,7 +8,7 @@ import numpy as np
 
 from gateway.clock import SystemClock
 from gateway.core.readings import RangeReading
-from gateway.ranger.hcsr04.arrival_times import LATE_NS
+from gateway.ranger.arrival_times import LATE_NS
 
 FLIGHT_NS = 12_000_000  # a date is of the echo; the sound to a target at 4 m takes 12 ms
 
@@ -36,7 +36,7 @@ def too_fresh_ns(log: Path, readings: Iterable[RangeReading], clock: SystemClock
 
 
 def dated_right(fresh_ns: list[int]) -> bool:
-    """The contract of gateway/ranger/hcsr04/arrival_times.py: no date is more than 150 ms too fresh.
+    """The contract of gateway/ranger/arrival_times.py: no date is more than 150 ms too fresh.
 
     Nor is one older than a line takes: a board that catches up with the machine's time sends faster than a wire could.
     """

@@ -47,7 +47,7 @@ class Host:
         self.clock = clock
         self.said: list[tuple[int, RangeReading]] = []
         self._changed = asyncio.Event()
-        self.service = RangerService(RangerConfig(**config), clock, self._heard, port=port)
+        self.service = RangerService(RangerConfig(port=port, **config), clock, self._heard)
         self.supervisor = Supervisor([Task("ranger", self.service.run, QUICK)], clock)
 
     @property

@@ -15,7 +15,7 @@ import pytest
 
 from gateway.clock import SystemClock
 from gateway.core.readings import Quality
-from gateway.ranger.hcsr04.arrival_times import Arrival
+from gateway.ranger.arrival_times import Arrival
 from gateway.ranger.hcsr04.protocol import Hello
 from gateway.sim.emulator import EmulatedRanger
 from gateway.sim.hcsr04 import SensorErrors

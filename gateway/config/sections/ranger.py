@@ -1,7 +1,7 @@
 """`[ranger]`: the distance sensor on its port. Pure."""
 
-from collections.abc import Mapping
-from typing import Annotated, Any
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
@@ -10,7 +10,15 @@ from gateway.config.strict.errors import FieldError
 from gateway.config.strict.section import NameIn, Section
 from gateway.registry import Registry
 
-RANGERS = Registry("ranger", "gateway.rangers", {"hcsr04": "gateway.ranger.hcsr04.session:RANGER"})
+RANGERS = Registry(
+    "ranger",
+    "gateway.rangers",
+    {
+        "hcsr04": "gateway.ranger.hcsr04.session:RANGER",
+        "modbus": "gateway.ranger.modbus_sensor:RANGER",
+        "ascii": "gateway.ranger.ascii_sensor:RANGER",
+    },
+)
 """By name the `RangerType` (gateway/ranger/contract.py) of each distance sensor."""
 
 
@@ -21,6 +29,96 @@ class Hcsr04Config(Section):
     temperature_tolerance_c: float = Field(
         40.0, ge=0, le=200, description="a measured temperature farther than this from temperature_c is not believed"
     )
+
+
+MAX_NUMBER = 1e12
+
+
+class NumberConfig(Section):
+    """Of type modbus and ascii: from the number that the sensor sends to a distance."""
+
+    mm_per_unit: float = Field(
+        1.0, ge=-1000, le=1000, description="mm for each unit of the number; negative: it falls with the distance"
+    )
+    offset_mm: float = Field(
+        0.0, ge=-MAX_DISTANCE_MM, le=MAX_DISTANCE_MM, description="the distance where the number is zero"
+    )
+    nearest_mm: float = Field(20.0, ge=0, le=MAX_DISTANCE_MM, description="nearer than this the sensor can't measure")
+    farthest_mm: float = Field(4000.0, gt=0, le=MAX_DISTANCE_MM, description="farther than this it can't measure")
+    period_ms: float = Field(60.0, ge=10, le=1000, description="between two distances")
+    delay_ms: float = Field(
+        0.0,
+        ge=0,
+        le=1000,
+        description="the sensor's own: so old a distance may be when it is sent, its filter included",
+    )
+    unchanged_s: float = Field(
+        0.0, ge=0, le=3600, description="the same number for longer than this is a stuck sensor; 0: off"
+    )
+    no_echo: tuple[float, ...] = Field((), max_length=16, description="numbers that are sent where there is no echo")
+    fault_below: float | None = Field(
+        None, ge=-MAX_NUMBER, le=MAX_NUMBER, description="a number below this means that the sensor is gone"
+    )
+    fault_above: float | None = Field(
+        None, ge=-MAX_NUMBER, le=MAX_NUMBER, description="a number above this means that the sensor is gone"
+    )
+
+    @model_validator(mode="after")
+    def _consistent(self) -> "NumberConfig":
+        if self.farthest_mm <= self.nearest_mm:
+            raise FieldError(f"must be more than nearest_mm, {self.nearest_mm:g}", "farthest_mm")
+        if self.mm_per_unit == 0:
+            raise FieldError("must not be zero", "mm_per_unit")
+        return self
+
+
+class ModbusSensorConfig(Section):
+    """A distance in a register. `port` is the serial line, or socket://host:port of a Modbus TCP server."""
+
+    framing: Literal["rtu", "tcp"] = Field(
+        "rtu", description="tcp: Modbus TCP over a port socket://host:port; rtu: everything else"
+    )
+    unit_id: int = Field(1, ge=0, le=255, description="of the sensor; on a serial line from one, also called address")
+    table: Literal["holding_register", "input_register"] = Field(
+        "holding_register", description="which registers: function code FC03 or FC04"
+    )
+    address: int = Field(0, ge=0, le=65535, description="of the first register, as on the wire: from zero")
+    data_type: Literal["uint16", "int16", "uint32", "int32", "float32"] = Field(
+        "uint16", description="what the registers hold"
+    )
+    word_order: Literal["high_first", "low_first"] = Field("high_first", description="of two registers")
+    shift_bits: int = Field(0, ge=0, le=16, description="so many low bits do not belong to the number: status bits")
+    timeout_ms: float = Field(100.0, ge=10, le=1000, description="an answer that is later is lost")
+
+    @model_validator(mode="after")
+    def _possible(self) -> "ModbusSensorConfig":
+        if self.framing == "rtu" and not 1 <= self.unit_id <= 247:
+            raise FieldError('must be from 1 to 247 with framing = "rtu"', "unit_id")
+        if self.shift_bits and self.data_type == "float32":
+            raise FieldError("a float32 has no bits that could be left out", "shift_bits")
+        return self
+
+
+class AsciiSensorConfig(Section):
+    """A sensor that sends lines of text by itself, such as `R1234` and a carriage return."""
+
+    line: str = Field(
+        "R{distance}\r",
+        min_length=2,
+        max_length=80,
+        description="one line: its text, {distance} where the number stands, {any} for what may differ, and its end",
+    )
+
+    @field_validator("line")
+    @classmethod
+    def _usable(cls, value: str) -> str:
+        if value.count("{distance}") != 1:
+            raise ValueError("must have {distance} once")
+        if not value.isascii():
+            raise ValueError("must be ASCII")
+        if value[-1] not in "\r\n":
+            raise ValueError('must end as each line does, with "\\r" or "\\n"')
+        return value
 
 
 def with_own_sections(ranger: Any) -> Any:
@@ -57,6 +155,8 @@ class RangerConfig(Section):
         "/dev/ttyACM0", min_length=1, description="any pyserial URL: device, socket://host:port, rfc2217://host:port"
     )
     baud: int = Field(9600, ge=300, le=2_000_000, description="9600 in the paper")
+    parity: Literal["none", "even", "odd"] = Field("none", description="of the serial line")
+    stop_bits: int = Field(1, ge=1, le=2, description="of the serial line")
     median: int = Field(3, ge=1, le=15, description="readings in the median filter, odd; 1: off")
     glitch_gate_mm: float = Field(
         150.0,
@@ -66,12 +166,40 @@ class RangerConfig(Section):
     )
     reconnect: Reconnect = Field(default_factory=Reconnect)
     hcsr04: Hcsr04Config = Field(default_factory=Hcsr04Config)
+    number: NumberConfig = Field(default_factory=NumberConfig)
+    modbus: ModbusSensorConfig = Field(default_factory=ModbusSensorConfig)
+    ascii: AsciiSensorConfig = Field(default_factory=AsciiSensorConfig)
+
+    @property
+    def period_s(self) -> float | None:
+        """Between two readings; None: not known."""
+        return self._of_type("period_s")
+
+    @property
+    def max_range_mm(self) -> float | None:
+        """The farthest distance that this ranger measures; None: not known."""
+        return self._of_type("max_range_mm")
+
+    def _of_type(self, fact: str) -> float | None:
+        found: Callable[[RangerConfig], float] | None = getattr(RANGERS.load(self.type), fact)
+        return None if found is None else found(self)
+
+    @property
+    def byte_ns(self) -> int:
+        """One byte on the serial line: a start bit, 8 data bits, parity and stop bits."""
+        return (9 + (self.parity != "none") + self.stop_bits) * 1_000_000_000 // self.baud
 
     @model_validator(mode="before")
     @classmethod
     def _former_keys(cls, given: Any) -> Any:
         """Recordings have them, too."""
         return _moved(given)
+
+    @model_validator(mode="after")
+    def _reachable(self) -> "RangerConfig":
+        if self.type == "modbus" and self.modbus.framing == "tcp" and not self.port.startswith("socket://"):
+            raise FieldError("needs a port socket://host:port (Modbus TCP: port 502)", "modbus", "framing")
+        return self
 
     @field_validator("median")
     @classmethod

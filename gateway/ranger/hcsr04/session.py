@@ -8,9 +8,9 @@ from collections import Counter
 
 from gateway.config import RangerConfig
 from gateway.core.readings import Quality, RangeReading, RangeStats
+from gateway.ranger.arrival_times import Arrival, ArrivalTracker
 from gateway.ranger.conditioning import Conditioner
 from gateway.ranger.contract import RangerType
-from gateway.ranger.hcsr04.arrival_times import Arrival, ArrivalTracker
 from gateway.ranger.hcsr04.protocol import (
     HELLO_PERIOD_S,
     PERIOD_MS,
@@ -65,7 +65,7 @@ class Hcsr04Session:
     def __init__(self, config: RangerConfig) -> None:
         self._temperature_c = config.hcsr04.temperature_c
         self._temperature_tolerance_c = config.hcsr04.temperature_tolerance_c
-        self._byte_ns = 10 * S // config.baud
+        self._byte_ns = config.byte_ns
         self._conditioner = Conditioner(config, PERIOD_MS * MS)
         self.damage: Counter[str] = Counter()
         """Damaged lines by protocol.Damage."""
@@ -79,7 +79,7 @@ class Hcsr04Session:
         self._decoder = Decoder()
         self.hello: Hello | None = None
         """The newest hello of this connection."""
-        self._arrivals = ArrivalTracker()
+        self._arrivals = ArrivalTracker(PERIOD_MS * MS)
         self._opened_ns = now_ns
         self._asked_ns: int | None = None
         self._received_ns: int | None = None  # any byte
@@ -245,4 +245,4 @@ class Hcsr04Session:
         return f"no measurement for {seconds:.0f} s"
 
 
-RANGER = RangerType(Hcsr04Session, period_s=PERIOD_MS / 1000, max_range_mm=4000.0)
+RANGER = RangerType(Hcsr04Session, period_s=lambda _: PERIOD_MS / 1000, max_range_mm=lambda _: FARTHEST_MM)

@@ -105,7 +105,7 @@ def check_laser(url: str) -> None:
         raise ConfigError(f"{url}: not a laser")
 
 
-LASER = RangerType(LaserSession, LaserPort, check_laser, max_range_mm=10_000.0)
+LASER = RangerType(LaserSession, LaserPort, check_laser, max_range_mm=lambda _: 10_000.0)
 
 
 @pytest.fixture(autouse=True)
@@ -187,10 +187,10 @@ def test_a_distance_that_it_cannot_measure_is_a_fault() -> None:
 
 
 def test_the_registry_lists_it_and_refuses_what_it_does_not_know() -> None:
-    assert RANGERS.names() == ("hcsr04", "laser")
-    with pytest.raises(ConfigError, match=r"ranger\.type = \"sonar\": .*'hcsr04' or 'laser'"):
+    assert RANGERS.names() == ("hcsr04", "modbus", "ascii", "laser")
+    with pytest.raises(ConfigError, match=r"ranger\.type = \"sonar\": .*'hcsr04', 'modbus', 'ascii' or 'laser'"):
         parse({"bays": [{"ranger": {"type": "sonar"}}]})
-    with pytest.raises(ConfigError, match="no ranger is called 'sonar'; there is: hcsr04, laser"):
+    with pytest.raises(ConfigError, match="no ranger is called 'sonar'; there is: hcsr04, modbus, ascii, laser"):
         RANGERS.load("sonar")
 
 

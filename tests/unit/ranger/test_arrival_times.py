@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.ranger.hcsr04.arrival_times import LATE_LINES, Arrival, ArrivalTracker, TimedLine
+from gateway.ranger.arrival_times import LATE_LINES, Arrival, ArrivalTracker, TimedLine
 
 MS = 1_000_000
 LIVE, BACKLOG, DUPLICATE = Arrival.LIVE, Arrival.BACKLOG, Arrival.DUPLICATE
@@ -16,7 +16,7 @@ def at(pace: ArrivalTracker, seq: int, ms: float, *, after_hello: bool = False) 
 
 def running(seq: int = 100, ms: float = 0.0) -> ArrivalTracker:
     """A connection that is live; the newest line is `seq` at `ms`."""
-    pace = ArrivalTracker()
+    pace = ArrivalTracker(60 * MS)
     at(pace, seq - 2, ms - 120)
     at(pace, seq - 1, ms - 60)
     assert LIVE is at(pace, seq, ms).arrival
@@ -24,7 +24,7 @@ def running(seq: int = 100, ms: float = 0.0) -> ArrivalTracker:
 
 
 def test_a_burst_after_opening_is_a_backlog_until_the_pace_is_the_sensors() -> None:
-    pace = ArrivalTracker()
+    pace = ArrivalTracker(60 * MS)
     places = [at(pace, n, 0.1 * n).arrival for n in range(50)]
     assert places == [BACKLOG] * 50
     assert BACKLOG is at(pace, 50, 5 + 20).arrival  # the first live one, but it came 20 ms after an old one
@@ -34,7 +34,7 @@ def test_a_burst_after_opening_is_a_backlog_until_the_pace_is_the_sensors() -> N
 
 def test_a_pause_between_two_bursts_ends_no_backlog() -> None:
     """A long way to the serial server: window by window, one round trip apart, comes what it had stored."""
-    pace = ArrivalTracker()
+    pace = ArrivalTracker(60 * MS)
     places = [at(pace, 100 * window + n, 100 * window + 0.1 * n).arrival for window in range(5) for n in range(100)]
     assert places == [BACKLOG] * 500
     assert [at(pace, 499 + n, 410 + 60 * n).arrival for n in (1, 2, 3)] == [BACKLOG, LIVE, LIVE]
@@ -42,7 +42,7 @@ def test_a_pause_between_two_bursts_ends_no_backlog() -> None:
 
 def test_lines_before_their_time_show_that_those_before_were_late() -> None:
     """Two short bursts with long pauses look like the sensor's pace; the third, long one cannot."""
-    pace = ArrivalTracker()
+    pace = ArrivalTracker(60 * MS)
     assert {at(pace, n, 230 * (n // 4)).arrival for n in range(8)} == {BACKLOG}
     third = [at(pace, 8 + n, 460).arrival for n in range(20)]
     assert third == [LIVE] * 3 + [BACKLOG] * 17  # 60, 120, 180 ms before its time
@@ -51,7 +51,7 @@ def test_lines_before_their_time_show_that_those_before_were_late() -> None:
 
 def test_lines_that_arrive_in_twos_are_no_backlog() -> None:
     """A serial server that packs what came within 120 ms."""
-    pace = ArrivalTracker()
+    pace = ArrivalTracker(60 * MS)
     places = [at(pace, n, 120 * (n // 2)).arrival for n in range(20)]
     assert places == [BACKLOG] * 4 + [LIVE] * 16
 
@@ -66,7 +66,7 @@ def test_a_restart_in_the_middle_of_a_backlog_makes_nothing_live() -> None:
 
 
 def test_backlog_with_a_hole_before_the_live_lines() -> None:
-    pace = ArrivalTracker()
+    pace = ArrivalTracker(60 * MS)
     for n in range(10):
         at(pace, n, 0)
     assert TimedLine(BACKLOG, 30 * MS) == at(pace, 500, 30)  # neither live nor a restart
@@ -75,7 +75,7 @@ def test_backlog_with_a_hole_before_the_live_lines() -> None:
 
 
 def test_half_a_cycle_is_the_limit() -> None:
-    pace = ArrivalTracker()
+    pace = ArrivalTracker(60 * MS)
     at(pace, 1, 0)
     assert BACKLOG is at(pace, 2, 30).arrival
     assert BACKLOG is at(pace, 3, 59.9).arrival
@@ -145,7 +145,7 @@ def test_a_resonator_off_by_one_percent_stays_live() -> None:
 
 @given(st.lists(st.tuples(st.integers(0, 0xFFFF), st.integers(0, 10**10), st.booleans()), max_size=60))
 def test_no_date_is_later_than_the_arrival(lines: list[tuple[int, int, bool]]) -> None:
-    pace, now_ns, live = ArrivalTracker(), 0, 0
+    pace, now_ns, live = ArrivalTracker(60 * MS), 0, 0
     for seq, step_ns, after_hello in lines:
         now_ns += step_ns
         placed = pace.judge(seq, now_ns, now_ns - 5 * MS, after_hello=after_hello)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from gateway.config import RangerConfig
 from gateway.config.sections.ranger import Hcsr04Config
 from gateway.core.readings import Quality, RangeReading
-from gateway.ranger.hcsr04.arrival_times import Arrival
+from gateway.ranger.arrival_times import Arrival
 from gateway.ranger.hcsr04.protocol import (
     NO_FLAGS,
     Damage,

@@ -18,8 +18,8 @@ from collections import deque
 from dataclasses import dataclass
 from enum import Enum, auto
 
-from gateway.ranger.hcsr04.protocol import MAX_SEQ, PERIOD_MS
-
+MAX_SEQ = 0xFFFF
+"""Sequence numbers have 16 bits, and wrap."""
 LATE_NS = 150_000_000
 """Arrival jitter that is let pass: a date is never fresher than the truth by more than this, once the pace is known."""
 PAUSES = 2
@@ -56,10 +56,10 @@ class _Last:
 
 
 class ArrivalTracker:
-    """Follows the sequence numbers of one connection."""
+    """Follows the sequence numbers of one connection; `period_ns`: between two lines, until the sensor reports it."""
 
-    def __init__(self) -> None:
-        self.period_ns = PERIOD_MS * 1_000_000
+    def __init__(self, period_ns: int) -> None:
+        self.period_ns = period_ns
         self._last: _Last | None = None
         self._draining = True
         self._anchor: _Last | None = None  # the line since which the pace has been kept
