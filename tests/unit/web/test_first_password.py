@@ -45,7 +45,7 @@ def names(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(own_host, "own_names", lambda: ("bay-pc.local", "bay-pc"))
 
 
-def browser_of(secured: SecuredApp, **more: str) -> Browser:
+def browser_of(secured: SecuredApp, **more: Any) -> Browser:
     return Browser(secured, **{"scheme": "https", **more})
 
 
@@ -66,7 +66,7 @@ async def test_before_there_is_a_user_every_address_leads_to_one_page_and_nothin
             assert (socket.status, socket.data) == (401, 0), rule.path
             continue
         of_pages = rule.least is Level.OPEN and rule.path not in ("/healthz", "/api/login")
-        ask = {"POST": browser.post, "DELETE": browser.delete}.get(rule.method, browser.get)
+        ask: Any = {"POST": browser.post, "DELETE": browser.delete}.get(rule.method, browser.get)
         answer = await ask(example(rule))
         expected = 200 if of_pages else 303 if rule.page else 401
         assert (rule.path, answer.status) == (rule.path, expected)
