@@ -30,6 +30,7 @@ def write(
         (tree / SHARE / "release.gpg").write_bytes(keyring)
     files = {
         f"{SHARE}/gateway.toml": HERE / "debian/gateway.toml",
+        f"{SHARE}/avahi.service": HERE / "debian/avahi.service",
         f"usr/lib/sysusers.d/{NAME}.conf": HERE / f"sysusers/{NAME}.conf",
         f"usr/lib/udev/rules.d/70-{NAME}.rules": HERE / f"udev/70-{NAME}.rules",
         f"usr/share/doc/{NAME}/copyright": HERE / "debian/copyright",

@@ -99,6 +99,8 @@ def test_a_machine_without_a_network(machine: Machine, package: Path, picture: P
         "drwxrwx--- root loading-gateway",  # the pages save to it
         "-rw-rw---- loading-gateway loading-gateway",  # who replaces only a file of its own
     ]
+    announced = "/etc/avahi/services/loading-gateway.service"
+    assert "<port>8080</port>" in machine.sh(f"cat {announced}")
     groups = machine.sh("id -nG loading-gateway").split()
     assert sorted(groups) == ["dialout", "loading-gateway", "video"]
     enabled = "/etc/systemd/system/multi-user.target.wants/loading-gateway.service"
@@ -113,7 +115,8 @@ def test_a_machine_without_a_network(machine: Machine, package: Path, picture: P
 
     # At work, as the service's user: nothing it reads is root's alone.
     user = "setpriv --reuid=loading-gateway --regid=loading-gateway --init-groups "
-    machine.sh(f"{user} loading-gateway check {CONFIG}")
+    checked = machine.sh(f"{user} loading-gateway check {CONFIG}")
+    assert "pages on 0.0.0.0:8080, with TLS, the driver's display without a login; no users: the first" in checked
     found = detected(machine, picture)
     assert found["u"] == pytest.approx(150.25, abs=0.1)
     assert found["v"] == pytest.approx(100.5, abs=0.1)
@@ -139,10 +142,12 @@ def test_a_machine_without_a_network(machine: Machine, package: Path, picture: P
 
     # The next version lies beside the one that runs; what the administrator wrote stays, without a question, though the
     # package's own file is another one.
-    machine.sh(f"echo '# ours' >>{CONFIG}")
+    # A file of before there was a first password is not opened to the network by it, and not announced.
+    machine.sh(f"echo '# ours' >>{CONFIG}; sed -i /first_password/d {CONFIG}; rm {announced}")
     said = machine.install(with_other_defaults(built(tmp_path, HERE, "1.2.4")))
     assert "plant2" in machine.sh("cat /usr/share/loading-gateway/gateway.toml")
     assert "plant2" not in machine.sh(f"cat {CONFIG}")
+    assert machine.sh(f"grep -c first_password {CONFIG} || true; ls {announced} 2>/dev/null || true") == "0\n"
     assert "version 1.2.4 is installed beside 1.2.3, which goes on running" in said
     assert machine.sh(f"ls {OPT}/versions; loading-gateway --version; tail -n 1 {CONFIG}").splitlines() == [
         *("1.2.3", "1.2.4", "gateway 1.2.3", "# ours"),
