@@ -2,24 +2,31 @@
 
 import asyncio
 import logging
+import socket
 import tomllib
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 from argon2 import PasswordHasher
 
 from gateway import config
+from gateway.clock import SystemClock
 from gateway.config import HmiConfig, parse
+from gateway.doctor import network
 from gateway.errors import ConfigError
+from gateway.hub import Hub
 from gateway.net import own_host
 from gateway.web.auth.access import Level
 from gateway.web.auth.audit_log import AuditKind
 from gateway.web.auth.login_throttle import is_of_network
 from gateway.web.auth.security import SecurityMiddleware
+from gateway.web.host.status import StatusCollector
+from gateway.web.host.web_process_service import WebProcessService
+from gateway.web.ipc.messages import WebSetup
 from gateway.web.server.app import RULES, routes_app
 from gateway.web.server.services import services_of
 from tests.unit.web.asgi import Answer
@@ -260,3 +267,27 @@ def test_where_it_makes_no_sense_the_file_is_refused(text: str, expected: str) -
 
 def test_nothing_is_read_without_a_login_afterwards_where_none_is_wanted() -> None:
     parse(tomllib.loads(FILE + 'without_login = "none"'))
+
+
+@pytest.mark.parametrize(
+    ("more", "expected"),
+    [
+        (FILE, "nobody has made the first password yet, at {urls}"),
+        (FILE + USER, "pages at {urls}"),
+        (FILE.replace("0.0.0.0", "127.0.0.1"), ""),
+    ],
+)
+def test_the_status_and_the_doctor_say_where_the_pages_are(
+    monkeypatch: pytest.MonkeyPatch, more: str, expected: str
+) -> None:
+    monkeypatch.setattr(own_host, "own_addresses", lambda: ["192.168.1.50", "127.0.0.1"])
+    monkeypatch.setattr(own_host, "MDNS_SOCKET", Path("/nonexistent"))
+    found = parse(tomllib.loads(more + "[modbus]\nport = 0\n"))
+    with socket.socket() as listening:
+        listening.bind(("127.0.0.1", 0))
+        service = WebProcessService(cast(Any, None), WebSetup(found, SystemClock(), {}), (listening,))
+        urls = f"https://192.168.1.50:{listening.getsockname()[1]}/"
+        told = StatusCollector(found, Hub(["bay1"]), pages=service.where).summary(0).split("; ")[1:]
+    assert (told[0] if expected else "") == expected.format(urls=urls)
+    of_doctor = [line.result for line in network.ports(found, running=True) if line.part == "pages"]
+    assert of_doctor == (["open https://192.168.1.50:8080/"] if expected else [])
