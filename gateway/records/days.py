@@ -1,10 +1,12 @@
 """Days of the plant's own calendar: those of the time zone of the gateway's machine. Pure, but for that zone."""
 
 import os
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, timedelta, tzinfo
 from datetime import time as time_of_day
 from pathlib import Path
+from zoneinfo import ZoneInfo
 
 MS_PER_S = 1000
 _ZONES = "/zoneinfo/"
@@ -52,6 +54,15 @@ def machine_zone_name() -> str:
     except OSError:
         written = ""
     return written or _local(0, None).tzname() or ""
+
+
+def known_zone() -> str:
+    """The machine's zone by a name that its own time zone database has; else its offset at present, "+05:30"."""
+    name, here = machine_zone_name(), datetime.now(UTC).astimezone()
+    with suppress(KeyError, ValueError, OSError):  # no such name; no database
+        if here.astimezone(ZoneInfo(name)).utcoffset() == here.utcoffset():
+            return name
+    return here.isoformat()[-6:]
 
 
 def _midnight_ms(day: date, zone: tzinfo | None) -> int:

@@ -12,6 +12,7 @@ from gateway.durations import NS_PER_S
 from gateway.errors import ProtocolError
 from gateway.records import account, picture_search
 from gateway.records.chain import Link
+from gateway.records.days import machine_zone_name
 from gateway.records.inquiry import Answer
 from gateway.records.moment import clock, shown, unix_ns
 from gateway.records.segment import RecordedPicture
@@ -35,7 +36,7 @@ def html(answer: Answer, pictures: Sequence[RecordedPicture], made: str) -> str:
     body = [
         STYLE,
         f"<h1>{plain(title)}</h1>",
-        f'<p class="soft">{plain(f"{head.site}.{head.instance}, gateway {head.gateway_version}")}</p>',
+        f'<p class="soft">{plain(f"{head.site}.{head.instance}, gateway {head.gateway_version}, times of {machine_zone_name()}")}</p>',
         f"<p><strong>{plain(account.headline(answer))}</strong></p>",
         *(f'<p><strong class="warn">{plain(text)}</strong></p>' for text in account.warnings(answer)),
     ]

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator
 from contextlib import ExitStack
+from datetime import datetime
 from pathlib import Path
 
 import pytest
@@ -50,21 +51,18 @@ def hovered(page: Page, at_ms: int) -> str:
     box = over.bounding_box()
     title = page.locator("#past-title").inner_text()
     assert box is not None
-    begins = page.evaluate("(text) => new Date(text).getTime()", iso(title.split(": ", 1)[1].split(" to ")[0]))
+    begins = (
+        1000 * datetime.fromisoformat(title.split(": ", 1)[1].split(" to ")[0]).timestamp()
+    )  # as the gateway's zone
     share = (at_ms - begins) / 3_600_000
     page.mouse.move(box["x"] + share * box["width"], box["y"] + box["height"] / 2)
     return page.locator(".past .read").inner_text()
 
 
-def iso(stamp: str) -> str:
-    day, time, zone = stamp.strip().split(" ")
-    return f"{day}T{time}{zone}"
-
-
 @pytest.mark.long
 def test_hover_reads_the_values_and_a_gap_reads_as_one(page: Page) -> None:
     text = hovered(page, BEGIN_MS + 30_000)
-    assert re.search(r"^\d{4}-\d\d-\d\d \d\d:\d\d:\d\d [+-]\d\d:\d\d", text)
+    assert re.search(r"^\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\b", text)
     assert re.search(r"R 100 to 180.px, mean 15[45]", text)
     assert re.search(r"Z 300 to 900.mm, mean 600", text)
     assert "stop 30" in text or "stop 29" in text
@@ -93,7 +91,7 @@ def test_visits_are_listed_filtered_and_given_as_a_file(page: Page) -> None:
     page.get_by_role("button", name="day", exact=True).click()
     expect(page.locator(".visits tbody tr")).to_have_count(2)
     newest = page.locator(".visits tbody tr").first
-    expect(newest).to_contain_text("no echo 2 ×")
+    expect(newest).to_contain_text("(2 times)")
     expect(newest).to_contain_text(re.compile(r"181\.5.px"))
     picture = newest.locator("img")
     until(page, lambda: picture.evaluate("(img) => img.naturalWidth") == 64)
@@ -131,7 +129,7 @@ def test_a_visit_is_a_film(page: Page) -> None:
 def test_a_press_on_one_of_the_last_trucks_asks_why(page: Page) -> None:
     trucks = page.locator(".trucks a")
     expect(trucks).to_have_count(2)
-    expect(trucks.first).to_contain_text("no echo 2 ×")
+    expect(trucks.first).to_contain_text("(2 times)")
     until(page, lambda: trucks.first.locator("img").evaluate("(img) => img.naturalWidth") == 64)
     trucks.first.click()
     expect(page.locator(".why-panel .answer")).to_contain_text("No complete state of that moment is recorded")
@@ -140,11 +138,11 @@ def test_a_press_on_one_of_the_last_trucks_asks_why(page: Page) -> None:
 def test_why_is_asked_of_the_chosen_moment(site: Plant, page: Page) -> None:
     page.get_by_label("moment").fill("")
     page.locator(".events").get_by_role("button").first.click()
-    expect(page.locator(".why-panel header")).to_contain_text(re.compile(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d{3} [+-]"))
+    expect(page.locator(".why-panel header")).to_contain_text(re.compile(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d{3}"))
     page.get_by_role("button", name="Why?", exact=True).click()
     # The recording has no complete state.
     expect(page.locator(".why-panel")).to_contain_text("No complete state of that moment is recorded")
-    report = page.get_by_role("link", name="Report").get_attribute("href")
+    report = page.locator(".why-panel").get_by_role("link", name="Report").get_attribute("href")
     assert report is not None
     assert re.search(rf"/api/bays/bay1/why\.html\?at_ms={LATER_MS + 59_000}$", report)
 

@@ -1,6 +1,6 @@
 import assert from 'node:assert/strict';
 import test from 'node:test';
-import { between, every, isDay, moment, plus, spans, weekday } from '../static/lib/days.js';
+import { between, every, isDay, plus, spans, weekday } from '../static/lib/days.js';
 
 test('days of the calendar have no zone', () => {
   assert.equal(plus('2026-03-28', 1), '2026-03-29');
@@ -28,11 +28,6 @@ test('the spans that people ask for end today, or with a whole month', () => {
     'This month': ['2026-03-01', '2026-03-01'],
     'Last month': ['2026-02-01', '2026-02-28'],
   });
-});
-
-test('a moment keeps its date and its zone', () => {
-  assert.equal(moment('2026-11-23T03:14:00+01:00'), '2026-11-23 03:14:00 +01:00');
-  assert.equal(moment(null), '–');
 });
 
 test('as many labels as there is room for, the last of them always', () => {

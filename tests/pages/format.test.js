@@ -1,6 +1,8 @@
 import assert from 'node:assert/strict';
 import test from 'node:test';
-import { NONE, age, clock, driverDistance, number, px, signed, words } from '../static/lib/format.js';
+import { stampOf } from '../static/lib/days.js';
+import { NONE, age, clock, day, driverDistance, number, px, signed, stamp, words } from '../static/lib/format.js';
+import { learnZone, unixOf, zoneText } from '../static/lib/zone.js';
 
 const N = '\u202f';
 
@@ -49,4 +51,30 @@ test('times of day, and names of the wire as words', () => {
   assert.equal(clock(at, { ms: true }), '07:05:09.042');
   assert.equal(clock(at, { date: true }), '2026-11-21 07:05:09');
   assert.equal(words('NO_TARGET'), 'no target');
+});
+
+test('times are of the zone of the gateway, also over a change of its clocks', () => {
+  learnZone('Europe/Berlin');
+  const [winter, summer] = [Date.UTC(2026, 0, 15, 11), Date.UTC(2026, 6, 1, 6, 0, 0, 7)];
+  assert.deepEqual([zoneText(winter), zoneText(summer)], ['Europe/Berlin, UTC+1', 'Europe/Berlin, UTC+2']);
+  // The last second of a day of 23 hours, and the first of the next.
+  const midnight = Date.UTC(2026, 2, 29, 22);
+  assert.deepEqual([midnight - 1000, midnight].map(day), ['2026-03-29', '2026-03-30']);
+  assert.deepEqual([Date.UTC(2026, 2, 29, 0, 59, 59), Date.UTC(2026, 2, 29, 1)].map((at) => clock(at)), ['01:59:59', '03:00:00']);
+  assert.equal(stamp(winter, { nowMs: winter }), '2026-01-15 12:00:00'); // as the page names it
+  assert.equal(stamp(summer, { nowMs: winter, ms: true }), '2026-07-01 08:00:00.007 UTC+2');
+  assert.equal(stamp(null), NONE);
+  assert.equal(stampOf('2026-01-15T12:00:00+01:00', { nowMs: winter }), '2026-01-15 12:00:00');
+  assert.equal(stampOf('2026-01-15 12:00:00.500+01:00', { nowMs: winter, ms: true }), '2026-01-15 12:00:00.500');
+  assert.equal(stampOf(null), NONE);
+  // As a field of the page has it, and back.
+  for (const at of [winter, summer - 7, midnight, Date.UTC(2026, 2, 29, 0, 59, 59)]) assert.equal(unixOf(clock(at, { date: true }).replace(' ', 'T')), at);
+  assert.ok(Number.isNaN(unixOf('')));
+  learnZone('Asia/Kathmandu');
+  assert.equal(zoneText(winter), 'Asia/Kathmandu, UTC+5:45');
+  learnZone('Nowhere/Never');
+  learnZone('');
+  assert.equal(zoneText(winter), 'Asia/Kathmandu, UTC+5:45');
+  learnZone('UTC');
+  assert.equal(zoneText(winter), 'UTC');
 });

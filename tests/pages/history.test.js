@@ -1,6 +1,6 @@
 import assert from 'node:assert/strict';
 import test from 'node:test';
-import { VISIT_KINDS, momentOf, verdict, abnormal, abnormalEvent, bucketAt, bucketText, columns, faultsText, firstScale, frameMs, hashOf, pictureAt, placeOf, spanOf, stamp, stopOf, usual, windowAt, zone } from '../static/lib/history.js';
+import { VISIT_KINDS, momentOf, verdict, abnormal, abnormalEvent, bucketAt, bucketText, columns, faultsText, firstScale, frameMs, hashOf, pictureAt, placeOf, spanOf, stopOf, usual, windowAt } from '../static/lib/history.js';
 
 const MIN = 60_000;
 const bucket = (t_ms, more = {}) => ({ t_ms, recorded_s: 60, may_move_s: 0, in_place_s: 0, stop_s: {}, r_min: null, r_mean: null, r_max: null, z_min: null, z_mean: null, z_max: null, ...more });
@@ -67,14 +67,6 @@ test('a window has its length, whole minutes at its end, and ends at the newest'
     assert.ok(Math.abs((early.sinceMs + early.untilMs) / 2 - (last - 2 * ms)) <= MIN);
   }
   assert.equal(windowAt(1000, 'hour', 10 * 3_600_000).sinceMs, 0);
-});
-
-test('times carry their date and their zone', () => {
-  const at = 1_795_400_040_000;
-  assert.match(stamp(at), /^2026-11-2[23] \d\d:\d\d:\d\d [+-]\d\d:\d\d$/);
-  assert.equal(new Date(stamp(at).replace(' ', 'T').replace(' ', '')).getTime(), at);
-  assert.match(zone(at), /^[+-]\d\d:\d\d$/);
-  assert.equal(stamp(null), '–');
 });
 
 test('a film keeps time, and does not wait through silences', () => {

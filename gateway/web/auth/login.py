@@ -5,6 +5,7 @@ from starlette.datastructures import Headers
 from starlette.requests import Request
 from starlette.responses import JSONResponse
 
+from gateway.records.days import known_zone
 from gateway.web.auth.access import LOGIN_BYTES, Level
 from gateway.web.auth.addresses import Addresses
 from gateway.web.auth.headers import safe_next
@@ -35,6 +36,9 @@ class SessionView(BaseModel):
     expires_in_s: int | None = Field(description="until the login ends in any case; null without a login")
     bays: list[str] = Field(description="names, in the configuration's order; empty for role none")
     titles: dict[str, str] = Field(description="of the bays that have one, by name")
+    time_zone: str = Field(
+        description="of every time on the pages: that of the gateway's machine, by its name or offset; empty for role none"
+    )
     next: str | None = Field(None, description="after a login: where to go")
 
 
@@ -53,6 +57,7 @@ def _view(request: Request, caller: Caller, next_page: str | None = None) -> dic
         expires_in_s=None if caller.session is None else int(logins.remaining_s(caller.session)),
         bays=list(bays),
         titles={name: title for name, title in bays.items() if title},
+        time_zone=known_zone() if bays else "",
         next=next_page,
     ).model_dump()
 

@@ -1,11 +1,11 @@
 // What stands at an address of no page.
 
-import { get } from './lib/api.js';
 import { html, render } from './lib/page.js';
+import { renewed } from './lib/start.js';
 import { titled } from './lib/title.js';
 import { Brand, Pages, SessionMenu } from './lib/top.js';
 
-const session = await get('/api/session').catch(() => null); // the page itself stands without it
+const session = await renewed().catch(() => null); // the page itself stands without it
 titled('No such page');
 render(html`<header class="top"><${Brand} title="Loading gateway" />
     ${['viewer', 'technician'].includes(session?.role) && html`<${Pages} session=${session} current="" /><div class="facts push"><${SessionMenu} session=${session} /></div>`}</header>

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.records.days import LocalDay, local_date, local_days, machine_zone_name, shown
+from gateway.records.days import LocalDay, known_zone, local_date, local_days, machine_zone_name, shown
 
 BERLIN = ZoneInfo("Europe/Berlin")
 HOUR_MS = 3_600_000
@@ -98,3 +98,14 @@ def test_without_a_variable_it_is_the_one_that_etc_localtime_links(monkeypatch: 
     monkeypatch.setattr(os.path, "realpath", lambda path: path)
     monkeypatch.setattr(Path, "read_text", lambda *_, **__: "Asia/Tokyo\n")
     assert machine_zone_name() == "Asia/Tokyo"
+
+
+@pytest.mark.parametrize(
+    ("written", "named"), [("Europe/Berlin", "Europe/Berlin"), ("Nowhere/Never", "+00:00"), ("<+0530>-5:30", "+05:30")]
+)
+def test_the_pages_are_told_a_zone_that_is_known(monkeypatch: pytest.MonkeyPatch, written: str, named: str) -> None:
+    with monkeypatch.context() as changed:
+        changed.setenv("TZ", written)
+        time.tzset()
+        assert known_zone() == named
+    time.tzset()

@@ -2,9 +2,9 @@
 
 import { html, useEffect, useState } from '../lib/page.js';
 import { below } from '../lib/address.js';
-import { clock, number, words } from '../lib/format.js';
+import { clock, number, stamp, words } from '../lib/format.js';
 import { listed, t, text } from '../lib/lang.js';
-import { frameMs, pictureAt, spanOf, stamp } from '../lib/history.js';
+import { frameMs, pictureAt, spanOf } from '../lib/history.js';
 import { useAnswer } from './answers.js';
 import { Timeline } from './timeline.js';
 import { pictureUrl } from './visits.js';

@@ -3,10 +3,11 @@
 
 import { html, useEffect, useErrorBoundary, useMemo, useRef, useState } from '../lib/page.js';
 import { called } from '../lib/bays.js';
-import { words } from '../lib/format.js';
-import { MARKED, SCALES, abnormalEvent, firstScale, hashOf, inputTime, placeOf, spanOf, stamp, windowAt, zone } from '../lib/history.js';
+import { stamp, words } from '../lib/format.js';
+import { MARKED, SCALES, abnormalEvent, firstScale, hashOf, inputTime, placeOf, spanOf, windowAt } from '../lib/history.js';
 import { listed, t, text } from '../lib/lang.js';
 import { titled } from '../lib/title.js';
+import { unixOf } from '../lib/zone.js';
 import { start } from '../lib/start.js';
 import { Top } from '../lib/top.js';
 import { useHash, useKept } from '../operator/hooks.js';
@@ -97,7 +98,7 @@ function Bay({ bay, place, records, scale, setScale }) {
             <button type="button" disabled=${untilMs >= lastMs} onClick=${() => go(lastMs)}>Newest</button>
           </div>
           <label class="small">moment <input type="datetime-local" step="1" value=${atMs === null ? '' : inputTime(atMs)}
-            onChange=${(event) => { const ms = new Date(event.target.value).getTime(); if (Number.isFinite(ms)) { setAtMs(ms); go(ms); } }} /> ${zone(atMs ?? untilMs)}</label>
+            onChange=${(event) => { const ms = unixOf(event.target.value); if (Number.isFinite(ms)) { setAtMs(ms); go(ms); } }} /></label>
         </div>
       </header>
       ${trend.wrong && html`<p class="notice warn small" role="status">${trend.wrong}</p>`}

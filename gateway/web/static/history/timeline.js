@@ -4,11 +4,12 @@
 import { html, useEffect, useRef, useState } from '../lib/page.js';
 import { nice, written } from '../lib/bars.js';
 import { FONT, cleared, hatched, textScale } from '../lib/canvas.js';
-import { clock, day, words } from '../lib/format.js';
-import { bucketAt, bucketText, columns, stamp, stopOf } from '../lib/history.js';
+import { clock, day, stamp, words } from '../lib/format.js';
+import { bucketAt, bucketText, columns, stopOf } from '../lib/history.js';
 import { listed, t, text } from '../lib/lang.js';
 import { colour, ink } from '../lib/theme.js';
 import { inUnit, lengthUnit } from '../lib/units.js';
+import { zoneName } from '../lib/zone.js';
 
 const { uPlot } = /** @type {any} */ (globalThis); // vendor/uplot.js, which the page loads before
 
@@ -33,6 +34,7 @@ function chart(at, { label, unit, names, bare, sync, moved }) {
     {
       width: 300, height: 100, pxAlign: 0, padding: [10 * scale, 20 * scale, bare ? 8 * scale : 0, 0], legend: { show: false },
       cursor: { sync: { key: sync }, drag: { x: false, y: false }, points: { show: false } },
+      tzDate: (t) => uPlot.tzDate(new Date(1000 * t), zoneName()), // its days begin with the zone's
       scales: { x: { time: true }, y: { range: () => [0, limits.most] } },
       series: [{}, line(0.5, ink('--band-line')), line(0.5, ink('--band-line')), line(1.6, ink('--value'))],
       bands: [{ series: [2, 1], fill: ink('--band') }],

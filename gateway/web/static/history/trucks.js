@@ -1,9 +1,9 @@
 // The last trucks of a bay, the newest first; a press asks why at the moment that matters.
 
 import { html } from '../lib/page.js';
-import { moment, number } from '../lib/format.js';
+import { moment, number, stamp } from '../lib/format.js';
 import { text } from '../lib/lang.js';
-import { BAD, hashOf, momentOf, stamp, usual, verdict } from '../lib/history.js';
+import { BAD, hashOf, momentOf, usual, verdict } from '../lib/history.js';
 import { useFetched } from '../operator/hooks.js';
 import { pictureUrl } from './visits.js';
 

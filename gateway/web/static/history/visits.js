@@ -1,11 +1,11 @@
 // The visits of the window as a table with pictures; a filter; the same as CSV.
 
 import { html, useState } from '../lib/page.js';
-import { number, px, signed, words } from '../lib/format.js';
+import { number, px, signed, stamp, words } from '../lib/format.js';
 import { listed, t, text } from '../lib/lang.js';
 import { quantity } from '../lib/quantity.js';
 import { distance, signedDistance } from '../lib/units.js';
-import { VISIT_KINDS, faultsText, stamp, usual } from '../lib/history.js';
+import { VISIT_KINDS, faultsText, usual } from '../lib/history.js';
 
 /** Address of a kept picture. */
 export const pictureUrl = (bay, { file, place }, width) =>

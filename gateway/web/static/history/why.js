@@ -3,8 +3,8 @@
 
 import { html, useEffect, useRef, useState } from '../lib/page.js';
 import { listed, t, text } from '../lib/lang.js';
-import { stamp } from '../lib/history.js';
-import { words } from '../lib/format.js';
+import { stamp, words } from '../lib/format.js';
+import { stampOf } from '../lib/days.js';
 import { useAnswer } from './answers.js';
 
 const CHAIN = ['time', 'what', 'by', 'why'];
@@ -40,10 +40,10 @@ export function Why({ bay, atMs, asked, ask }) {
       ${wrong && html`<p class="notice warn">${wrong}</p>`}
     </div>
     ${answer && !busy && html`<div class="answer" tabindex="0" role="region" aria-label="the answer">
-      <p class="small muted" translate="no">${answer.time.slice(0, 23)} ${answer.time.slice(23)}</p>
+      <p class="small muted" translate="no">${stampOf(answer.time, { ms: true })}</p>
       <p class="headline" translate="no">${answer.headline}</p>
       ${answer.warnings.filter((text) => text !== answer.headline).map((text) => html`<p class="notice warn small" translate="no">${text}</p>`)}
-      ${outputs && html`<p class="small">${listed([`stop ${outputs.stop}`, `may_move ${outputs.may_move}`, `in_place ${outputs.in_place}`, text('reason: {0}', t(words(outputs.reason))), answer.since && text('so since {0}', answer.since)])}</p>`}
+      ${outputs && html`<p class="small">${listed([`stop ${outputs.stop}`, `may_move ${outputs.may_move}`, `in_place ${outputs.in_place}`, text('reason: {0}', t(words(outputs.reason))), answer.since && text('so since {0}', stampOf(answer.since, { ms: true }))])}</p>`}
       ${answer.causes.length > 1 && html`<h3>Besides</h3><ul class="notes">${answer.causes.slice(1).map((cause) => html`<li translate="no">${cause.text}</li>`)}</ul>`}
       ${timed(answer.chain, 'How it came about')}
       ${timed(answer.after, 'And then')}

@@ -1,5 +1,7 @@
 // Days of the plant's calendar as the gateway names them, "2026-11-23". Pure: no clock, and not this computer's zone.
 
+import { stamp } from './format.js';
+
 const DAY_MS = 86_400_000;
 
 const ms = (day) => Date.UTC(Number(day.slice(0, 4)), Number(day.slice(5, 7)) - 1, Number(day.slice(8, 10)));
@@ -30,8 +32,8 @@ export function spans(today) {
   ];
 }
 
-/** "2026-11-23T03:14:00+01:00" as people read it: date, time of day to the second, offset. */
-export const moment = (text) => (text ? text.replace('T', ' ').replace(/([+-]\d\d:\d\d)$/, ' $1') : '–');
+/** The gateway's "2026-11-23T03:14:00+01:00" as people read it. @param {string|null} text @param {object} [how] as of `stamp` */
+export const stampOf = (text, how) => stamp(text ? Date.parse(text.replace(' ', 'T')) : null, how);
 
 /** Which of `count` labels are drawn where only `room` have room: the last one always. @returns {(at: number) => boolean} */
 export function every(count, room) {

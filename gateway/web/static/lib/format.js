@@ -1,5 +1,7 @@
 // Values as people read them. Pure: no clock, no page.
 
+import { offset, wall } from './zone.js';
+
 /** What stands where there is no value: never 0, never the last good one. */
 export const NONE = '–';
 
@@ -53,20 +55,23 @@ export const scarce = (n) => known(n) && n < FEW;
 /** To the nearest whole; 12 345 -> "12 345". */
 export const count = (value) => number(value, 0);
 
-/** Unix ms as the reader's own time of day; with the date when it is not `today`. */
+/** Unix ms as the time of day in the pages' zone; on request with the date. */
 export function clock(unixMs, { date = false, ms = false } = {}) {
   if (!known(unixMs)) return NONE;
-  const at = new Date(unixMs);
-  const two = (n) => String(n).padStart(2, '0');
-  const time = `${two(at.getHours())}:${two(at.getMinutes())}:${two(at.getSeconds())}`;
-  const fine = ms ? `${time}.${String(at.getMilliseconds()).padStart(3, '0')}` : time;
-  return date ? `${at.getFullYear()}-${two(at.getMonth() + 1)}-${two(at.getDate())} ${fine}` : fine;
+  const text = wall(unixMs).toISOString().replace('T', ' ');
+  return text.slice(date ? 0 : 11, ms ? 23 : 19);
+}
+
+/** Date and time; with the offset where it is another than now, as the page names it. */
+export function stamp(unixMs, { ms = false, nowMs = Date.now() } = {}) {
+  const from = known(unixMs) ? offset(unixMs) : '';
+  return clock(unixMs, { date: true, ms }) + (from && from !== offset(nowMs) ? ` ${from}` : '');
 }
 
 /** Time of day; with its date where that is not the day of `nowMs`. */
 export const moment = (unixMs, { ms = false, nowMs = Date.now() } = {}) => clock(unixMs, { ms, date: day(unixMs) !== day(nowMs) });
 
-/** Unix ms as the reader's own day. */
+/** Unix ms as the day in the pages' zone. */
 export const day = (unixMs) => (known(unixMs) ? clock(unixMs, { date: true }).slice(0, 10) : NONE);
 
 /** A share as a percentage. */

@@ -39,16 +39,6 @@ export const abnormalEvent = (event, visits) =>
 /** Is a stop for this reason, or an event of this kind, something abnormal? */
 export const abnormal = (name) => BAD.has(name) || !(NORMAL.has(name) || MARKED.includes(name));
 
-/** Offset of the reader's zone at that moment, "+01:00". */
-export function zone(unixMs) {
-  const minutes = -new Date(unixMs).getTimezoneOffset();
-  const two = (n) => String(Math.trunc(n)).padStart(2, '0');
-  return `${minutes < 0 ? '-' : '+'}${two(Math.abs(minutes) / 60)}:${two(Math.abs(minutes) % 60)}`;
-}
-
-/** Date, time and zone. */
-export const stamp = (unixMs, how = {}) => (known(unixMs) ? `${clock(unixMs, { date: true, ...how })} ${zone(unixMs)}` : NONE);
-
 /** For an input of kind datetime-local. */
 export const inputTime = (unixMs) => clock(unixMs, { date: true }).replace(' ', 'T');
 

@@ -4,6 +4,15 @@
 import { get, toLogin } from './api.js';
 import { learnTitles } from './bays.js';
 import { html, render, useErrorBoundary } from './page.js';
+import { learnZone } from './zone.js';
+
+/** Who is logged in; from then on bays have their titles, and times the gateway's zone. */
+export async function renewed() {
+  const session = await get('/api/session');
+  learnTitles(session.titles);
+  learnZone(session.time_zone);
+  return session;
+}
 
 /** The page, or that it has failed. @param {(props: {session: any}) => any} Page */
 export const guarded = (Page) => function Guarded({ session }) {
@@ -15,8 +24,7 @@ export const guarded = (Page) => function Guarded({ session }) {
 /** Draws the page. @param {(props: {session: any}) => any} Page with its own guard against failing */
 export async function start(Page) {
   try {
-    const session = await get('/api/session');
-    learnTitles(session.titles);
+    const session = await renewed();
     render(html`<${Page} session=${session} />`, document.body);
   } catch (error) {
     if (error.status === 401) return toLogin();

@@ -8,6 +8,7 @@ import { choose as chooseLanguage, language, t, text } from './lang.js';
 import { html, offered, translated } from './page.js';
 import { setTheme, theme } from './theme.js';
 import { setUnits, units } from './units.js';
+import { zoneText } from './zone.js';
 
 /** `more`: the instance, where `title` is the site's own name; else `title` is a text. @param {{title?: any, more?: any}} words */
 export const Brand = ({ title = 'Loading bays', more = '' }) => html`<a class="brand" href=${kiosk ? undefined : '/'}><svg viewBox="0 0 32 32" aria-hidden="true"><circle cx="16" cy="16" r="10" fill="none" stroke="currentColor" stroke-width="3" /><path d="M16 2v9M16 21v9M2 16h9M21 16h9" stroke="currentColor" stroke-width="2.4" /></svg>
@@ -110,7 +111,8 @@ export function ViewMenu() {
 /** `next`: where to go after a login. @param {{session: any, next?: string}} at */
 export function SessionMenu({ session, next = location.pathname + location.search }) {
   if (kiosk) return '';
+  const zone = html`<span class="muted nowrap" title="the gateway's time zone: of every time on this page">${text('Times: {0}', zoneText(Date.now()))}</span>`;
   if (session.name !== null)
-    return html`<${ViewMenu} /><span translate="no" title=${translated(session.role)}>${session.name}</span><button type="button" class="plain small" onClick=${() => logOut(session.csrf)}>Log out</button>`;
-  return session.can_login ? html`<${ViewMenu} /><a href=${`/login?next=${encodeURIComponent(next)}`}>Log in</a>` : html`<${ViewMenu} /><span class="muted">${text('no login ({0})', t(session.role))}</span>`;
+    return html`${zone}<${ViewMenu} /><span translate="no" title=${translated(session.role)}>${session.name}</span><button type="button" class="plain small" onClick=${() => logOut(session.csrf)}>Log out</button>`;
+  return session.can_login ? html`${zone}<${ViewMenu} /><a href=${`/login?next=${encodeURIComponent(next)}`}>Log in</a>` : html`${zone}<${ViewMenu} /><span class="muted">${text('no login ({0})', t(session.role))}</span>`;
 }

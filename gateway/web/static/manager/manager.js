@@ -3,7 +3,7 @@
 import { html, useEffect, useState } from '../lib/page.js';
 import { get, toLogin } from '../lib/api.js';
 import { called } from '../lib/bays.js';
-import { between, isDay, moment, spans } from '../lib/days.js';
+import { between, isDay, stampOf, spans } from '../lib/days.js';
 import { text } from '../lib/lang.js';
 import { titled } from '../lib/title.js';
 import { guarded, start } from '../lib/start.js';
@@ -73,12 +73,12 @@ function Choice({ wanted, view, go }) {
 function Head({ view }) {
   const days = between(view.first, view.last);
   return html`<div class="across head"><h1>${text('{0}: what the bay did', called(view.bay))}</h1>
-    <p><span translate="no">${view.site}, ${view.instance}</span> · <b>${view.last !== view.first ? text('{0} to {1}', view.first, view.last) : view.first}</b> · ${days === 1 ? text('one day of {0}', view.time_zone) : text('{0} days of {1}', days, view.time_zone)} · ${`made ${moment(view.made)}`}</p></div>`;
+    <p><span translate="no">${view.site}, ${view.instance}</span> · <b>${view.last !== view.first ? text('{0} to {1}', view.first, view.last) : view.first}</b> · ${days === 1 ? text('one day of {0}', view.time_zone) : text('{0} days of {1}', days, view.time_zone)} · ${`made ${stampOf(view.made)}`}</p></div>`;
 }
 
 function Nothing({ view }) {
   return html`<p class="notice across" role="status"><b>Nothing is recorded of these days.</b> ${view.recorded_from
-    ? `There are records from ${moment(view.recorded_from)} to ${moment(view.recorded_to)}: choose days between them.`
+    ? `There are records from ${stampOf(view.recorded_from)} to ${stampOf(view.recorded_to)}: choose days between them.`
     : text('There are no records of {0} yet: the first minute appears here about two minutes after the gateway has begun to record.', view.bay)}</p>`;
 }
 

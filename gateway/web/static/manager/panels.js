@@ -1,7 +1,7 @@
 // What the figures say, panel by panel.
 
 import { html } from '../lib/page.js';
-import { moment, weekday } from '../lib/days.js';
+import { stampOf, weekday } from '../lib/days.js';
 import { NONE, known, number, percent, scarce, signed, words } from '../lib/format.js';
 import { language, listed, t, text } from '../lib/lang.js';
 import { quantity } from '../lib/quantity.js';
@@ -120,7 +120,7 @@ function limit({ figure, acceptable, most, below }) {
 }
 
 function Standing({ title, rows }) {
-  return html`<h3>${title}</h3><ul class="plain">${rows.map((one) => html`<li><b>${one.title}</b> <span class="mono small" translate="no">${one.id}</span> <span>${one.over ? `from ${moment(one.since)} to ${moment(one.until)}` : `since ${moment(one.since)}`}</span></li>`)}</ul>`;
+  return html`<h3>${title}</h3><ul class="plain">${rows.map((one) => html`<li><b>${one.title}</b> <span class="mono small" translate="no">${one.id}</span> <span>${one.over ? `from ${stampOf(one.since)} to ${stampOf(one.until)}` : `since ${stampOf(one.since)}`}</span></li>`)}</ul>`;
 }
 
 export function Alarms({ view }) {
@@ -133,7 +133,7 @@ export function Alarms({ view }) {
         <td>${one.verdict ? html`<${Sign} state=${VERDICT[one.verdict][0]} text=${VERDICT[one.verdict][1]} />` : html`<span class="muted">too little recorded</span>`}</td></tr>`)}
       <tr class=${scarce(all) && all > 0 ? 'few' : ''}><th scope="row">${scarce(all) && all > 0 ? text('high / medium / low priority, of {0} alarms', all) : 'high / medium / low priority'}</th><td class="right value nowrap">${share('high')} / ${share('medium')} / ${share('low')}</td><td class="nowrap" data-name="standard">${text('about {0}', '5 % / 15 % / 80 %')}</td><td></td></tr>
     </tbody></table>
-    <p class="small muted">${alarms.peak ? `Most in 10 min: from ${moment(alarms.peak)}. ` : ''}${view.days.length < 30 ? 'The standard judges by 30 days or more.' : ''}</p>
+    <p class="small muted">${alarms.peak ? `Most in 10 min: from ${stampOf(alarms.peak)}. ` : ''}${view.days.length < 30 ? 'The standard judges by 30 days or more.' : ''}</p>
     ${alarms.frequent.length > 0 && html`<h3>Most frequent</h3><${Pareto} label="The most frequent alarms" rows=${alarms.frequent.map((one) => ({ name: one.title, title: one.id, value: one.times, text: `${number(one.times)}×` }))} />`}
     ${alarms.stale.length > 0 && html`<${Standing} title="Active for more than 24 h" rows=${alarms.stale} />`}
     ${alarms.standing.length > 0 && html`<${Standing} title="Active at the end" rows=${alarms.standing} />`}

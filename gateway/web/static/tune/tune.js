@@ -5,6 +5,7 @@ import { below, ownBay } from '../lib/address.js';
 import { get, post, toLogin } from '../lib/api.js';
 import { widthFor } from '../lib/pictures.js';
 import { t, text } from '../lib/lang.js';
+import { renewed } from '../lib/start.js';
 import { titled } from '../lib/title.js';
 import { Top } from '../lib/top.js';
 import { Age, useLive } from '../operator/hooks.js';
@@ -376,12 +377,11 @@ const frozenFrom = (shown, source, taken) =>
 function App() {
   const [loaded, setLoaded] = useState(null);
   const [failed, setFailed] = useState('');
-  const renew = () => get('/api/session');
   useEffect(() => {
     let timer = 0;
     const load = async () => {
       try {
-        const session = await renew();
+        const session = await renewed();
         if (session.role !== 'technician') return toLogin();
         const [profile, taken] = await Promise.all([get(at('profile')), get(at('captures'))]);
         setLoaded({ session, profile, taken });
@@ -396,7 +396,7 @@ function App() {
     load();
     return () => clearTimeout(timer);
   }, []);
-  if (loaded) return html`<${Page} ...${loaded} renew=${renew} />`;
+  if (loaded) return html`<${Page} ...${loaded} renew=${renewed} />`;
   return html`<main class="page"><p class=${`notice ${failed ? 'bad' : ''}`} role="status">${failed || 'Loading…'}</p></main>`;
 }
 
