@@ -36,7 +36,8 @@ def html(answer: Answer, pictures: Sequence[RecordedPicture], made: str) -> str:
     body = [
         STYLE,
         f"<h1>{plain(title)}</h1>",
-        f'<p class="soft">{plain(f"{head.site}.{head.instance}, gateway {head.gateway_version}, times of {machine_zone_name()}")}</p>',
+        f'<p class="soft">{plain(f"{head.site}.{head.instance}, gateway {head.gateway_version}")}, '
+        f"times of {plain(machine_zone_name())}</p>",
         f"<p><strong>{plain(account.headline(answer))}</strong></p>",
         *(f'<p><strong class="warn">{plain(text)}</strong></p>' for text in account.warnings(answer)),
     ]

@@ -37,7 +37,7 @@ class SessionView(BaseModel):
     bays: list[str] = Field(description="names, in the configuration's order; empty for role none")
     titles: dict[str, str] = Field(description="of the bays that have one, by name")
     time_zone: str = Field(
-        description="of every time on the pages: that of the gateway's machine, by its name or offset; empty for role none"
+        description="of the times on the pages: that of the gateway's machine, by name or offset; empty for role none"
     )
     next: str | None = Field(None, description="after a login: where to go")
 

@@ -123,7 +123,7 @@ async def test_a_silent_main_process_is_reported() -> None:
 PLACES = {"{bay}": "bay1", "{alarm}": "broker_lost", "{number}": "1", "{frame}": "0", "{begun_ms}": "1"}
 VALUES = {
     "mode": "may_move_off", "minutes": 5, "name": "a", "data": "AAAA", "vision": {}, "u_px": 1, "v_px": 1, "text": "",
-    "digest": 64 * "0", "marker": None, "controls": {}, "password": "Kran-7-unter-dem-Silo",
+    "digest": 64 * "0", "marker": None, "what": "begin", "controls": {}, "password": "Kran-7-unter-dem-Silo",
 }  # fmt: skip
 SILENT_LIMIT_S = 12.0  # a trial's own limit; everything else is answered sooner
 
