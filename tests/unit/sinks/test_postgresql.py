@@ -21,7 +21,6 @@ from gateway.config import GatewayConfig, parse
 from gateway.core import fusion
 from gateway.core.events import Event, EventKind
 from gateway.core.state import Moved, Reason, Visit
-from gateway.durations import NS_PER_S
 from gateway.errors import ConfigError, LinkError, SettingError
 from gateway.hub import Hub
 from gateway.sinks import registry
