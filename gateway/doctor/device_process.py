@@ -6,13 +6,15 @@ holds up only the process that was forked for it. One look at a device at a time
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from ipaddress import ip_address
 from pathlib import Path
 
 from gateway.clock import SystemClock
-from gateway.config import CameraConfig, MqttConfig, RangerConfig
-from gateway.doctor import brokers, devices, plc
+from gateway.config import CameraConfig, MqttConfig
+from gateway.doctor import brokers, devices, network_cameras, plc
 from gateway.doctor.finding import Verdict
 from gateway.errors import ConfigError, GatewayError
+from gateway.net.own_host import own_addresses
 from gateway.processes import sandbox, seccomp
 from gateway.processes.channel import Channel, Failed
 from gateway.processes.child import lower_priority
@@ -30,8 +32,10 @@ from gateway.web.ipc.devices import (
     Examine,
     FlashRanger,
     ListDevices,
+    ListStreams,
     LookAtCamera,
     LookAtRanger,
+    SearchNetwork,
     Tried,
     TriedParts,
     TryBroker,
@@ -41,6 +45,7 @@ from gateway.web.ipc.devices import (
 CODEC = DEVICES_SETUP
 MOST = 4  # at the same time
 LOOK_LIMIT_S, LIMIT_S = 150.0, 60.0
+OTHERS = (ListDevices, SearchNetwork, ListStreams, TryPlc, TryBroker, Examine)
 LIMIT_BYTES = 5_500_000_000  # of address space: the detector reserves 2.3 GB for a moment, and uses 0.2 GB
 
 
@@ -55,7 +60,7 @@ def devices_helper(setup: DevicesSetup) -> Helper:
     other = QuestionKind(partial(_answer, setup), LIMIT_S, LIMIT_BYTES)
     flash = QuestionKind(partial(_answer, setup), LIMIT_S, LIMIT_BYTES, one_device=True, to_its_end=True)
     kinds: dict[type, QuestionKind] = {LookAtCamera: look, LookAtRanger: look, FlashRanger: flash}
-    return Helper(kinds | dict.fromkeys((ListDevices, TryPlc, TryBroker, Examine), other), MOST)
+    return Helper(kinds | dict.fromkeys(OTHERS, other), MOST)
 
 
 def _answer(setup: DevicesSetup, question: DeviceQuestion, _: Sequence[int], send: Send) -> None:
@@ -66,12 +71,16 @@ def _answer(setup: DevicesSetup, question: DeviceQuestion, _: Sequence[int], sen
 
 def _confine(question: DeviceQuestion) -> None:
     """What an address of somebody's choice sends is decoded with the rights that a bay's vision process has."""
-    if not isinstance(question, LookAtCamera) or not question.camera.confined:
+    needs: Needs | None
+    if isinstance(question, SearchNetwork | ListStreams):
+        needs = Needs.CONNECTIONS
+    elif not isinstance(question, LookAtCamera) or not question.camera.confined:
         return
-    try:
-        needs = getattr(source_spec(question.camera), "needs", None)
-    except ConfigError:
-        return  # nothing is opened
+    else:
+        try:
+            needs = getattr(source_spec(question.camera), "needs", None)
+        except ConfigError:
+            return  # nothing is opened
     if needs in (Needs.FILES, Needs.CONNECTIONS):
         sandbox.drop_privileges(None)
         seccomp.refuse(connects=needs is Needs.CONNECTIONS)
@@ -85,20 +94,13 @@ def answer(setup: DevicesSetup, question: DeviceQuestion, send: Callable[[Device
     match question:
         case ListDevices():
             send(devices.found(config, Path(setup.devices), Path(setup.system)))
-        case LookAtCamera(camera):
-            _refuse_stored("camera", camera)
-            if user := devices.user_of_camera(config, camera.url, Path(setup.devices)):
-                send(_taken("camera", camera.url, user))
-            else:
-                look.camera(camera, clock, send)
-        case LookAtRanger(RangerConfig(port=port)) | FlashRanger(port):
-            user = devices.user_of_port(config, port, Path(setup.devices))
-            if user and not (isinstance(question, FlashRanger) and question.released == user):
-                send(_taken("ranger", port, user))
-            elif isinstance(question, FlashRanger):
-                look.flash(port, clock, send)
-            else:
-                look.ranger(question.ranger, clock, send)
+        case SearchNetwork():
+            outside = [one for one in own_addresses() if not ip_address(one).is_loopback]
+            send(network_cameras.search(outside, clock))
+        case ListStreams(service, username, password):
+            send(network_cameras.streams(service, username, password, clock))
+        case LookAtCamera() | LookAtRanger() | FlashRanger():
+            _look(setup, question, clock, send)
         case TryPlc(port):
             send(TriedParts(tuple(map(look.as_tried, plc.findings(config, port, clock)))))
         case TryBroker(mqtt):
@@ -108,6 +110,35 @@ def answer(setup: DevicesSetup, question: DeviceQuestion, send: Callable[[Device
         case Examine():
             for finding in examine.findings(config, 0.0, beside=True):
                 send(TriedParts((look.as_tried(finding),)))
+
+
+def _look(
+    setup: DevicesSetup,
+    question: LookAtCamera | LookAtRanger | FlashRanger,
+    clock: SystemClock,
+    send: Callable[[DeviceAnswer], None],
+) -> None:
+    """At a device that no bay has, or has released. Raises GatewayError."""
+    from gateway.doctor import look  # noqa: PLC0415 - as above
+
+    config, folder = setup.config, Path(setup.devices)
+    match question:
+        case LookAtCamera(camera):
+            _refuse_stored("camera", camera)
+            if user := devices.user_of_camera(config, camera.url, folder):
+                send(_taken("camera", camera.url, user))
+            else:
+                look.camera(camera, clock, send)
+        case LookAtRanger(ranger):
+            if user := devices.user_of_port(config, ranger.port, folder):
+                send(_taken("ranger", ranger.port, user))
+            else:
+                look.ranger(ranger, clock, send)
+        case FlashRanger(port, released):
+            if (user := devices.user_of_port(config, port, folder)) not in ("", released):
+                send(_taken("firmware", port, user))
+            else:
+                look.flash(port, clock, send)
 
 
 def _refuse_stored(name: str, section: MqttConfig | CameraConfig | None) -> None:

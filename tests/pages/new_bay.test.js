@@ -3,7 +3,7 @@
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
 
-import { brokerUrl, cameraIsRight, cameraKeys, changesOf, lastingName, nextName, nextUnit, NOTHING_CHOSEN, ofBays, portIsRight, sizesOf, unfinished, usualSize } from '../static/setup/draft.js';
+import { brokerUrl, cameraIsRight, cameraKeys, changesOf, lastingName, lookedAt, nextName, nextUnit, NOTHING_CHOSEN, ofBays, portIsRight, sizesOf, unfinished, usualSize } from '../static/setup/draft.js';
 
 test('the next name and unit id are free', () => {
   assert.equal(nextName([]), 'bay1');
@@ -102,4 +102,15 @@ test('a camera is right once it was seen, or where the bay has it already', () =
   assert.deepEqual([cameraIsRight(empty), portIsRight(empty)], [false, false]);
   assert.deepEqual([cameraIsRight({ ...empty, camera: { url: '1' } }), cameraIsRight(draft())], [false, true]);
   assert.deepEqual([cameraIsRight({ ...empty, cameraOwn: true }), portIsRight({ ...empty, portOwn: true }), portIsRight(draft())], [true, true, true]);
+});
+
+test('a network camera: its password is looked with, and goes into no address of the file', () => {
+  const camera = { url: 'rtsp://10.0.0.9/main', username: 'a b', password_file: '/s/1' };
+  assert.deepEqual(lookedAt(camera, 'p@/1'), { url: 'rtsp://a%20b:p%40%2F1@10.0.0.9/main' });
+  assert.deepEqual(lookedAt({ url: '/dev/video0', fps: 5 }, ''), { url: '/dev/video0', fps: 5 });
+  const other = draft({ bay: 'A', camera: { url: '/dev/l' }, size: null, port: '', host: 'h' });
+  assert.deepEqual(changesOf(other, { url: 'x', username: 'tom', password_file: null }), [
+    { path: ['bays', 'A', 'camera', 'url'], value: '/dev/l' }, { path: ['bays', 'A', 'camera', 'username'], value: null },
+  ]);
+  assert.deepEqual(changesOf({ ...other, camera }, { username: 'tom', password_file: '/s/0' }).map(({ path, value }) => [path[3], value]), Object.entries(camera));
 });

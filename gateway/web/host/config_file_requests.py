@@ -30,6 +30,7 @@ from gateway.web.ipc.messages import (
     FileResult,
     FileSaved,
     FileSettings,
+    KeepCameraPassword,
     MakeFirstUser,
     PreviewFile,
     PreviewSettings,
@@ -113,19 +114,23 @@ class ConfigFileRequests:
         if settings is None:
             raise ConfigError(config_file.NO_FILE)
         path = settings.path
+        found: FileResult
         match request.action:
             case ReadFile(bay):
-                return _read(path, bay, settings.waiting(bay))
+                found = _read(path, bay, settings.waiting(bay))
             case PreviewFile():
-                return _plan(path, request.action)
+                found = _plan(path, request.action)
             case SaveFile():
-                return _save(path, request.action, request.who)
+                found = _save(path, request.action, request.who)
             case ReadSettings():
-                return settings.read()
+                found = settings.read()
             case PreviewSettings():
-                return settings.preview(request.action, request.who)
+                found = settings.preview(request.action, request.who)
             case SaveSettings() | MakeFirstUser():
-                return settings.save(request.action, request.who)
+                found = settings.save(request.action, request.who)
+            case KeepCameraPassword():
+                found = settings.keep_camera_password(request.action)
+        return found
 
 
 def _read(path: Path, bay: str, waiting: tuple[str, ...]) -> FileSettings:

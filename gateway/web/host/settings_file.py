@@ -12,7 +12,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from gateway.bay_file import begin_with_function_check
+from gateway.bay_file import begin_with_function_check, folder_of
 from gateway.config import SHARED_SECTIONS, BayConfig, GatewayConfig, VisionConfig, decision, parse
 from gateway.config.live import changes
 from gateway.config.strict.errors import ConfigFault, FaultsError
@@ -23,10 +23,13 @@ from gateway.errors import ConfigError
 from gateway.sinks import registry as sink_registry
 from gateway.web.auth.audit_log import printable
 from gateway.web.host import config_file
+from gateway.web.host.camera_passwords import CameraPasswords
 from gateway.web.host.startup import Startup
 from gateway.web.ipc.messages import (
+    CameraPasswordKept,
     ChangedOnDiskError,
     FileFault,
+    KeepCameraPassword,
     MakeFirstUser,
     PreviewSettings,
     SaveSettings,
@@ -83,6 +86,7 @@ class SettingsFile:
         self._check = check
         self._reload = reload
         self._in_force = in_force
+        self._camera_passwords = CameraPasswords()
 
     @property
     def _running(self) -> GatewayConfig:
@@ -186,6 +190,15 @@ class SettingsFile:
             raise ConfigError("the file has changes of [hmi] that wait for a restart: start the gateway again first")
         return made
 
+    def keep_camera_password(self, wanted: KeepCameraPassword) -> CameraPasswordKept:
+        """Raises ConfigError."""
+        self._permitted()
+        named = [config_file.load(self.path).text]
+        if (former := config_file.previous(self.path)) is not None:
+            named.append(former.text)
+        kept = self._camera_passwords.keep(folder_of(self._running), wanted.url, wanted.password, named)
+        return CameraPasswordKept(str(kept))
+
     def _begin_checks(self, planned: Planned) -> None:
         """A bay that is new starts under a function check: nobody has tried it. Raises ConfigError."""
         running = {bay.name for bay in self._running.bays}
@@ -221,7 +234,8 @@ class SettingsFile:
     def _sent_elsewhere(self, former: str, text: str, changes: Sequence[SettingChange]) -> dict[KeyPath, str]:
         """What the changes would have done with passwords that nobody has typed."""
         before, after = (by_name(parsed(one, self._source)) for one in (former, text))
-        return stored_passwords.faults(before, after, " ".join(_texts(change.value) for change in changes))
+        typed = " ".join(_texts(change.value) for change in changes)
+        return stored_passwords.faults(before, after, typed, self._camera_passwords.addresses)
 
     def _undone(self) -> str:
         found = config_file.previous(self.path)

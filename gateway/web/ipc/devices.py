@@ -24,6 +24,18 @@ class ListDevices(Message, frozen=True):
     """Every camera and serial port of this machine."""
 
 
+class SearchNetwork(Message, frozen=True):
+    """The cameras in this machine's networks that answer to WS-Discovery."""
+
+
+class ListStreams(Message, frozen=True):
+    """The streams of the network camera whose ONVIF device service is at this address; user empty: without login."""
+
+    service: str
+    username: str
+    password: str
+
+
 class LookAtCamera(Message, frozen=True):
     """Its pictures and figures, about once a second; the settings are those of the bay that it may become."""
 
@@ -60,7 +72,9 @@ class Examine(Message, frozen=True):
     """All that `gateway doctor` can try beside a running gateway; a piece for each finding."""
 
 
-DeviceQuestion = ListDevices | LookAtCamera | LookAtRanger | FlashRanger | TryPlc | TryBroker | Examine
+DeviceQuestion = (
+    ListDevices | SearchNetwork | ListStreams | LookAtCamera | LookAtRanger | FlashRanger | TryPlc | TryBroker | Examine
+)
 DEVICE_QUESTIONS = Codec(DeviceQuestion)
 DEVICES_SETUP = Codec(DevicesSetup, compressed=True)
 
@@ -102,6 +116,42 @@ class FoundDevices(Message, frozen=True):
 
     cameras: tuple[FoundCamera, ...]
     ports: tuple[FoundPort, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class FoundNetworkCamera:
+    """`address`: where the answer came from. `service`: of its ONVIF device service, at that address."""
+
+    address: str
+    service: str
+    name: str
+    model: str
+
+
+class FoundNetworkCameras(Message, frozen=True):
+    """To `SearchNetwork`."""
+
+    cameras: tuple[FoundNetworkCamera, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkStream:
+    """`url`: without a login. Numbers as the camera is set; 0: it states none."""
+
+    url: str
+    name: str
+    width_px: int
+    height_px: int
+    codec: str
+    rate_hz: int
+
+
+class NetworkStreams(Message, frozen=True):
+    """To `ListStreams`. `login`: user and password are needed, or wrong. `why`: there are no streams; empty: none."""
+
+    streams: tuple[NetworkStream, ...]
+    login: bool
+    why: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,5 +206,5 @@ class FlashSeen(Message, frozen=True):
     done: float
 
 
-DeviceAnswer = FoundDevices | CameraSeen | RangerSeen | FlashSeen | TriedParts
+DeviceAnswer = FoundDevices | FoundNetworkCameras | NetworkStreams | CameraSeen | RangerSeen | FlashSeen | TriedParts
 DEVICE_ANSWERS = Codec(DeviceAnswer)

@@ -203,7 +203,24 @@ class MakeFirstUser(Message, frozen=True):
     password_hash: str
 
 
-FileAction = ReadFile | PreviewFile | SaveFile | ReadSettings | PreviewSettings | SaveSettings | MakeFirstUser
+class KeepCameraPassword(Message, frozen=True):
+    """Keep the password of the stream at this address in a file, which `camera.password_file` may name with just this
+    address."""
+
+    url: Annotated[str, Meta(max_length=1000)]
+    password: Annotated[str, Meta(max_length=1000)]
+
+
+FileAction = (
+    ReadFile
+    | PreviewFile
+    | SaveFile
+    | ReadSettings
+    | PreviewSettings
+    | SaveSettings
+    | MakeFirstUser
+    | KeepCameraPassword
+)
 
 
 class FileRequest(Message, frozen=True):
@@ -327,6 +344,12 @@ class SettingsDocument(Message, frozen=True):
     undo: bool  # a save can be undone
 
 
+class CameraPasswordKept(Message, frozen=True):
+    """To `KeepCameraPassword`. `path`: for `camera.password_file`."""
+
+    path: str
+
+
 @dataclass(frozen=True, slots=True)
 class FileFault:
     """`path` as in `SettingChange`; empty: the whole file. `line`: None where it is not in the file."""
@@ -372,7 +395,9 @@ class FileErrorKind(StrEnum):
     CHANGED = "changed"  # by another program, since it was shown
 
 
-FileResult = FileSettings | FilePreview | FileSaved | SettingsDocument | SettingsPreview | SettingsSaved
+FileResult = (
+    FileSettings | FilePreview | FileSaved | SettingsDocument | SettingsPreview | SettingsSaved | CameraPasswordKept
+)
 
 
 class CameraControlsNow(Message, frozen=True):

@@ -21,13 +21,18 @@ class _Sent:
     to: tuple[str, str]  # address and proxy
 
 
-def faults(before: Mapping[str, Any], after: Mapping[str, Any], typed: str) -> dict[KeyPath, str]:
-    """By key of an address in `after`, why the change is refused. `typed`: all text of the requested changes."""
+def faults(
+    before: Mapping[str, Any], after: Mapping[str, Any], typed: str, kept: Mapping[str, str] | None = None
+) -> dict[KeyPath, str]:
+    """By key of an address in `after`, why the change is refused. `typed`: all text of the requested changes. `kept`:
+    by camera.password_file, the address that the password in it was typed for."""
     known = {sent for sent, _ in _sent(_complete(before), ())}
     found = {}
     for sent, path in _sent(_complete(after), ()):
         key, value = sent.password
         if sent in known or (not key and (value in typed or not _kept(value, known))):
+            continue
+        if sent.table == ("camera",) and key == "password_file" and (kept or {}).get(value, "") == sent.to[0]:
             continue
         found[path] = (
             f"the password that {key} names would be sent to another address than before: type it into the address "

@@ -47,6 +47,21 @@ class FlashBody(DeviceBody):
     replaces: int | None = None
 
 
+class StreamsBody(DeviceBody):
+    """`service`: of a camera that was found; user empty: without login."""
+
+    service: str = Field(max_length=1000)
+    username: str = Field("", max_length=1000)
+    password: str = Field("", max_length=1000, repr=False)
+
+
+class CameraPasswordBody(DeviceBody):
+    """`url`: of the stream, without a login."""
+
+    url: str = Field(min_length=1, max_length=1000)
+    password: str = Field(min_length=1, max_length=1000, repr=False)
+
+
 class BrokerBody(DeviceBody):
     """The keys of [mqtt] to try; none: the brokers of the configuration."""
 

@@ -15,17 +15,21 @@ from gateway.web.ipc.devices import (
     FlashRanger,
     FlashSeen,
     FoundDevices,
+    FoundNetworkCameras,
     ListDevices,
+    ListStreams,
+    NetworkStreams,
     RangerSeen,
+    SearchNetwork,
     Tried,
     TriedParts,
     TryBroker,
     TryPlc,
 )
-from gateway.web.ipc.messages import ReleaseRanger
+from gateway.web.ipc.messages import CameraPasswordKept, KeepCameraPassword, ReleaseRanger
 from gateway.web.server import lists
 from gateway.web.server.services import RequestCaller, Services, WebServices
-from gateway.web.setup.device_bodies import BrokerBody, FlashBody, LookBody, NoBody
+from gateway.web.setup.device_bodies import BrokerBody, CameraPasswordBody, FlashBody, LookBody, NoBody, StreamsBody
 from gateway.web.setup.device_client import DevicePreview
 
 ADDRESSES = Addresses("/api/setup")
@@ -37,6 +41,24 @@ Number = Annotated[int, whole_number(0, 1 << 53)]
 async def _devices(services: WebServices) -> JSONResponse:
     found = await services.devices.ask(ListDevices(), FoundDevices)
     return JSONResponse({"cameras": [*map(asdict, found.cameras)], "ports": [*map(asdict, found.ports)]})
+
+
+@ADDRESSES.get("/network-cameras", Level.TECHNICIAN, "the network cameras that answer to WS-Discovery; some seconds")
+async def _network(services: WebServices) -> JSONResponse:
+    found = await services.devices.ask(SearchNetwork(), FoundNetworkCameras)
+    return JSONResponse({"cameras": [*map(asdict, found.cameras)]})
+
+
+@ADDRESSES.post("/streams", Level.TECHNICIAN, "the streams of a network camera, asked by ONVIF")
+async def _streams(services: WebServices, body: StreamsBody) -> JSONResponse:
+    found = await services.devices.ask(ListStreams(body.service, body.username, body.password), NetworkStreams)
+    return JSONResponse({"streams": [*map(asdict, found.streams)], "login": found.login, "why": found.why})
+
+
+@ADDRESSES.post("/camera-password", Level.TECHNICIAN, "keep a camera's password in a file, for this address alone")
+async def _camera_password(services: WebServices, caller: RequestCaller, body: CameraPasswordBody) -> JSONResponse:
+    kept = await services.client.ask(KeepCameraPassword(body.url, body.password), CameraPasswordKept, caller.writer)
+    return JSONResponse({"password_file": kept.path})
 
 
 @ADDRESSES.post("/look", Level.TECHNICIAN, "look at a camera or a board that no bay has")

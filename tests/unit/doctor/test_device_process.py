@@ -11,6 +11,7 @@ import pytest
 from gateway.config import CameraConfig, MqttConfig, parse
 from gateway.doctor import device_process
 from gateway.errors import LinkError
+from gateway.net.own_host import own_addresses
 from gateway.processes.answers import LENGTH_BYTES
 from gateway.processes.channel import Channel
 from gateway.web.ipc.devices import (
@@ -21,12 +22,17 @@ from gateway.web.ipc.devices import (
     DevicesSetup,
     Examine,
     FlashRanger,
+    FoundNetworkCameras,
     ListDevices,
+    ListStreams,
     LookAtCamera,
+    NetworkStreams,
+    SearchNetwork,
     Tried,
     TriedParts,
     TryBroker,
 )
+from tests.onvif_camera import OnvifCamera
 
 pytestmark = pytest.mark.one_interpreter
 LOOK = LookAtCamera(CameraConfig(url="/dev/video0"))
@@ -71,6 +77,16 @@ def test_a_device_that_a_bay_has_is_not_opened() -> None:
     (answer,) = asked(LOOK)
     assert isinstance(answer, TriedParts)
     assert answer.lines[0].result == "bay bay1 uses it"
+
+
+def test_a_network_camera_is_asked_and_searched_for_with_few_rights(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What its answers say is read in a process that can write nothing, and all the same may connect."""
+    monkeypatch.setattr(device_process, "own_addresses", lambda: [one for one in own_addresses() if one == "127.0.0.1"])
+    assert asked(SearchNetwork()) == [FoundNetworkCameras(())]
+    with OnvifCamera() as camera:
+        (found,) = asked(ListStreams(camera.service, "admin", "p&<1"))
+    assert isinstance(found, NetworkStreams)
+    assert [stream.name for stream in found.streams] == ["MainStream", "SubStream"]
 
 
 @pytest.mark.parametrize("released", ["", "bay2"])

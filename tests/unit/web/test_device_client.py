@@ -5,10 +5,11 @@ import os
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
-from gateway.config import CameraConfig, RangerConfig
+from gateway.config import CameraConfig, GatewayConfig, RangerConfig
 from gateway.errors import ConfigError
 from gateway.processes.answers import AnswerKind, write_piece
 from gateway.processes.codec import record_packed
@@ -24,8 +25,11 @@ from gateway.web.ipc.devices import (
     FlashSeen,
     FoundDevices,
     FoundPort,
+    ListStreams,
     LookAtCamera,
     LookAtRanger,
+    NetworkStream,
+    NetworkStreams,
     RangerSeen,
     Tried,
     TriedParts,
@@ -195,6 +199,33 @@ async def test_a_board_is_given_its_firmware_and_a_bays_board_only_when_it_is_re
         send(fd, FAULT)
         assert (await api.get(f"/api/setup/look/{seen['look']}?after=1")).json["end"]["verdict"] == "fault"
         os.close(fd)
+
+
+@in_virtual_time
+async def test_a_cameras_streams_are_listed_and_its_password_is_kept_for_one_of_them(tmp_path: Path) -> None:
+    file, state = tmp_path / "bay.toml", tmp_path / "state"
+    file.write_text(f'state_dir = "{state}"\n')
+    async with plant(source=str(file), config=GatewayConfig(state_dir=str(state))) as made, asking() as (client, other):
+        api = api_client(made)
+        api.app.state.services = replace(api.app.state.services, devices=client)
+        body = {"service": "http://10.0.0.9/onvif", "username": "tom", "password": "geheim"}
+        answer = asyncio.ensure_future(api.post("/api/setup/streams", body))
+        await settled()
+        question, fd = other.take()
+        assert question == ListStreams(**body)
+        url = "rtsp://10.0.0.9/main"
+        send(fd, NetworkStreams((NetworkStream(url, "main", 640, 480, "H264", 25),), login=False, why=""))
+        os.close(fd)
+        assert (await answer).json["streams"][0]["url"] == url
+        kept = (await api.post("/api/setup/camera-password", {"url": url, "password": "geheim"})).json["password_file"]
+        digest = (await api.get("/api/setup/settings")).json["digest"]
+        for address, faults in ((url, 0), ("rtsp://10.0.0.66/main", 1)):
+            camera = {"url": address, "username": "tom", "password_file": kept}
+            changes = [{"path": ["bays", "bay1", "camera", key], "value": value} for key, value in camera.items()]
+            plan = (await api.post("/api/setup/preview", {"digest": digest, "changes": changes})).json
+            assert len(plan["faults"]) == faults
+            assert "geheim" not in plan["diff"]
+    assert kept.startswith(f"{state}/camera-passwords/")
 
 
 def test_every_address_is_for_technicians_alone() -> None:

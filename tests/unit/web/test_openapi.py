@@ -25,7 +25,8 @@ NOT_DESCRIBED = {
         "/api/bays/{bay}/picture", "/api/live", "/api/alarms/live", "/api/driver",
     },
     "devices tried while a page is open": {
-        "/api/setup/devices", "/api/setup/flash", "/api/setup/look", "/api/setup/look/{number}",
+        "/api/setup/devices", "/api/setup/network-cameras", "/api/setup/streams", "/api/setup/camera-password",
+        "/api/setup/flash", "/api/setup/look", "/api/setup/look/{number}",
         "/api/setup/look/{number}/picture",
         "/api/setup/look/{number}/end", "/api/setup/plc", "/api/setup/broker",
     },

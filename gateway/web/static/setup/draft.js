@@ -64,7 +64,7 @@ export function unfinished(bays) {
 export const KEPT = 'kept'; // in place of an address: what the file says stays
 
 /** Of a bay: neither camera nor ranger is chosen yet. `cameraOwn`, `portOwn`: it is the one that the bay has. */
-export const NOTHING_CHOSEN = { camera: null, size: null, cameraFrom: '', cameraOwn: false, port: '', portFrom: '', portOwn: false };
+export const NOTHING_CHOSEN = { camera: null, cameraPassword: '', size: null, cameraFrom: '', cameraOwn: false, port: '', portFrom: '', portOwn: false };
 
 /**
  * The lasting name of the device that a bay has, where the file names it by the kernel's number; empty: there is none,
@@ -91,15 +91,25 @@ export function brokerUrl({ address, user, password }) {
   return `${scheme}${login}${found[2]}`;
 }
 
-/** What is to be changed in the file. `draft.bay` empty: a new bay; else a camera or a port that is kept changes nothing. */
-export function changesOf(draft) {
+const LOGIN = ['username', 'password_file'];
+
+/** `[camera]` to look at: with the login in its address, which the file never gets. */
+export function lookedAt({ username, password_file: _, ...camera }, password) {
+  const login = username ? `${encodeURIComponent(username)}:${encodeURIComponent(password)}@` : '';
+  return { ...camera, url: camera.url.replace('://', `://${login}`) };
+}
+
+/** What is to be changed in the file. `draft.bay` empty: a new bay; else a camera or a port that is kept changes nothing.
+ * `former`: the camera that the file has: its login is not the next one's. */
+export function changesOf(draft, former = {}) {
   const changes = [];
   const camera = draft.camera && { ...draft.camera, ...(draft.cameraOwn ? {} : draft.size) }; // the size is checked from now on
   const ranger = draft.port ? { port: draft.port } : null;
   if (draft.bay === '') {
     changes.push({ path: ['bays', draft.name], value: { unit_id: draft.unit, ...(camera ? { camera } : {}), ...(ranger ? { ranger } : {}) } });
   } else {
-    for (const [key, value] of Object.entries(camera ?? {})) changes.push({ path: ['bays', draft.bay, 'camera', key], value });
+    const gone = camera && !draft.cameraOwn ? LOGIN.filter((key) => former[key] && !camera[key]).map((key) => [key, null]) : [];
+    for (const [key, value] of [...Object.entries(camera ?? {}), ...gone]) changes.push({ path: ['bays', draft.bay, 'camera', key], value });
     if (ranger) changes.push({ path: ['bays', draft.bay, 'ranger', 'port'], value: draft.port });
   }
   if (draft.host && draft.host !== draft.hostBefore) changes.push({ path: ['modbus', 'host'], value: draft.host });

@@ -9,8 +9,9 @@ import { titled } from '../lib/title.js';
 import { guarded, start } from '../lib/start.js';
 import { Top } from '../lib/top.js';
 import { BayCamera, BayRanger, CameraLook, FlashLook, Line, OfferFirmware, RangerLook, useDevices, usePreview } from './devices.js';
-import { KEPT, NOTHING_CHOSEN, brokerUrl, cameraIsRight, cameraKeys, changesOf, lastingName, nextName, nextUnit, portIsRight, sizesOf, unfinished, usualSize } from './draft.js';
+import { KEPT, NOTHING_CHOSEN, brokerUrl, cameraIsRight, cameraKeys, changesOf, lastingName, lookedAt, nextName, nextUnit, portIsRight, sizesOf, unfinished, usualSize } from './draft.js';
 import { FileStep, Started, Waiting } from './finish.js';
+import { NetworkCameras } from './network.js';
 
 const STEPS = ['Bay', 'Camera', 'Ranger', 'PLC and broker', 'The file'];
 const OF_BROKER = ['urls', 'username', 'password_file', 'password_env'];
@@ -128,7 +129,7 @@ const NotRunning = ({ bay }) => html`<p class="muted">${text('{0} does not run w
 function CameraStep({ session, draft, change, settings, devices }) {
   const { cameras, wrong } = devices;
   const file = inFile('camera', 'url', draft, settings, session, cameras);
-  const look = usePreview(session, draft.camera && !draft.cameraOwn ? { camera: draft.camera } : null);
+  const look = usePreview(session, draft.camera && !draft.cameraOwn ? { camera: lookedAt(draft.camera, draft.cameraPassword) } : null);
   const figures = look.seen?.figures;
   useEffect(() => {
     if (figures && (figures.width_px !== draft.size?.width_px || figures.height_px !== draft.size?.height_px))
@@ -146,8 +147,9 @@ function CameraStep({ session, draft, change, settings, devices }) {
   return html`<div class="step">
     ${wrong && html`<p class="notice warn">${wrong}</p>`}
     ${cameras === null && !wrong && html`<p role="status">Looking for cameras …</p>`}
-    ${cameras?.length === 0 && file === null && html`<p class="notice" role="status"><b>No camera found.</b> Plug it in; this list renews itself. For a network camera type its address.</p>`}
+    ${cameras?.length === 0 && file === null && html`<p class="notice" role="status"><b>No camera found.</b> Plug it in; this list renews itself.</p>`}
     <${Devices} name="camera" label="Cameras of this machine" bay=${draft.bay} found=${cameras} file=${file} chosen=${draft.cameraFrom} keep=${keep} pick=${pick} />
+    <${NetworkCameras} session=${session} chosen=${draft.cameraFrom} pick=${(camera, cameraPassword) => change({ cameraFrom: camera.url, size: null, cameraOwn: false, camera, cameraPassword })} />
     <${Typed} id="camera-url" label="Another one: a network camera" name="Look" take=${take}
       note="rtsp://user:password@address/stream, the address of an MJPEG stream, or a path: /dev/video2, a film, a folder of pictures" />
     ${sizes.length > 0 && html`<div class="field"><label for="size">Picture size</label><select id="size" onChange=${(event) => change({ size: null, camera: cameraKeys(chosen.url, sizes.find((size) => size.key === event.target.value)) })}>
@@ -272,7 +274,7 @@ function Wizard({ session, settings, bays, reload }) {
       ${step === 1 && html`<${CameraStep} session=${session} draft=${draft} change=${change} settings=${settings} devices=${devices} />`}
       ${step === 2 && html`<${RangerStep} session=${session} draft=${draft} change=${change} settings=${settings} devices=${devices} />`}
       ${step === 3 && html`<${PlantStep} session=${session} draft=${draft} change=${change} settings=${settings} />`}
-      ${step === 4 && html`<${FileStep} session=${session} settings=${settings} bay=${draft.bay || draft.name} isNew=${draft.bay === ''} changes=${changesOf(draft)} reload=${reload} saved=${saved} onSaved=${setSaved} />`}
+      ${step === 4 && html`<${FileStep} session=${session} settings=${settings} bay=${draft.bay || draft.name} isNew=${draft.bay === ''} changes=${changesOf(draft, settings.values.bays[draft.bay]?.camera)} reload=${reload} saved=${saved} onSaved=${setSaved} />`}
       <div class="row spread">
         <button type="button" disabled=${step === 0 || saved !== null} onClick=${() => go(step - 1)}>Back</button>
         ${step < 4 && html`<span class="row">${!right[step] && html`<span class="muted">${['Correct the name and the unit id.', draft.camera ? 'It has shown no picture yet.' : 'Choose a camera first.', 'Choose a port first.'][step]}</span>`}
