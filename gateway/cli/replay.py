@@ -7,6 +7,7 @@ examples:
   gateway replay /var/lib/loading-gateway/records/site1.gateway/bay1
   gateway replay bay1/00000042-20261123T031500Z.seg
   gateway replay bay1 --against new.toml --from 04:00     what would the new thresholds have decided, truck by truck?
+  gateway replay bay1 --against new.toml --jobs 2         of a month, by two processes
   gateway replay bay1 --frames                  what does vision find in the kept pictures now?
   gateway replay bay1 --frames --against new.toml     and with other settings of it?
 exit code 1 when anything differs or is missing
@@ -18,6 +19,7 @@ from pathlib import Path
 from gateway.errors import ConfigError
 
 NAME = "replay"
+MOST_JOBS = 256
 HELP = "take the decisions of a recording again, by the same settings or by others"
 
 
@@ -28,6 +30,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--from", dest="begin", metavar="TIME", help="as for `gateway why`; default: the beginning")
     parser.add_argument("--to", dest="end", metavar="TIME", help="default: the end")
     parser.add_argument("--frames", action="store_true", help="run vision anew on the kept pictures instead")
+    parser.add_argument("--jobs", type=int, metavar="N", help="processes at most; default: one for each core")
     parser.add_argument("--json", action="store_true", help="one JSON object, for programs")
 
 
@@ -39,6 +42,8 @@ def main(args: argparse.Namespace) -> int:
         raise ConfigError("--bay names a bay of the configuration that --against gives: add --against TOML")
     if args.frames and (args.begin is not None or args.end is not None):
         raise ConfigError("--frames judges every kept picture: leave out --from and --to")
+    if args.jobs is not None and not 1 <= args.jobs <= MOST_JOBS:
+        raise ConfigError(f"--jobs {args.jobs}: must be 1 to {MOST_JOBS}")
     other = None if args.against is None else config.load(args.against)
     if args.frames:
         vision_args.quiet_opencv()

@@ -47,18 +47,23 @@ def otherwise(steps: Iterable[Step]) -> Iterator[Otherwise]:
             open_ = None
         newest = step
         now, was = Decision.of(step.state), step.recorded
-        differs = was is not None and _judged(was) != _judged(now)
+        other = differs(step)
         if open_ is not None:
             head, first, old, new = open_
-            same = differs and was is not None and (_judged(was), _judged(now)) == (_judged(old), _judged(new))
+            same = other and was is not None and (_judged(was), _judged(now)) == (_judged(old), _judged(new))
             if same and step.place.head.boot == head.boot:
                 continue
             yield _interval(head, first, old, new, step)
             open_ = None
-        if differs and was is not None:
+        if other and was is not None:
             open_ = step.place.head, step, was, now
     if open_ is not None and newest is not None:
         yield _interval(*open_, newest)
+
+
+def differs(step: Step) -> bool:
+    """Are its outputs other than recorded?"""
+    return step.recorded is not None and _judged(step.recorded) != _judged(Decision.of(step.state))
 
 
 def _interval(head: Head, first: Step, was: Decision, now: Decision, after: Step) -> Otherwise:

@@ -58,6 +58,17 @@ class Difference:
 
 
 @dataclass(slots=True)
+class Ongoing:
+    """All that the next steps depend on. `state`: None: until the next complete one; `silent`: the one that was shown
+    withdrawn; `step`: the newest, where its `recorded` decision may still follow."""
+
+    state: StateVector | None = None
+    silent: StateVector | None = None
+    recorded: Decision | None = None
+    step: Step | None = None
+
+
+@dataclass(slots=True)
 class Replay:
     """`rules_of`: those for a segment. `exact`: they are the recorded ones, so that the registers must be the same;
     otherwise the replay goes on with its own state, and compares the outputs only. A recording of another version has
@@ -69,55 +80,53 @@ class Replay:
     steps: int = 0
     images: int = 0
     missing: list[str] = field(default_factory=list)
+    now: Ongoing = field(default_factory=Ongoing)
 
     def run(self, items: Iterable[Item | MissingItem]) -> Iterator[Step | Difference]:
         """Every step, and behind it what is other than recorded."""
         head: Head | None = None
         rules, order = Rules({}), _BIG
-        state: StateVector | None = None  # None: until the next complete state
-        silent: StateVector | None = None  # the one that was shown withdrawn
-        recorded: Decision | None = None
-        step: Step | None = None  # the newest; its recorded decision may still follow
+        now = self.now
         for item in items:
             if isinstance(item, MissingItem):
-                yield from _judged(step, recorded)
+                yield from _judged(now.step, now.recorded)
                 self.missing.append(item.why)
-                state = recorded = step = None
+                now.state = now.recorded = now.step = None
                 continue
             place, record = item
             if place.head is not head:
                 head = place.head
                 rules, order = self.rules_of(head)
             begins = isinstance(record, Checkpoint) and not record.follows
-            said = None if state is None or begins or state is silent else lapsed(state, record.t_ns)
+            said = None if now.state is None or begins or now.state is now.silent else lapsed(now.state, record.t_ns)
             if said is not None:
-                yield from _judged(step, recorded)
+                yield from _judged(now.step, now.recorded)
                 yield Step(place, NoTick(), said, None)
-                silent, step = state, None
+                now.silent, now.step = now.state, None
             if isinstance(record, Decision):
-                recorded = record
+                now.recorded = record
                 continue
-            yield from _judged(step, recorded)
-            step = None
+            yield from _judged(now.step, now.recorded)
+            now.step = None
             if isinstance(record, Checkpoint):
                 same_version = head is not None and head.gateway_version == __version__
-                if record.follows and state is not None and self.exact and same_version:
-                    yield from _different(place, record.t_ns, _state_changes(record.state, state))
-                begins = begins or state is None
+                if record.follows and now.state is not None and self.exact and same_version:
+                    yield from _different(place, record.t_ns, _state_changes(record.state, now.state))
+                begins = begins or now.state is None
                 if begins:
-                    recorded = Decision.of(record.state) if record.follows else None
+                    now.recorded = Decision.of(record.state) if record.follows else None
                 if self.exact or begins:
-                    state = _within(record.state, rules)
-                    step = Step(place, None, state, None) if begins else None
+                    now.state = _within(record.state, rules)
+                    now.step = Step(place, None, now.state, None) if begins else None
             elif isinstance(record, RegisterImage):
-                if state is not None and self.exact and _map_version(record) == MAP_VERSION:
+                if now.state is not None and self.exact and _map_version(record) == MAP_VERSION:
                     self.images += 1
-                    yield from _different(place, record.t_ns, _register_changes(record, state, order))
-            elif state is not None and (observation := observed(record)) is not None:
+                    yield from _different(place, record.t_ns, _register_changes(record, now.state, order))
+            elif now.state is not None and (observation := observed(record)) is not None:
                 self.steps += 1
-                state = interlock.step(state, observation, record.t_ns, rules)
-                step = Step(place, observation, state, None)
-        yield from _judged(step, recorded)
+                now.state = interlock.step(now.state, observation, record.t_ns, rules)
+                now.step = Step(place, observation, now.state, None)
+        yield from _judged(now.step, now.recorded)
 
 
 def _judged(step: Step | None, recorded: Decision | None) -> Iterator[Step | Difference]:

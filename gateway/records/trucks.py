@@ -43,15 +43,15 @@ class Trucks:
     """Follows the items of a replay and its steps. `found`: the trucks whose visit is over, and then the open one."""
 
     found: list[ComparedTruck] = field(default_factory=list)
-    _open: VisitSummary | None = None
-    _before: list[Decision | None] = field(default_factory=lambda: [None, None])  # then, and now
-    _marks: list[tuple[int, int, ThenNow]] = field(default_factory=list)  # Unix ns; 0: then, 1: now
+    open: VisitSummary | None = None
+    before: list[Decision | None] = field(default_factory=lambda: [None, None])  # then, and now
+    marks: list[tuple[int, int, ThenNow]] = field(default_factory=list)  # Unix ns; 0: then, 1: now
 
     def visits(self, items: Iterable[Item | MissingItem]) -> Iterator[Item | MissingItem]:
         """The same items."""
         for item in items:
             if not isinstance(item, MissingItem) and isinstance(record := item[1], VisitRecord):
-                self._open = record.visit
+                self.open = record.visit
                 if record.visit.end is not VisitEnd.OPEN:
                     self._end()
             yield item
@@ -63,18 +63,18 @@ class Trucks:
         for which, decision in enumerate((step.recorded, Decision.of(step.state))):
             if decision is None:
                 continue
-            before, self._before[which] = self._before[which], decision
+            before, self.before[which] = self.before[which], decision
             stopped = _at_mark(decision) and not began and before is not None and not _at_mark(before)
             if stopped or (decision.in_place and (before is None or not before.in_place)):
-                self._marks.append((at_ns, which, ThenNow(decision.in_place, z_mm if stopped else None)))
+                self.marks.append((at_ns, which, ThenNow(decision.in_place, z_mm if stopped else None)))
 
     def _end(self) -> None:
-        visit, self._open = self._open, None
+        visit, self.open = self.open, None
         if visit is None:
             return
         begun_ns, ended_ns = visit.begun_ms * NS_PER_MS, visit.last_seen_ms * NS_PER_MS
-        of = [mark for mark in self._marks if begun_ns <= mark[0] <= ended_ns]
-        self._marks = [mark for mark in self._marks if mark[0] > ended_ns]
+        of = [mark for mark in self.marks if begun_ns <= mark[0] <= ended_ns]
+        self.marks = [mark for mark in self.marks if mark[0] > ended_ns]
         then, now = (
             ThenNow(
                 any(mark.in_place for _, by, mark in of if by == which),

@@ -1,17 +1,24 @@
 """`gateway replay --against` by truck, and of a part of the recording."""
 
 import json
+import shutil
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from gateway.cli.main import main
+from gateway.config import load
 from gateway.core.events import Event, EventKind
 from gateway.core.plc import Control
+from gateway.core.state import StateVector
 from gateway.core.visit_summary import VisitEnd, VisitSummary
+from gateway.records.replay_portions import Portion, ReplayJob, replayed
 from tests.recorded_bay import CONFIG, T0_NS, Recorded, S, unix
-from tests.visit_bench import Bench, Levels, truck
+from tests.visit_bench import UNIX_NS, Bench, Levels, truck
 
 pytestmark = pytest.mark.one_interpreter
 PLC = '[modbus]\nwrites = true\nplc_addresses = ["10.0.0.9"]\nhandshake = { heartbeat_required = false }\n'
@@ -32,6 +39,77 @@ def visit(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     kept.collector(None, bench.state, [Event(EventKind.VISIT, "bay1", bench.now_ns, bench.state, summary=summary)])
     kept.write(T0_NS)
     return kept
+
+
+@pytest.fixture(scope="module")
+def visits(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+    """Four trucks, in segments of 20 s."""
+    kept = Recorded(tmp_path_factory.mktemp("visits"))
+    legs = [{"distance_cm": cm, "speed_cm_s": 60, "hold_s": 9} for _ in range(4) for cm in (28, 390)]
+    bench = Bench(truck(*legs), CONFIG)
+    told: list[VisitSummary] = []
+
+    def record(observation: Any, state: StateVector, happened: Sequence[Event], open_visit: Any) -> None:
+        ended, shift_ms = bench.visits[len(told) :], (unix(T0_NS) - T0_NS - UNIX_NS) // 10**6
+        told.extend(ended)
+        of = [replace(visit, begun_ms=visit.begun_ms + shift_ms) for visit in ended]
+        more = [Event(EventKind.VISIT, "bay1", state.t_ns, state, summary=visit) for visit in of]
+        kept.collector(observation, state, [*happened, *more], open_visit)
+
+    bench.record = record
+    bench.power_on()
+    while bench.t_s < 125:
+        begin_ns = bench.now_ns
+        bench.run(bench.t_s + 20)
+        kept.write(begin_ns)
+        kept.collector.begin()
+    assert (len(list(kept.path.iterdir())), len(told)) == (7, 4)
+    return kept
+
+
+@pytest.mark.parametrize(("settings", "shape"), [(None, ("--json",)), ("radius_threshold_px = 160", ())])
+def test_several_processes_say_the_same_to_the_byte(
+    visits: Recorded,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    settings: str | None,
+    shape: tuple[str, ...],
+) -> None:
+    config = tmp_path / "other.toml"
+    config.write_text(f"[fusion]\n{settings}\n{PLC}")
+    bay = shutil.copytree(visits.path, tmp_path / "bay1")
+    paths = sorted(bay.iterdir())
+    paths[1].unlink()
+    paths[4].write_bytes(b"")
+    rules = () if settings is None else ("--against", str(config))
+    found = [
+        (main(["replay", str(bay), *rules, *shape, "--jobs", jobs]), capsys.readouterr().out) for jobs in ("1", "3")
+    ]
+    assert found[0] == found[1]
+    assert "everything between" in found[0][1]
+    assert found[0][0] == 1
+
+
+def test_one_that_begins_in_the_middle_is_right_from_where_its_fingerprint_is_the_same(
+    visits: Recorded, tmp_path: Path
+) -> None:
+    config = tmp_path / "other.toml"
+    config.write_text(f"[fusion]\nradius_threshold_px = 160\n{PLC}")
+    paths = tuple(map(str, sorted(visits.path.iterdir())))
+    known: list[list[bytes]] = []
+    for against in (None, load(config)):
+        whole: list[Portion] = []
+        later: list[Portion] = []
+        job = ReplayJob(paths, (), against, None, 0, 2**63 - 1)
+        replayed(job, whole.append)
+        replayed(msgspec.structs.replace(job, first=2), later.append)
+        assert (len(whole), len(later)) == (7, 5)
+        pairs = list(zip(whole[2:], later, strict=True))
+        same = [n for n, (one, other) in enumerate(pairs) if one.begins_as and one.begins_as == other.begins_as]
+        assert same
+        assert all(one == other for one, other in pairs[same[0] :])
+        known.append([portion.begins_as for portion in whole])
+    assert known[0] != known[1], "another state is another fingerprint"
 
 
 def against(visit: Recorded, folder: Path, settings: str, capsys: pytest.CaptureFixture[str], *more: str) -> Any:
