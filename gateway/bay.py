@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from gateway.clock import Clock
 from gateway.config import BayConfig, GatewayConfig
-from gateway.core import events, fusion, interlock, visit_progress
+from gateway.core import details, events, fusion, interlock, visit_progress
 from gateway.core.events import MAX_DETAIL_CHARS, Event, EventKind
 from gateway.core.plc import PlcConnection, PlcWrite, Writer, WriteVerdict
 from gateway.core.readings import RangeReading, VisionReading
@@ -65,9 +65,8 @@ class BayControl:
         self._visits = VisitProgress()  # read by nothing that decides
         self._waiting: dict[type, VisionReading | RangeReading] = {}  # came while the control task did not run
         state = interlock.initial(self.name, clock.now_ns(), self._rules, retained)
-        kept = {"a function check on": bool(state.function_check), "a truck that was in place": state.visit.restored}
-        detail = " and ".join(what for what, so in kept.items() if so)
-        started = Event(EventKind.START, self.name, state.t_ns, state, detail=detail and f"with {detail}")
+        detail = details.KEPT[bool(state.function_check), state.visit.restored]
+        started = Event(EventKind.START, self.name, state.t_ns, state, detail=detail)
         begun = Event(EventKind.FUNCTION_CHECK_BEGUN, self.name, state.t_ns, state, detail=_untried(untried))
         self._publish(state, [started, *([begun] if state.function_check and untried else [])])
 
@@ -198,8 +197,8 @@ class BayControl:
                 continue
             self._buckets[event.kind], suppressed = rate_limit.take(self._buckets[event.kind], event.t_ns)
             if suppressed is not None:
-                more = f" (and {suppressed} before it not reported)" if suppressed else ""
-                kept.append(replace(event, detail=event.detail + more))
+                detail = details.NOT_REPORTED(event.detail, suppressed) if suppressed else event.detail
+                kept.append(replace(event, detail=detail))
         return kept
 
     def _publish(
@@ -237,7 +236,7 @@ def _fields(event: Event, state: StateVector) -> dict[str, str | float | None]:
 
 
 def _untried(keys: Sequence[str]) -> str:
-    return f"not as last tried: {', '.join(keys)}"[:MAX_DETAIL_CHARS]
+    return details.UNTRIED(", ".join(keys))[:MAX_DETAIL_CHARS]
 
 
 def _of_visit(state: StateVector, ended: VisitSummary | None) -> list[Event]:

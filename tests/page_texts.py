@@ -16,8 +16,9 @@ from typing import Any, NamedTuple
 from gateway.alarms import definition
 from gateway.alarms.bay_alarms import BAY_ALARMS
 from gateway.alarms.gateway_alarms import GATEWAY_ALARMS
+from gateway.alarms.states import AlarmEvent, AlarmState
 from gateway.config import GatewayConfig
-from gateway.core import detection, events, ne107, plc, readings, state, teach_in, visit_summary
+from gateway.core import details, detection, events, ne107, plc, readings, state, teach_in, visit_summary
 from gateway.records.alarm_rates import BENCHMARKS
 from gateway.sinks import registry
 from gateway.vision.detect.paper import tuning_view as paper_view
@@ -241,6 +242,12 @@ def of_the_states() -> set[str]:
     return found
 
 
+def of_the_details() -> set[str]:
+    """The sentences of events, faults and alarms, which travel as codes with values; and the words among these."""
+    words = {each.value.replace("_", " ") for each in (*AlarmEvent, *AlarmState)}
+    return {detail.text for detail in details.DETAILS if _words(detail.text)} | words
+
+
 def of_the_alarms() -> set[str]:
     found = {benchmark.title for benchmark in BENCHMARKS} | {NOT_RECORDED}
     alarms: tuple[definition.AlarmDefinition[Any], ...] = (*BAY_ALARMS, *GATEWAY_ALARMS)
@@ -317,7 +324,7 @@ def _of_template(text: str) -> Iterator[str]:
 def page_texts() -> set[str]:
     """All keys."""
     of_scripts = (texts_of(script) for script in DESK)
-    of_tables = (of_the_states(), of_the_alarms(), of_the_configuration(), of_the_remarks())
+    of_tables = (of_the_states(), of_the_details(), of_the_alarms(), of_the_configuration(), of_the_remarks())
     return set().union(WORDS, *of_tables, *of_scripts) - NOT_TEXTS
 
 
@@ -333,7 +340,7 @@ def required_texts() -> set[str]:
         imported = re.findall(r"from\s+'(\.[^']+)'", script.read_text(encoding="utf-8"))
         waiting += [path for name in imported if (path := (script.parent / name).resolve()) in {*DESK} - scripts]
     words = WORDS & set().union(*(literals_of(script) for script in scripts))
-    return set().union(words, of_the_states(), *(texts_of(script) for script in scripts)) - NOT_TEXTS
+    return set().union(words, of_the_states(), of_the_details(), *(texts_of(script) for script in scripts)) - NOT_TEXTS
 
 
 def of_languages() -> dict[str, set[str]]:

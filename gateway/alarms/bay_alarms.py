@@ -7,6 +7,7 @@ truck in place, a marker that is hidden for a moment, a sensor that starts.
 from collections.abc import Callable
 
 from gateway.alarms.definition import MINUTE_S, AlarmDefinition, BayInputs, Priority, Suppression
+from gateway.core import details
 from gateway.core.ne107 import degraded
 from gateway.core.readings import DEAD, EXPOSURE_MEANING, UNCONTROLLED, PictureFault, Quality
 from gateway.core.state import MOVED_MEANING, FunctionCheck, Moved, Reason
@@ -47,7 +48,7 @@ def _no_echo(inputs: BayInputs) -> bool:
 
 def _disagree_detail(inputs: BayInputs) -> str:
     far_mm, near_mm = inputs.state.z_vision_mm, inputs.state.range.distance_mm
-    return "" if far_mm is None or near_mm is None else f"camera {far_mm:.0f} mm, ranger {near_mm:.0f} mm"
+    return "" if far_mm is None or near_mm is None else details.BOTH_SEE(f"{far_mm:.0f}", f"{near_mm:.0f}")
 
 
 def _truck_moved(inputs: BayInputs) -> bool:
@@ -56,8 +57,12 @@ def _truck_moved(inputs: BayInputs) -> bool:
 
 def _truck_moved_detail(inputs: BayInputs) -> str:
     place, now_mm = inputs.state.visit.place, inputs.state.range.distance_mm
-    was = "" if place is None else f"; in place at {place.distance_mm:.0f} mm"
-    return f"{MOVED_MEANING[inputs.state.visit.moved]}{was}" + ("" if now_mm is None else f", now {now_mm:.0f} mm")
+    return _was_and_now(details.FROM, MOVED_MEANING[inputs.state.visit.moved], place and place.distance_mm, now_mm)
+
+
+def _was_and_now(was: details.Detail, what: str, was_mm: float | None, now_mm: float | None) -> str:
+    told = what if was_mm is None else was(what, f"{was_mm:.0f}")
+    return told if now_mm is None else details.NOW(told, f"{now_mm:.0f}")
 
 
 def _truck_rolling(inputs: BayInputs) -> bool:
@@ -68,8 +73,7 @@ def _truck_rolling_detail(inputs: BayInputs) -> str:
     reference, now_mm = inputs.state.visit.reference, inputs.state.range.distance_mm
     if reference is None:
         return ""
-    stood = "" if reference.distance_mm is None else f"; it stood at {reference.distance_mm:.0f} mm"
-    return f"by {reference.sensor}{stood}" + ("" if now_mm is None else f", now {now_mm:.0f} mm")
+    return _was_and_now(details.STOOD, details.BY(reference.sensor), reference.distance_mm, now_mm)
 
 
 def _in_place_lost(inputs: BayInputs) -> bool:
@@ -88,7 +92,7 @@ def _scale_detail(inputs: BayInputs) -> str:
     scale, jump = inputs.state.memory.scale, _jump(inputs)
     if scale is None or jump is None:
         return ""
-    return f"R x Z {scale.newest.px_mm:.0f} px mm, {100 * jump:+.0f} %; learned from {scale.visits} visits"
+    return details.SCALE_JUMP(f"{scale.newest.px_mm:.0f}", f"{100 * jump:+.0f}", scale.visits)
 
 
 def _picture(*faults: PictureFault) -> tuple[Condition, Detail]:
@@ -104,14 +108,14 @@ def _picture_detail(inputs: BayInputs) -> str:
     if health is None or not health.faults:
         return ""
     numbers = {
-        PictureFault.DARK: f"brightness {health.brightness:.1%}",
-        PictureFault.BRIGHT: f"{health.clipped:.0%} burnt out",
-        PictureFault.FLAT: f"contrast {health.contrast:.1%}",
-        PictureFault.BLURRED: "" if health.sharpness is None else f"sharpness {health.sharpness:.0%}",
-        PictureFault.DUSTY: "" if health.veil is None else f"veil {health.veil:.0%}",
-        PictureFault.SHIFTED: "" if health.shift_px is None else f"shift {health.shift_px:.0f} px",
+        PictureFault.DARK: f"{100 * health.brightness:.1f}",
+        PictureFault.BRIGHT: f"{100 * health.clipped:.0f}",
+        PictureFault.FLAT: f"{100 * health.contrast:.1f}",
+        PictureFault.BLURRED: None if health.sharpness is None else f"{100 * health.sharpness:.0f}",
+        PictureFault.DUSTY: None if health.veil is None else f"{100 * health.veil:.0f}",
+        PictureFault.SHIFTED: None if health.shift_px is None else f"{health.shift_px:.0f}",
     }
-    return ", ".join(f"{fault.name.lower()} ({numbers[fault]})".replace(" ()", "") for fault in health.faults)
+    return ", ".join(details.picture(fault, numbers[fault]) for fault in health.faults)
 
 
 _STOPS = "stop is on, may_move and in_place are off: no truck may move, and none may be loaded"
@@ -234,7 +238,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         "look at the sensor: clean it, point it at the truck's flat side",
         10,
         _no_echo,
-        lambda inputs: f"the marker looks {expected_mm(inputs):.0f} mm away",
+        lambda inputs: details.LOOKS_AWAY(f"{expected_mm(inputs):.0f}"),
         on_delay_s=5.0,
         off_delay_s=10.0,
     ),

@@ -1,6 +1,7 @@
 """The alarms of the gateway itself. Pure."""
 
 from gateway.alarms.definition import AlarmDefinition, GatewayConditions, GatewayInputs, Priority
+from gateway.core import details
 
 OWN_ALARM = ("mqtt", "sparkplug")  # sinks whose loss is a separate alarm
 
@@ -154,7 +155,7 @@ GATEWAY_ALARMS: tuple[AlarmDefinition[GatewayInputs], ...] = (
         "mend the broker or the database; note the gap in the records; reset this alarm",
         8 * 60,
         lambda inputs: inputs.now.events_lost > inputs.before.events_lost,
-        lambda inputs: f"{inputs.now.events_lost} since the start of the gateway",
+        lambda inputs: details.COUNTED(inputs.now.events_lost),
         on_delay_s=0.0,
         off_delay_s=60.0,
         latching=True,
@@ -211,7 +212,7 @@ GATEWAY_ALARMS: tuple[AlarmDefinition[GatewayInputs], ...] = (
         "mend the disk; reset this alarm",
         8 * 60,
         lambda inputs: inputs.now.records_lost > inputs.before.records_lost,
-        lambda inputs: f"{inputs.now.records_lost} since the start of the gateway",
+        lambda inputs: details.COUNTED(inputs.now.records_lost),
         on_delay_s=0.0,
         off_delay_s=60.0,
         latching=True,
@@ -230,7 +231,7 @@ GATEWAY_ALARMS: tuple[AlarmDefinition[GatewayInputs], ...] = (
         "raise [records] picture_mb_per_day, or make room on the disk; reset this alarm",
         8 * 60,
         lambda inputs: inputs.now.pictures_not_kept > inputs.before.pictures_not_kept,
-        lambda inputs: f"{inputs.now.pictures_not_kept} since the start of the gateway; {inputs.now.pictures_detail}",
+        lambda inputs: details.COUNTED_NEWEST(inputs.now.pictures_not_kept, inputs.now.pictures_detail),
         on_delay_s=0.0,
         off_delay_s=60.0,
         latching=True,

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from gateway.alarms.states import AlarmEvent, AlarmState
+from gateway.core import details
 from gateway.processes.codec import Message
 
 MAX_SHELVE_MIN = 12 * 60  # one shift
@@ -62,8 +63,10 @@ class AlarmChange:
 
     def __str__(self) -> str:
         detail = f": {self.detail}" if self.detail and self.after is AlarmState.UNACKNOWLEDGED else ""
-        by = f" by {self.who}{f' ({self.note})' if self.note else ''}" if self.who else ""
-        return f"{self.id}: {self.event.value}, now {self.after.value}{by}{detail}"
+        step = self.id, self.event.value, self.after.value
+        if not self.who:
+            return details.ALARM_STEP(*step) + detail
+        return details.ALARM_STEP_BY(*step, f"{self.who} ({self.note})" if self.note else self.who) + detail
 
 
 @dataclass(frozen=True, slots=True)

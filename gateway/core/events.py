@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
+from gateway.core import details
 from gateway.core.detection import Circle
 from gateway.core.plc import (
     Handshake,
@@ -16,7 +17,7 @@ from gateway.core.plc import (
 )
 from gateway.core.readings import RANGE_FINE, VISION_FINE, Quality
 from gateway.core.shown import lapsed, resumed, valid
-from gateway.core.state import MOVED_MEANING, Moved, StateVector
+from gateway.core.state import Moved, StateVector
 from gateway.core.visit_summary import VisitSummary
 from gateway.durations import NS_PER_S
 
@@ -86,13 +87,13 @@ def diff(old: StateVector, new: StateVector) -> list[Event]:
     found: list[Event] = []
     last = lapsed(old, new.t_ns)
     if last is not None:  # else it was made meanwhile, and this has been reported
-        text = "gateway_fault: the control task does not run"
-        found.append(Event(EventKind.OUTPUTS_WITHDRAWN, new.bay, last.t_ns, last, detail=text))
+        silent = details.CONTROL_SILENT()
+        found.append(Event(EventKind.OUTPUTS_WITHDRAWN, new.bay, last.t_ns, last, detail=silent))
         found += [replace(event, state=last) for event in _changes(old, replace(going_on, t_ns=last.t_ns))]
     if valid(new, new.t_ns):
         silent_s = (new.t_ns - old.valid_until_ns) / NS_PER_S
-        text = f"the control task runs again; no decision was valid for {silent_s:.2f} s"
-        found.append(Event(EventKind.OUTPUTS_RETURNED, new.bay, new.t_ns, new, detail=text))
+        again = details.CONTROL_AGAIN(f"{silent_s:.2f}")
+        found.append(Event(EventKind.OUTPUTS_RETURNED, new.bay, new.t_ns, new, detail=again))
     return found + _changes(going_on, new)
 
 
@@ -113,12 +114,9 @@ def of_write(old: StateVector, new: StateVector, write: PlcWrite) -> list[Event]
     """What `write`, which made `new` of `old`, has changed; or that it was refused."""
     writer, verdict = write.writer, new.plc.write_verdict
     if verdict in (WriteVerdict.CONFLICT, WriteVerdict.OTHER_CONNECTION):
-        detail = f"{writer}: {new.plc.owner} owns the handshake block until its heartbeat is lost"
+        detail = details.OTHER_OWNER(writer, new.plc.owner)
         if verdict is WriteVerdict.OTHER_CONNECTION:
-            detail = (
-                f"{writer}, connection {write.connection}: its heartbeat arrives on connection "
-                f"{new.plc.owner_connection} already; two of its programs write to this bay"
-            )
+            detail = details.TWO_PROGRAMS(writer, write.connection, new.plc.owner_connection)
         return [Event(EventKind.WRITE_REFUSED, new.bay, new.t_ns, new, detail=detail, writer=writer)]
     return [
         Event(EventKind.PLC_WRITE, new.bay, new.t_ns, new, detail=f"{writer}: {change}", writer=writer, change=change)
@@ -164,9 +162,9 @@ def _cross_check(old: StateVector, new: StateVector) -> list[Event]:
     kind = EventKind.SENSOR_FAULT if new.memory.disagree else EventKind.SENSOR_RECOVERED
     detail = ""
     if new.memory.disagree and new.z_vision_mm is not None and new.range.distance_mm is not None:
-        detail = f"camera sees {new.z_vision_mm:.0f} mm, ranger {new.range.distance_mm:.0f} mm"
+        detail = details.CAMERA_SEES(f"{new.z_vision_mm:.0f}", f"{new.range.distance_mm:.0f}")
     elif new.memory.disagree and new.vision.circle is not None and new.range.distance_mm is not None:
-        detail = f"R x Z is not that of this marker: {_where(new.range.distance_mm, new.vision.circle)}"
+        detail = details.OTHER_SCALE(_where(new.range.distance_mm, new.vision.circle))
     return [Event(kind, new.bay, new.t_ns, new, "cross_check", Quality.GOOD, detail)]
 
 
@@ -179,25 +177,25 @@ def _visit(old: StateVector, new: StateVector) -> list[Event]:
     if now.rolling and not was.rolling and was.reference is not None and now.reference is not None:
         distance_mm, circle = was.reference.distance_mm, was.reference.circle
         after = _where(new.range.distance_mm, new.vision.circle)
-        found.append((EventKind.ROLLING, f"by {now.reference.sensor}: {_where(distance_mm, circle)} -> {after}"))
+        found.append((EventKind.ROLLING, details.ROLLING(now.reference.sensor, _where(distance_mm, circle), after)))
     if now.moved is not was.moved and now.moved is not Moved.NO and now.place is not None:
         before = _where(now.place.distance_mm, now.place.circle)
         after = _where(new.range.distance_mm, new.vision.circle)
-        found.append((EventKind.MOVED, f"{MOVED_MEANING[now.moved]}: {before} -> {after}"))
+        found.append((EventKind.MOVED, details.moved_from_to(now.moved, before, after)))
     if was.in_place and not now.in_place:
-        found.append((EventKind.IN_PLACE_ENDED, now.ended or "the gateway can't vouch for it"))
+        found.append((EventKind.IN_PLACE_ENDED, now.ended or details.NOT_VOUCHED()))
     if now.released and not was.released:
-        found.append((EventKind.RELEASED, "by the PLC"))
+        found.append((EventKind.RELEASED, details.BY_PLC()))
     if was.monitored and not now.monitored and now.clear_since_ns is not None:
-        found.append((EventKind.VISIT_ENDED, "the bay is clear"))
+        found.append((EventKind.VISIT_ENDED, details.CLEAR()))
     return [Event(kind, new.bay, new.t_ns, new, detail=detail) for kind, detail in found]
 
 
 def _where(distance_mm: float | None, circle: Circle | None) -> str:
-    distance = "Z unknown" if distance_mm is None else f"Z {distance_mm:.0f} mm"
-    if circle is None:
-        return f"{distance}, marker not seen"
-    return f"{distance}, R {circle.radius_px:.1f} px at ({circle.u_px:.0f}, {circle.v_px:.0f})"
+    at = () if circle is None else (f"{circle.radius_px:.1f}", f"{circle.u_px:.0f}", f"{circle.v_px:.0f}")
+    if distance_mm is None:
+        return details.WHERE_NO_Z(*at) if at else details.WHERE_UNKNOWN()
+    return (details.WHERE if at else details.WHERE_UNSEEN)(f"{distance_mm:.0f}", *at)
 
 
 def _plc(old: StateVector, new: StateVector) -> list[Event]:
@@ -208,14 +206,14 @@ def _plc(old: StateVector, new: StateVector) -> list[Event]:
         found.append((EventKind.OWNER_CHANGED, f"{was.owner} -> {now.owner}"))
     if now.link is not was.link:
         if now.link is PlcLink.LOST:
-            found.append((EventKind.PLC_LOST, f"plc_heartbeat stopped at {now.heartbeat}"))
+            found.append((EventKind.PLC_LOST, details.HEARTBEAT_STOPPED(now.heartbeat)))
         elif now.link is PlcLink.ALIVE:
-            found.append((EventKind.PLC_RETURNED, f"plc_heartbeat is {now.heartbeat}"))
+            found.append((EventKind.PLC_RETURNED, details.HEARTBEAT_IS(now.heartbeat)))
     if now.recipe != was.recipe:
-        found.append((EventKind.RECIPE_CHANGED, f"recipe {was.recipe} -> {now.recipe}"))
+        found.append((EventKind.RECIPE_CHANGED, details.RECIPE_FROM_TO(was.recipe, now.recipe)))
     elif now.recipe_verdict is not was.recipe_verdict and now.recipe_verdict is not RecipeVerdict.ACTIVE:
-        found.append((EventKind.WRITE_REFUSED, f"recipe {now.recipe_asked}: {now.recipe_verdict.name.lower()}"))
+        found.append((EventKind.WRITE_REFUSED, details.RECIPE_REFUSED[now.recipe_verdict](now.recipe_asked)))
     if old.memory.latched and not new.memory.latched:
         asked = now.reset_verdict is ResetVerdict.DONE and now.writes != was.writes
-        found.append((EventKind.LATCH_RELEASED, "reset by the PLC" if asked else "the truck has left"))
+        found.append((EventKind.LATCH_RELEASED, details.RESET_BY_PLC() if asked else details.TRUCK_LEFT()))
     return [Event(kind, new.bay, new.t_ns, new, detail=detail) for kind, detail in found]

@@ -20,7 +20,7 @@ A circle that does not fit the ranger's distance is a contradiction, and a cause
 from dataclasses import replace
 
 from gateway.config import FusionConfig
-from gateway.core import agreement
+from gateway.core import agreement, details
 from gateway.core.agreement import FAR_SHARE, in_range
 from gateway.core.detection import Circle
 from gateway.core.plc import PlcConnection, PlcWrite
@@ -41,7 +41,6 @@ from gateway.core.state import (
 from gateway.durations import NS_PER_S
 
 Observation = VisionReading | RangeReading | Tick | PlcWrite | PlcConnection | FunctionCheck
-RECOVERING = "good again, but not for long enough yet"
 BEYOND_SHARE = 0.9  # of the ranger's range: what was learned of the marker may be off by a tenth
 
 VISION_REASON: dict[Quality, Reason] = {
@@ -183,7 +182,7 @@ def _checked_vision(reading: VisionReading, now_ns: int) -> VisionReading:
     if reading.quality is not Quality.GOOD:
         return _without_circle(reading, reading.quality)
     if circle is None or not all(map(in_range, (circle.u_px, circle.v_px, circle.radius_px))) or circle.radius_px < 0:
-        return replace(_without_circle(reading, Quality.PROCESS_FAULT), detail="detection without a usable circle")
+        return replace(_without_circle(reading, Quality.PROCESS_FAULT), detail=details.NO_CIRCLE())
     if all(n is None or in_range(n) for n in (reading.x_n, reading.y_n)):
         return reading
     return replace(reading, x_n=None, y_n=None)
@@ -199,9 +198,7 @@ def _checked_range(reading: RangeReading, now_ns: int) -> RangeReading:
         return replace(reading, distance_mm=None) if z is not None else reading
     if z is not None and in_range(z) and z > 0:
         return reading
-    return replace(
-        reading, quality=Quality.UNSTABLE, distance_mm=None, echo_mm=None, detail="reading without a usable distance"
-    )
+    return replace(reading, quality=Quality.UNSTABLE, distance_mm=None, echo_mm=None, detail=details.NO_DISTANCE())
 
 
 def _newest_vision(held: VisionReading, new: VisionReading) -> VisionReading:
@@ -218,7 +215,7 @@ def _aged_vision(reading: VisionReading, now_ns: int, config: FusionConfig) -> V
     ages = reading.quality in VISION_FINE
     deadline_s = config.start_grace_s if reading.quality is Quality.WAITING else config.vision_deadline_s
     if ages and now_ns - reading.t_ns > deadline_s * NS_PER_S:
-        return replace(_without_circle(reading, Quality.STALE), detail=f"no result for {deadline_s:g} s")
+        return replace(_without_circle(reading, Quality.STALE), detail=details.NO_RESULT(f"{deadline_s:g}"))
     return reading
 
 
@@ -227,7 +224,7 @@ def _aged_range(reading: RangeReading, now_ns: int, config: FusionConfig) -> Ran
     ages = reading.quality not in (Quality.LINK_DOWN, Quality.WRONG_VERSION, Quality.STALE)
     deadline_s = config.start_grace_s if reading.quality is Quality.WAITING else config.range_deadline_s
     if ages and now_ns - reading.t_ns > deadline_s * NS_PER_S:
-        late = f"no reading for {deadline_s:g} s"
+        late = details.NO_READING(f"{deadline_s:g}")
         return replace(reading, quality=Quality.STALE, distance_mm=None, echo_mm=None, detail=late)
     return reading
 
@@ -243,9 +240,9 @@ def _recovering(
     if (of_vision, of_range) != (memory.vision_failure, memory.range_failure):
         memory = replace(memory, vision_failure=of_vision, range_failure=of_range)
     if of_vision.quality is not None and vision.quality in FRESH_FRAME:
-        vision = replace(_without_circle(vision, of_vision.quality), detail=RECOVERING)
+        vision = replace(_without_circle(vision, of_vision.quality), detail=details.RECOVERING())
     if of_range.quality is not None and rng.quality not in DEAD and rng.quality is not Quality.WAITING:
-        rng = replace(rng, quality=of_range.quality, distance_mm=None, echo_mm=None, detail=RECOVERING)
+        rng = replace(rng, quality=of_range.quality, distance_mm=None, echo_mm=None, detail=details.RECOVERING())
     return memory, vision, rng
 
 

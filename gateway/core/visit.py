@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass, replace
 
 from gateway.config import FusionConfig, GuidanceConfig, VisitConfig
-from gateway.core import rolling
+from gateway.core import details, rolling
 from gateway.core.agreement import FAR_SHARE
 from gateway.core.detection import Circle
 from gateway.core.guidance import to_go_mm
@@ -275,9 +275,10 @@ def _monitored(visit: Visit, place: TruckPosition, fused: Fused, limits: VisitLi
     doubtful = disagree or fused.range.distance_mm is None
     visit = replace(visit, unconfirmed_since_ns=_since(visit.unconfirmed_since_ns, fused, on=doubtful))
     if doubtful and _lasts(visit.unconfirmed_since_ns, fused, limits.visit.hold_grace_s):
-        return _out_of_place(visit, "contradiction" if fused.range.distance_mm is not None else "no distance")
+        unconfirmed = details.CONTRADICTION if fused.range.distance_mm is not None else details.DISTANCE_LOST
+        return _out_of_place(visit, unconfirmed())
     if covered and _lasts(visit.covered_since_ns, fused, limits.visit.hold_limit_s):
-        return _out_of_place(visit, "held for too long")
+        return _out_of_place(visit, details.HELD_TOO_LONG())
     return visit
 
 
@@ -293,13 +294,13 @@ def _seen_elsewhere(place: TruckPosition, fused: Fused, config: VisitConfig) -> 
 def _ended(visit: Visit, fused: Fused, moved: Moved) -> str:
     """What ends in_place at once; empty: nothing."""
     if moved is not Moved.NO:
-        return "moved"
+        return details.TRUCK_MOVED()
     if fused.vision.quality in NOT_MEASURING:
-        return "camera dead"
+        return details.CAMERA_DEAD()
     if fused.range.quality in NOT_MEASURING:
-        return "ranger dead"
+        return details.RANGER_DEAD()
     if visit.checked:  # one that is over ended in_place when it began
-        return "function check"
+        return details.IN_CHECK()
     return "D = 0" if fused.d is False else ""
 
 
@@ -370,6 +371,6 @@ def _after_visit(visit: Visit) -> Visit:
         usable_since_ns=visit.usable_since_ns,
         way_out=visit.way_out,
         unseen_since_ns=visit.unseen_since_ns,
-        ended="the bay is clear" if visit.in_place else visit.ended,
+        ended=details.CLEAR() if visit.in_place else visit.ended,
         checked=visit.checked,
     )

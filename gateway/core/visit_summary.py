@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
+from gateway.core import details
 from gateway.core.state import Moved, Reason, VisitPhase
 
 MS_PER_S = 1000
@@ -75,17 +76,19 @@ class VisitSummary:
     @property
     def text(self) -> str:
         """For people."""
-        position = "never in place"
+        parts = [details.VISIT_LENGTH(f"{self.length_s:.0f}")]
         if self.to_position_s is not None:
-            position = f"in place after {self.to_position_s:.0f} s for {self.in_place_s:.0f} s"
+            parts.append(details.VISIT_IN_PLACE(f"{self.to_position_s:.0f}", f"{self.in_place_s:.0f}"))
+        else:
+            parts.append(details.VISIT_NEVER())
         if self.radius_px is not None and self.distance_mm is not None:
-            position += f", R {self.radius_px:.1f} px, Z {self.distance_mm:.0f} mm"
-        parts = [f"{self.length_s:.0f} s", position, f"corrections {self.corrections}"]
+            parts += [details.VISIT_R(f"{self.radius_px:.1f}"), details.VISIT_Z(f"{self.distance_mm:.0f}")]
+        parts.append(details.VISIT_CORRECTIONS(self.corrections))
         if self.moved is not Moved.NO:
-            parts.append(f"moved: {self.moved.name.lower()}")
-        parts.append("not released" if self.released_s is None else "released")
+            parts.append(details.VISIT_MOVED[self.moved]())
+        parts.append((details.VISIT_NOT_RELEASED if self.released_s is None else details.VISIT_RELEASED)())
         if self.interrupted:
-            parts.append("interrupted by a restart")
+            parts.append(details.VISIT_INTERRUPTED())
         return ", ".join(parts)
 
 

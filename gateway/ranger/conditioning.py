@@ -13,6 +13,7 @@ from enum import Enum, auto
 from statistics import median, median_high, median_low
 
 from gateway.config import RangerConfig
+from gateway.core import details
 from gateway.core.readings import Quality, RangeReading, RangeStats
 from gateway.durations import NS_PER_S
 
@@ -184,9 +185,9 @@ class Conditioner:
             return []
         if verdict is ReadingVerdict.UNSTABLE:
             self._median.reset()
-            return self._emit(t_ns, Quality.UNSTABLE, None, seq, f"readings jump, now {raw_mm:.0f} mm")
+            return self._emit(t_ns, Quality.UNSTABLE, None, seq, details.READINGS_JUMP(f"{raw_mm:.0f}"))
         if not good:
-            return self._emit(t_ns, quality, None, seq, detail or f"{raw_mm:.0f} mm")
+            return self._emit(t_ns, quality, None, seq, detail or details.RAW(f"{raw_mm:.0f}"))
         value_mm, value_ns = self._median.push(raw_mm, t_ns)
         return self._emit(value_ns, Quality.GOOD, value_mm, seq, "", self._median.oldest_ns, raw_mm)
 

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from gateway.config import FusionConfig
-from gateway.core.fusion import RANGE_REASON, RECOVERING, VISION_REASON
+from gateway.core.details import RECOVERING
+from gateway.core.fusion import RANGE_REASON, VISION_REASON
 from gateway.core.interlock import Recipe, Rules
 from gateway.core.plc import Control, PlcLink
 from gateway.core.readings import QUALITY_MEANING, Quality, RangeReading, VisionReading
@@ -188,7 +189,7 @@ def range_cause(state: StateVector, config: FusionConfig) -> Cause | None:
 def _recovering(
     reading: VisionReading | RangeReading, alive_since_ns: int | None, now_ns: int, config: FusionConfig
 ) -> str | None:
-    if reading.detail != RECOVERING or alive_since_ns is None:
+    if reading.detail != RECOVERING() or alive_since_ns is None:
         return None
     alive_s = (now_ns - alive_since_ns) / NS_PER_S
     return (

@@ -3,6 +3,7 @@ import { readFileSync, readdirSync } from 'node:fs';
 import test from 'node:test';
 import { CODES, wordOf } from '../static/lib/guidance.js';
 import { chosen, direction, language, listed, t, text, use } from '../static/lib/lang.js';
+import { saidText } from '../static/lib/said.js';
 import { translated } from '../static/lib/page.js';
 
 const FOLDER = new URL('../static/languages/', import.meta.url);
@@ -75,4 +76,15 @@ test('the language: asked for, else the reader’s, else English', () => {
   assert.equal(chosen(codes, 'xx', ['fr', 'de-CH']), 'de');
   assert.equal(chosen(codes, null, ['fr']), 'en');
   assert.equal(chosen(codes, 'constructor', []), 'en');
+});
+
+test('a sentence of the gateway is made from its code and values, also where one stands in another', () => {
+  const where = [{ code: 'where', text: 'Z {0} mm, marker not seen', values: ['300'] }];
+  const event = { detail: 'by range: Z 300 mm, marker not seen -> gone', said: [{ code: 'rolling', text: 'by {0}: {1} -> {2}', values: ['range', where, 'gone'] }] };
+  use('en', { name: 'English', direction: 'ltr', texts: {} });
+  assert.equal(saidText(event), event.detail);
+  use('de', { name: 'Deutsch', direction: 'ltr', texts: { 'by {0}: {1} -> {2}': 'nach {0}: {1} -> {2}', range: 'Abstand', 'Z {0} mm, marker not seen': 'Z {0} mm, Marke nicht gesehen' } });
+  assert.equal(saidText(event), 'nach Abstand: Z 300 mm, Marke nicht gesehen -> gone');
+  assert.equal(saidText({ detail: 'connection refused', said: [] }), 'connection refused');
+  assert.equal(saidText({ detail: '' }), '');
 });

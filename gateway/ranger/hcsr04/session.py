@@ -7,6 +7,7 @@ methods are described in gateway/ranger/contract.py.
 from collections import Counter
 
 from gateway.config import RangerConfig
+from gateway.core import details
 from gateway.core.readings import Quality, RangeReading, RangeStats
 from gateway.ranger.arrival_times import Arrival, ArrivalTracker
 from gateway.ranger.conditioning import Conditioner
@@ -110,7 +111,7 @@ class Hcsr04Session:
     def opened(self, now_ns: int) -> list[RangeReading]:
         self._start(now_ns)
         self._conditioner.opened()
-        return self._fault(Quality.WAITING, now_ns, "port open, waiting for the ranger")
+        return self._fault(Quality.WAITING, now_ns, details.PORT_OPEN())
 
     def lost(self, now_ns: int, detail: str) -> RangeReading:
         return self._conditioner.lost(now_ns, detail)
@@ -154,8 +155,8 @@ class Hcsr04Session:
         if self._silent(now_ns):
             return self._fault(Quality.STALE, now_ns, self._silence_detail(now_ns))
         if self.hello is None or self._measured_ns is None:
-            what = "the ranger" if self._measured_ns is None else "the ranger's hello"
-            return self._fault(Quality.WAITING, now_ns, f"waiting for {what}")
+            waiting = details.WAITING_RANGER if self._measured_ns is None else details.WAITING_HELLO
+            return self._fault(Quality.WAITING, now_ns, waiting())
         return []
 
     # -- lines ---------------------------------------------------------------------------------------------------
@@ -233,16 +234,16 @@ class Hcsr04Session:
     def _version_detail(self) -> str:
         if self.hello is None:
             return ""
-        return f"{self.hello.name} uses protocol version {self.hello.version}, this gateway {PROTOCOL_VERSION}"
+        return details.RANGER_VERSION(self.hello.name, self.hello.version, PROTOCOL_VERSION)
 
     def _silence_detail(self, now_ns: int) -> str:
         since_ns = self._measured_ns if self._measured_ns is not None else self._opened_ns
         seconds = 0.0 if since_ns is None else (now_ns - since_ns) / S
         if self._received_ns is None or now_ns - self._received_ns >= SILENCE_NS:
-            return f"nothing received for {seconds:.0f} s"
+            return details.NOTHING_RECEIVED(f"{seconds:.0f}")
         if self.hello is None and self._damaged_here:
-            return f"bytes, but no good line for {seconds:.0f} s: wrong baud rate, or not a ranger"
-        return f"no measurement for {seconds:.0f} s"
+            return details.NO_GOOD_LINE(f"{seconds:.0f}")
+        return details.NO_MEASUREMENT(f"{seconds:.0f}")
 
 
 RANGER = RangerType(Hcsr04Session, period_s=lambda _: PERIOD_MS / 1000, max_range_mm=lambda _: FARTHEST_MM)

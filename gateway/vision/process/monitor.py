@@ -31,6 +31,7 @@ from dataclasses import dataclass, field, replace
 from enum import Enum, auto
 
 from gateway.config import CameraConfig, Reconnect, VisionConfig
+from gateway.core import details
 from gateway.core.detection import Detection
 from gateway.core.readings import PictureHealth, Quality, VisionReading, VisionStats
 from gateway.durations import NS_PER_S
@@ -327,18 +328,18 @@ class ProcessMonitor:
         if self._state is not ProcessState.RUNNING or (self._at_work() and not self._result_ns):
             self._start_deadline.missed()
         if self._state is ProcessState.BUILDING:
-            self._process_fault(f"vision process not ready within {start_s:g} s", now_ns)
+            self._process_fault(details.VISION_NOT_READY(f"{start_s:g}"), now_ns)
         elif self._state is ProcessState.OPENING:
-            self._link_down(f"{self.label}: no first frame within {start_s:g} s", now_ns)
+            self._link_down(details.NO_FIRST_FRAME(self.label, f"{start_s:g}"), now_ns)
         elif self._at_work():
-            self._process_fault(f"vision process gave no result within {work_s:g} s", now_ns)
+            self._process_fault(details.VISION_SLOW(f"{work_s:g}"), now_ns)
         elif now_ns >= self._silent_ns and now_ns - self._alive_ns > self._allowed_ns // 2:
-            self._process_fault(f"vision process has stopped: no sign of life for {self.camera.deadline_s:g} s", now_ns)
+            self._process_fault(details.VISION_SILENT(f"{self.camera.deadline_s:g}"), now_ns)
         elif now_ns >= self._silent_ns:
-            self._link_down(f"{self.label}: no frame within {self.camera.deadline_s:g} s", now_ns)
+            self._link_down(details.NO_FRAME(self.label, f"{self.camera.deadline_s:g}"), now_ns)
         elif now_ns >= self._stopped_ns:
             silent_s = (self._stopped_ns - self._alive_ns) / NS_PER_S
-            self._process_fault(f"vision process has stopped: no sign of its detector for {silent_s:g} s", now_ns)
+            self._process_fault(details.DETECTOR_SILENT(f"{silent_s:g}"), now_ns)
         else:
             self._received_ns = now_ns  # the notes have been reported, and show no work
 

@@ -5,7 +5,7 @@ from typing import Literal
 from pydantic import Field
 
 from gateway.sinks.mqtt.visit_payload import Count, VisitPayload
-from gateway.web.server.models import View
+from gateway.web.server.models import DetailedView, View
 
 
 class RecordsView(View):
@@ -84,14 +84,13 @@ class TrendView(View):
     buckets: tuple[BucketView, ...]
 
 
-class MarkedEventView(View):
+class MarkedEventView(DetailedView):
     """An event as the index has it."""
 
     t_ms: Count
     kind: str
     sensor: str
     quality: str = Field(description="of the sensor; empty: it is of none")
-    detail: str
 
 
 class MarkedEventsView(View):

@@ -6,13 +6,15 @@ in the names; null: not known now. Ages are those at sending: a display adds the
 
 from collections.abc import Iterable
 from enum import Enum
+from functools import lru_cache
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, computed_field
 from typing_extensions import TypeAliasType
 
 from gateway.alarms.records import MAX_NOTE, MAX_SHELVE_MIN
 from gateway.alarms.states import AlarmEvent, AlarmState
+from gateway.core import details
 from gateway.sinks.mqtt.messages import Count, EventPayload, StatePayload, StorePayload
 
 Cue = TypeAliasType("Cue", AlarmEvent)  # the name of its schema in docs/openapi.json
@@ -38,6 +40,36 @@ class View(BaseModel):
     another one."""
 
     model_config = ConfigDict(frozen=True, from_attributes=True, populate_by_name=True)
+
+
+class SaidView(View):
+    """A sentence of the gateway, for a program or another language."""
+
+    code: str = Field(description="of the table in gateway/core/details.py")
+    text: str = Field(description="English, with {0}, {1} for the values")
+    values: tuple["str | tuple[SaidView, ...]", ...] = Field(
+        description="in order; sentences, where one has some itself"
+    )
+
+
+@lru_cache(maxsize=2048)
+def said(detail: str) -> tuple[SaidView, ...]:
+    """In the order of the text."""
+    return tuple(
+        SaidView(code=one.detail.code, text=one.detail.text, values=tuple(said(value) or value for value in one.values))
+        for one in details.told(detail)
+    )
+
+
+class DetailedView(View):
+    """What has a `detail`, also as code and values."""
+
+    detail: str = Field(description="in words, for people; never to be parsed")
+
+    @computed_field(description="the sentences of `detail`; empty: it is not the gateway's own")  # type: ignore[prop-decorator]
+    @property
+    def said(self) -> tuple[SaidView, ...]:
+        return said(self.detail)
 
 
 Shown = TypeVar("Shown", bound=BaseModel)
@@ -83,6 +115,8 @@ class BayView(View):
     title: str = Field(description="for people; empty: none")
     unit_id: int = Field(description="Modbus unit id")
     state: StatePayload | None = Field(description="as on MQTT; null: nothing known yet, which means stop")
+    vision_said: tuple[SaidView, ...] = Field((), description="the sentences of `state.vision.detail`")
+    range_said: tuple[SaidView, ...] = Field((), description="the sentences of `state.range.detail`")
     age_ms: float | None = Field(description="of the state, when this was sent")
     thresholds: ThresholdsView
     aim: AimView
@@ -179,12 +213,11 @@ class SparkplugView(View):
     history_waiting: Count
 
 
-class SinkView(View):
+class SinkView(DetailedView):
     """The link of one sink of any kind."""
 
     name: str = Field(validation_alias="sink")
     connected: bool
-    detail: str = Field(description="in words, for people; never to be parsed")
     peer: str = Field(description="address of the other system, without a password")
 
 
@@ -211,7 +244,7 @@ class LinksView(View):
     events_dropped: Count = Field(description="by queues inside of the gateway")
 
 
-class AlarmView(View):
+class AlarmView(DetailedView):
     """One alarm (docs/alarms.md)."""
 
     id: str
@@ -224,7 +257,6 @@ class AlarmView(View):
     since_ms: Count = Field(description="Unix time, ms, of the newest change of its state")
     raised_ms: Count | None = Field(description="Unix time, ms, when it was last announced; null: never")
     occurrences: Count = Field(description="times announced since the start; name it when you acknowledge")
-    detail: str = Field(description="in words, for people; never to be parsed")
     who: str = Field(description="who took the newest action on it")
     note: str = Field(description="and why")
     shelved_until_ms: Count | None = Field(description="Unix time, ms; null: not shelved")
@@ -254,7 +286,7 @@ class AlarmSummary(View):
     newest_change: Count = Field(description="number of the newest change; grows with each")
 
 
-class AlarmChangeView(View):
+class AlarmChangeView(DetailedView):
     """One step of one alarm."""
 
     number: Count
@@ -265,7 +297,6 @@ class AlarmChangeView(View):
     cue: Cue = Field(validation_alias="event", description="what happened")
     before: AlarmState
     after: AlarmState
-    detail: str
     who: str
     note: str
 
@@ -301,6 +332,11 @@ class EventView(View):
 
     number: Count = Field(description="of all bays, from 1 since the start of the gateway; a gap: not kept")
     event: EventPayload = Field(description="as on MQTT")
+
+    @computed_field(description="the sentences of its `detail`; empty: it is not the gateway's own")  # type: ignore[prop-decorator]
+    @property
+    def said(self) -> tuple[SaidView, ...]:
+        return said(self.event.detail)
 
 
 class EventsView(View):

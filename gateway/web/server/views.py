@@ -19,6 +19,7 @@ from gateway.web.server.models import (
     FrameView,
     LiveView,
     ThresholdsView,
+    said,
     view_of,
 )
 
@@ -48,6 +49,8 @@ def bay_view(client: GatewayClient, config: BayConfig) -> BayView:
         else payloads.state_payload(
             report.now.state, gateway_of(client), report.wall_ns - report.now_ns, stale_after_ms=STALE_AFTER_MS
         ),
+        vision_said=() if report is None else said(report.now.state.vision.detail),
+        range_said=() if report is None else said(report.now.state.range.detail),
         age_ms=client.age_ms(None if report is None else report.now.state.t_ns),
         thresholds=view_of(ThresholdsView, fusion, recipe=number, recipe_name=names.get(number)),
         aim=AimView.model_validate(guidance),

@@ -6,6 +6,7 @@ import { called } from '../lib/bays.js';
 import { stamp, words } from '../lib/format.js';
 import { MARKED, SCALES, abnormalEvent, firstScale, hashOf, inputTime, placeOf, spanOf, windowAt } from '../lib/history.js';
 import { listed, t, text } from '../lib/lang.js';
+import { saidText } from '../lib/said.js';
 import { titled } from '../lib/title.js';
 import { unixOf } from '../lib/zone.js';
 import { start } from '../lib/start.js';
@@ -40,7 +41,7 @@ function Events({ of, wrong, pick }) {
       ${events.map((event) => html`<tr>
         <td class="nowrap"><button type="button" class="plain link mono" onClick=${() => pick(event.t_ms)}>${stamp(event.t_ms)}</button></td>
         <td class="nowrap">${event.bad ? html`<span class="tag bad">${words(event.kind)}</span>` : words(event.kind)}</td>
-        <td>${listed([event.sensor && t(words(event.sensor)), event.quality && event.quality !== 'GOOD' && t(words(event.quality)), event.detail])}</td></tr>`)}
+        <td>${listed([event.sensor && t(words(event.sensor)), event.quality && event.quality !== 'GOOD' && t(words(event.quality)), saidText(event)])}</td></tr>`)}
     </tbody></table>
     ${events.length === 0 && html`<p class="muted">None.</p>`}</div>
   </section>`;

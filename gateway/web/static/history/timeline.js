@@ -7,6 +7,7 @@ import { FONT, cleared, hatched, textScale } from '../lib/canvas.js';
 import { clock, day, stamp, words } from '../lib/format.js';
 import { bucketAt, bucketText, columns, stopOf } from '../lib/history.js';
 import { listed, t, text } from '../lib/lang.js';
+import { saidText } from '../lib/said.js';
 import { colour, ink } from '../lib/theme.js';
 import { inUnit, lengthUnit } from '../lib/units.js';
 import { zoneName } from '../lib/zone.js';
@@ -202,7 +203,7 @@ export function Timeline({ view, viewed, busy, events, sinceMs, untilMs, atMs, p
   };
   return html`<div class="timeline">
     <p class="read small"><span class="value">${readMs === null ? '' : stamp(readMs)}</span> ${read}
-      ${near.map((event) => html` <span class=${`tag ${event.bad ? 'bad' : ''}`}>${listed([clock(event.t_ms), t(words(event.kind)), event.detail?.slice(0, 60)])}</span>`)}</p>
+      ${near.map((event) => html` <span class=${`tag ${event.bad ? 'bad' : ''}`}>${listed([clock(event.t_ms), t(words(event.kind)), saidText(event).slice(0, 60)])}</span>`)}</p>
     <div class="charts" ref=${holder} tabindex=${pan ? 0 : undefined} onKeyDown=${keys} role="img"
       aria-label=${text('{0}: R in px, Z in {1}, outputs and events from {2} to {3}; {4}', t(label), lengthUnit(), stamp(sinceMs), stamp(untilMs), read)}>
       <div></div><div></div><canvas class="strip"></canvas>

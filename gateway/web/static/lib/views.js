@@ -2,6 +2,7 @@
 
 import { NONE, age, count, day, known, number, percent, signed, words } from './format.js';
 import { listed, t, text } from './lang.js';
+import { saidText } from './said.js';
 import { inUnit, lengthUnit } from './units.js';
 
 /**
@@ -65,7 +66,8 @@ export function visionHealth(state) {
 /** Why there may be no picture, in words; empty: nothing is wrong with the camera, or nothing known. */
 export function cameraFault(state) {
   if (state === null || visionHealth(state) !== 'bad') return '';
-  const { quality, detail } = state.vision;
+  const { quality } = state.vision;
+  const detail = saidText(state.vision);
   return detail ? listed([t(words(quality.name)), detail], ': ') : words(quality.name);
 }
 

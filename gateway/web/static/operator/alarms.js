@@ -4,6 +4,7 @@ import { html, useEffect, useRef, useState } from '../lib/page.js';
 import { post, toLogin } from '../lib/api.js';
 import { moment, words } from '../lib/format.js';
 import { listed, t, text } from '../lib/lang.js';
+import { saidText } from '../lib/said.js';
 import { LEVELS, TO_ACKNOWLEDGE, mayAcknowledge, alarmCount, standing } from '../lib/views.js';
 import { Notice } from './notice.js';
 import { Priority } from './signs.js';
@@ -88,7 +89,7 @@ function Row({ alarm, bay, session, act }) {
     <div class="what">
       <p><b>${alarm.title}</b>${bay === null || alarm.bay !== bay ? html` <span class="tag" translate=${alarm.bay ? 'no' : undefined}>${alarm.bay ?? TEXTS.gateway}</span>` : ''}</p>
       <p class="small">${alarm.active ? '● ' : '○ '}${listed(state)}</p>
-      ${alarm.detail && html`<p class="small" translate="no">${alarm.detail}</p>`}
+      ${alarm.detail && html`<p class="small" translate="no">${saidText(alarm)}</p>`}
       <details class="small"><summary>${TEXTS.todo(alarm.respond_min)}</summary>
         <p><b>${listed([t(alarm.action), '.'], '')}</b></p><p>${text('It means: {0}. Meanwhile: {1}.', t(alarm.meaning), t(alarm.consequence))}</p><p class="muted">${text('Causes: {0}.', alarm.causes.map((cause) => t(cause)).join('; '))}</p></details>
       ${technician && standing(alarm) && html`<${Hide} alarm=${alarm} act=${act} />`}

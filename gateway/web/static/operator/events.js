@@ -29,7 +29,7 @@ function useEvents(newest) {
         const fresh = answer.events.filter((row) => row.number > last.current);
         const reached = fresh.length ? fresh[fresh.length - 1].number : newest;
         last.current = Math.max(last.current, reached);
-        setRows((was) => [...was, ...fresh.map((row) => row.event)].slice(-MOST));
+        setRows((was) => [...was, ...fresh.map(({ event, said }) => ({ ...event, said }))].slice(-MOST));
         setWrong('');
       })
       .catch((error) => {

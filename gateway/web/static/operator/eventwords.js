@@ -3,6 +3,7 @@
 import { words } from '../lib/format.js';
 import { listed, t, text } from '../lib/lang.js';
 import { REASONS } from '../lib/reasons.js';
+import { saidText } from '../lib/said.js';
 
 /** Kinds of events by what they are about. */
 const GROUPS = {
@@ -28,7 +29,7 @@ export function eventText(event) {
   if (event.quality && event.quality.name !== 'GOOD') parts.push(t(words(event.quality.name)));
   if (event.write?.name) parts.push(`${event.write.name}: ${event.write.old ?? '–'} → ${event.write.new ?? '–'}`);
   if (event.kind === 'stop_raised' && event.reason) parts.push(t(REASONS[event.reason.name]?.[0] ?? event.reason.text));
-  if (event.detail) parts.push(event.detail);
+  if (event.detail) parts.push(saidText(event));
   if (event.write?.address) parts.push(text('by {0}', [event.write.subject, event.write.address].filter(Boolean).join(', ')));
   return listed(parts);
 }

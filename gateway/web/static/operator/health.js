@@ -3,6 +3,7 @@
 import { html } from '../lib/page.js';
 import { NONE, age, count, hz, number, percent, px, words } from '../lib/format.js';
 import { text } from '../lib/lang.js';
+import { saidText } from '../lib/said.js';
 import { pictureHealth, plcHealth, rangeHealth, visionHealth } from '../lib/views.js';
 import { quantity } from '../lib/quantity.js';
 import { useKept } from './hooks.js';
@@ -80,13 +81,13 @@ export function Health({ state, links }) {
   return html`<section class="panel" aria-labelledby="health-title">
     <header><h2 id="health-title">Health</h2></header>
     <ul class="parts">
-      <${Part} name="Camera" detail=${state?.vision.detail}
+      <${Part} name="Camera" detail=${state ? saidText(state.vision) : ''}
         sign=${state ? html`<${Sign} state=${visionHealth(state)} text=${words(state.vision.quality.name)} />` : unknown}
         facts=${[['age', age(state?.vision.age_ms)], ['rate', hz(state?.rates.vision_hz)], ['delay', age(state?.rates.vision_latency_ms)], ...(state?.frames_summed > 1 ? [['frames summed', count(state.frames_summed)]] : []), ...exposure(state?.exposure)]} />
       <${Part} name="Picture"
         sign=${state ? html`<${Sign} ...${pictureHealth(state)} />` : unknown}
         facts=${[['brightness', percent(state?.picture?.brightness)], ['contrast', percent(state?.picture?.contrast)], ['sharpness', percent(state?.picture?.sharpness)], ['veil', percent(state?.picture?.veil)], ['proven to', percent(state?.picture?.veil_proven)], ['shift', px(state?.picture?.shift_px, 0)]]} />
-      <${Part} name="Ranger" detail=${state?.range.detail}
+      <${Part} name="Ranger" detail=${state ? saidText(state.range) : ''}
         sign=${state ? html`<${Sign} state=${rangeHealth(state)} text=${words(state.range.quality.name)} />` : unknown}
         facts=${[['age', age(state?.range.age_ms)], ['rate', hz(state?.rates.range_hz)], ['damaged', count(state?.counters.range_damaged)]]} />
       <${Part} name="PLC"

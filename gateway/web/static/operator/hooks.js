@@ -110,6 +110,10 @@ export function useLive(bays, paceMs, limitMs = LIMIT_MS) {
           view = null;
         }
         if (view && Array.isArray(view.bays) && view.alarms && view.links) {
+          for (const { state, vision_said, range_said } of view.bays.filter((bay) => bay.state)) {
+            state.vision.said = vision_said;
+            state.range.said = range_said;
+          }
           live.take(view, asked, view.held_ms);
           setLink({ connected: true, refusal: '' });
         } else live.forget();

@@ -1,0 +1,203 @@
+"""The sentences of events, faults and alarms: each has a code, and an English text with places for its values. Pure.
+
+What reports makes its text from here; what passes texts on, through processes, records and brokers, need not know them.
+Where a page or a program is to have the code, `told` finds it again by the same table.
+"""
+
+import re
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+from gateway.core.plc import RecipeVerdict
+from gateway.core.readings import EXPOSURE_MEANING, PictureFault
+from gateway.core.state import MOVED_MEANING, Moved
+
+_NUMBER = r"([-+]?\d[\d.]*)"
+
+
+@dataclass(frozen=True)
+class Detail:
+    """`text`: English, with {0}, {1} for the values; these are numbers, but for those in `words`: any text."""
+
+    code: str
+    text: str
+    words: tuple[int, ...] = ()
+    pattern: re.Pattern[str] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        parts = re.split(r"\{(\d)\}", self.text)  # text, number of a value, text, ...
+        places = [
+            (r"(.+)" if int(part) in self.words else _NUMBER) if n % 2 else re.escape(part)
+            for n, part in enumerate(parts)
+        ]
+        object.__setattr__(self, "pattern", re.compile("".join(places), re.DOTALL))
+
+    def __call__(self, *values: object) -> str:
+        """The sentence."""
+        return self.text.format(*values)
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """A part of a text: its sentence and the values, of which each may be such a text itself."""
+
+    detail: Detail
+    values: tuple[str, ...]
+
+
+# A bay whose control task does not run.
+CONTROL_SILENT = Detail("control_silent", "gateway_fault: the control task does not run")
+CONTROL_AGAIN = Detail("control_again", "the control task runs again; no decision was valid for {0} s")
+# Sensors.
+NO_RESULT = Detail("no_result", "no result for {0} s")
+NO_READING = Detail("no_reading", "no reading for {0} s")
+RECOVERING = Detail("recovering", "good again, but not for long enough yet")
+NO_CIRCLE = Detail("no_circle", "detection without a usable circle")
+NO_DISTANCE = Detail("no_distance", "reading without a usable distance")
+RAW = Detail("raw", "{0} mm")
+READINGS_JUMP = Detail("readings_jump", "readings jump, now {0} mm")
+PORT_OPEN = Detail("port_open", "port open, waiting for the ranger")
+WAITING_RANGER = Detail("waiting_ranger", "waiting for the ranger")
+WAITING_HELLO = Detail("waiting_hello", "waiting for the ranger's hello")
+RANGER_VERSION = Detail("ranger_version", "{0} uses protocol version {1}, this gateway {2}", words=(0,))
+NOTHING_RECEIVED = Detail("nothing_received", "nothing received for {0} s")
+NO_GOOD_LINE = Detail("no_good_line", "bytes, but no good line for {0} s: wrong baud rate, or not a ranger")
+NO_MEASUREMENT = Detail("no_measurement", "no measurement for {0} s")
+VISION_NOT_READY = Detail("vision_not_ready", "vision process not ready within {0} s")
+VISION_SLOW = Detail("vision_slow", "vision process gave no result within {0} s")
+VISION_SILENT = Detail("vision_silent", "vision process has stopped: no sign of life for {0} s")
+DETECTOR_SILENT = Detail("detector_silent", "vision process has stopped: no sign of its detector for {0} s")
+NO_FIRST_FRAME = Detail("no_first_frame", "{0}: no first frame within {1} s", words=(0,))
+NO_FRAME = Detail("no_frame", "{0}: no frame within {1} s", words=(0,))
+CAMERA_SEES = Detail("camera_sees", "camera sees {0} mm, ranger {1} mm")
+OTHER_SCALE = Detail("other_scale", "R x Z is not that of this marker: {0}", words=(0,))
+# Where a truck stands.
+WHERE = Detail("where", "Z {0} mm, R {1} px at ({2}, {3})")
+WHERE_UNSEEN = Detail("where_unseen", "Z {0} mm, marker not seen")
+WHERE_NO_Z = Detail("where_no_z", "Z unknown, R {0} px at ({1}, {2})")
+WHERE_UNKNOWN = Detail("where_unknown", "Z unknown, marker not seen")
+# A truck in place.
+ROLLING = Detail("rolling", "by {0}: {1} -> {2}", words=(0, 1, 2))
+NOT_VOUCHED = Detail("not_vouched", "the gateway can't vouch for it")
+CLEAR = Detail("clear", "the bay is clear")
+TRUCK_MOVED = Detail("truck_moved", "moved")
+CAMERA_DEAD = Detail("camera_dead", "camera dead")
+RANGER_DEAD = Detail("ranger_dead", "ranger dead")
+IN_CHECK = Detail("in_check", "function check")
+CONTRADICTION = Detail("contradiction", "contradiction")
+DISTANCE_LOST = Detail("distance_lost", "no distance")
+HELD_TOO_LONG = Detail("held_too_long", "held for too long")
+BY_PLC = Detail("by_plc", "by the PLC")
+# What the PLC does.
+HEARTBEAT_STOPPED = Detail("heartbeat_stopped", "plc_heartbeat stopped at {0}")
+HEARTBEAT_IS = Detail("heartbeat_is", "plc_heartbeat is {0}")
+RECIPE_FROM_TO = Detail("recipe_from_to", "recipe {0} -> {1}")
+RESET_BY_PLC = Detail("reset_by_plc", "reset by the PLC")
+TRUCK_LEFT = Detail("truck_left", "the truck has left")
+NOT_REPORTED = Detail("not_reported", "{0} (and {1} before it not reported)", words=(0,))
+OTHER_OWNER = Detail("other_owner", "{0}: {1} owns the handshake block until its heartbeat is lost", words=(0, 1))
+TWO_PROGRAMS = Detail(
+    "two_programs",
+    "{0}, connection {1}: its heartbeat arrives on connection {2} already; two of its programs write to this bay",
+    words=(0, 1, 2),
+)
+WRITES_OFF = Detail("writes_off", "{0}: writes are off", words=(0,))
+MAY_NOT_WRITE = Detail(
+    "may_not_write",
+    "{0}: it may not write (modbus.plc_addresses or, over TLS, modbus.tls.write_roles define who may)",
+    words=(0,),
+)
+# A start, a function check.
+WITH_BOTH = Detail("with_both", "with a function check on and a truck that was in place")
+WITH_CHECK = Detail("with_check", "with a function check on")
+WITH_TRUCK = Detail("with_truck", "with a truck that was in place")
+KEPT = {(True, True): WITH_BOTH(), (True, False): WITH_CHECK(), (False, True): WITH_TRUCK(), (False, False): ""}
+UNTRIED = Detail("untried", "not as last tried: {0}", words=(0,))
+# A visit that is over: parts of one text.
+VISIT_LENGTH = Detail("visit_length", "{0} s")
+VISIT_NEVER = Detail("visit_never", "never in place")
+VISIT_IN_PLACE = Detail("visit_in_place", "in place after {0} s for {1} s")
+VISIT_R = Detail("visit_r", "R {0} px")
+VISIT_Z = Detail("visit_z", "Z {0} mm")
+VISIT_CORRECTIONS = Detail("visit_corrections", "corrections {0}")
+VISIT_RELEASED = Detail("visit_released", "released")
+VISIT_NOT_RELEASED = Detail("visit_not_released", "not released")
+VISIT_INTERRUPTED = Detail("visit_interrupted", "interrupted by a restart")
+# Alarms.
+BOTH_SEE = Detail("both_see", "camera {0} mm, ranger {1} mm")
+FROM = Detail("from", "{0}; in place at {1} mm", words=(0,))
+STOOD = Detail("stood", "{0}; it stood at {1} mm", words=(0,))
+NOW = Detail("now", "{0}, now {1} mm", words=(0,))
+BY = Detail("by", "by {0}", words=(0,))
+SCALE_JUMP = Detail("scale_jump", "R x Z {0} px mm, {1} %; learned from {2} visits")
+LOOKS_AWAY = Detail("looks_away", "the marker looks {0} mm away")
+CHECK_OFF = Detail("check_may_move_off", "may_move_off")
+CHECK_KEPT = Detail("check_may_move_kept", "may_move_kept")
+ALARM_STEP = Detail("alarm_step", "{0}: {1}, now {2}", words=(0, 1, 2))
+ALARM_STEP_BY = Detail("alarm_step_by", "{0}: {1}, now {2} by {3}", words=(0, 1, 2, 3))
+COUNTED = Detail("counted", "{0} since the start of the gateway")
+COUNTED_NEWEST = Detail("counted_newest", "{0} since the start of the gateway; {1}", words=(1,))
+
+RECIPE_REFUSED = {
+    verdict: Detail(f"recipe_{name}", f"recipe {{0}}: {name}")
+    for verdict, name in ((verdict, verdict.name.lower()) for verdict in RecipeVerdict)
+}
+_LEFT = {moved: meaning for moved, meaning in MOVED_MEANING.items() if moved is not Moved.NO}
+VISIT_MOVED = {moved: Detail(f"visit_{moved.name.lower()}", f"moved: {moved.name.lower()}") for moved in _LEFT}
+_FROM_TO_MOVED = {
+    moved: Detail(f"moved_{moved.name.lower()}", f"{meaning}: {{0}} -> {{1}}", words=(0, 1))
+    for moved, meaning in _LEFT.items()
+}
+_MEANINGS = (
+    *(Detail(f"left_{moved.name.lower()}", meaning) for moved, meaning in MOVED_MEANING.items()),
+    *(Detail(f"exposure_{state.name.lower()}", meaning) for state, meaning in EXPOSURE_MEANING.items()),
+)
+
+_NUMBERED = {
+    PictureFault.DARK: "brightness {0}%",
+    PictureFault.BRIGHT: "{0}% burnt out",
+    PictureFault.FLAT: "contrast {0}%",
+    PictureFault.BLURRED: "sharpness {0}%",
+    PictureFault.DUSTY: "veil {0}%",
+    PictureFault.SHIFTED: "shift {0} px",
+}
+_PICTURE = {
+    (fault, known): Detail(f"{name}{'' if known else '_unknown'}", f"{name} ({number})" if known else name)
+    for fault, name, number in ((fault, fault.name.lower(), number) for fault, number in _NUMBERED.items())
+    for known in (True, False)
+}
+_TABLES = (*RECIPE_REFUSED.values(), *VISIT_MOVED.values(), *_FROM_TO_MOVED.values(), *_PICTURE.values(), *_MEANINGS)
+
+# Those with more words of their own first: a text that fits several is of the first.
+DETAILS: tuple[Detail, ...] = tuple(
+    sorted(
+        (*(one for one in list(vars().values()) if isinstance(one, Detail)), *_TABLES),
+        key=lambda detail: -len(re.sub(r"\{\d\}", "", detail.text)),
+    )
+)
+
+
+def moved_from_to(moved: Moved, before: str, after: str) -> str:
+    return _FROM_TO_MOVED[moved](before, after)
+
+
+def picture(fault: PictureFault, number: str | None) -> str:
+    """What is wrong with a picture; `number`: by how much, None: not known."""
+    return _PICTURE[fault, number is not None](number)
+
+
+@lru_cache(maxsize=2048)
+def told(text: str) -> tuple[Told, ...]:
+    """The sentences of a text, which are joined by ", " where there are several; empty: it is another's, such as an
+    error of a device.
+    """
+    if (whole := _one(text)) is not None:
+        return (whole,)
+    parts = [_one(part) for part in text.split(", ")]
+    found = tuple(part for part in parts if part is not None)
+    return found if len(found) == len(parts) else ()
+
+
+def _one(text: str) -> Told | None:
+    matches = ((detail, detail.pattern.fullmatch(text)) for detail in DETAILS)
+    return next((Told(detail, match.groups()) for detail, match in matches if match is not None), None)

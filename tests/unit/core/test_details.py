@@ -1,0 +1,55 @@
+"""The table of sentences: each is found again by its text, with its values, and each is in every language."""
+
+import pytest
+
+from gateway.core import details
+from gateway.core.details import DETAILS, Detail, told
+from gateway.modbus.protocol.answers import MAY_NOT_WRITE
+from gateway.web.languages import languages
+from gateway.web.server.models import said
+from tests.page_texts import of_the_details
+
+MADE = ("12", "3.5", "-4", "+7")
+
+
+def test_codes_and_texts_are_unique() -> None:
+    assert len({one.code for one in DETAILS}) == len({one.text for one in DETAILS}) == len(DETAILS) > 90
+
+
+@pytest.mark.parametrize("detail", DETAILS, ids=lambda one: one.code)
+def test_each_sentence_is_found_again_with_its_values(detail: Detail) -> None:
+    count = detail.text.count("{")
+    values = tuple(f"plc {n}" if n in detail.words else MADE[n] for n in range(count))
+    (found,) = told(detail(*values))
+    assert (found.detail, found.values) == (detail, values)
+
+
+def test_a_text_of_several_sentences_and_one_in_another() -> None:
+    visit = told("560 s, never in place, corrections 0, not released")
+    assert [one.detail.code for one in visit] == [
+        *("visit_length", "visit_never", "visit_corrections", "visit_not_released")
+    ]
+    (rolls,) = said("by range: Z 300 mm, R 100.0 px at (1, 2) -> Z unknown, marker not seen")
+    (before,), (after,) = rolls.values[1:]
+    assert (rolls.code, rolls.values[0]) == ("rolling", "range")
+    assert not isinstance(before, str)
+    assert not isinstance(after, str)
+    assert (before.code, before.values, after.code) == ("where", ("300", "100.0", "1", "2"), "where_unknown")
+
+
+def test_what_is_not_the_gateways_own_has_no_code() -> None:
+    assert [told(text) for text in ("", "connection refused", "[Errno 19] No such device, errno 19")] == [()] * 3
+
+
+def test_the_refusal_of_a_write_is_the_servers() -> None:
+    assert details.MAY_NOT_WRITE.text == f"{{0}}: {MAY_NOT_WRITE}"
+
+
+@pytest.mark.parametrize("code", ["de", "es", "tr"])
+def test_every_sentence_is_in_every_language(code: str) -> None:
+    texts = languages({}).catalogues[code].texts
+    assert of_the_details() - set(texts) == set()
+    for key in of_the_details():
+        text = texts[key]
+        assert isinstance(text, str)
+        assert sorted(p for p in "0123" if f"{{{p}}}" in text) == sorted(p for p in "0123" if f"{{{p}}}" in key), key
