@@ -57,7 +57,8 @@ def _truck_moved(inputs: BayInputs) -> bool:
 
 def _truck_moved_detail(inputs: BayInputs) -> str:
     place, now_mm = inputs.state.visit.place, inputs.state.range.distance_mm
-    return _was_and_now(details.FROM, MOVED_MEANING[inputs.state.visit.moved], place and place.distance_mm, now_mm)
+    was_mm = None if place is None else place.distance_mm
+    return _was_and_now(details.FROM, MOVED_MEANING[inputs.state.visit.moved], was_mm, now_mm)
 
 
 def _was_and_now(was: details.Detail, what: str, was_mm: float | None, now_mm: float | None) -> str:

@@ -7,6 +7,7 @@ Where a page or a program is to have the code, `told` finds it again by the same
 import re
 from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import Literal
 
 from gateway.core.plc import RecipeVerdict
 from gateway.core.readings import EXPOSURE_MEANING, PictureFault
@@ -177,7 +178,7 @@ DETAILS: tuple[Detail, ...] = tuple(
 )
 
 
-def moved_from_to(moved: Moved, before: str, after: str) -> str:
+def moved_from_to(moved: Literal[Moved.DISTANCE, Moved.MARKER], before: str, after: str) -> str:
     return _FROM_TO_MOVED[moved](before, after)
 
 

@@ -30,7 +30,7 @@ def test_a_text_of_several_sentences_and_one_in_another() -> None:
         *("visit_length", "visit_never", "visit_corrections", "visit_not_released")
     ]
     (rolls,) = said("by range: Z 300 mm, R 100.0 px at (1, 2) -> Z unknown, marker not seen")
-    (before,), (after,) = rolls.values[1:]
+    before, after = (value[0] for value in rolls.values[1:])
     assert (rolls.code, rolls.values[0]) == ("rolling", "range")
     assert not isinstance(before, str)
     assert not isinstance(after, str)
