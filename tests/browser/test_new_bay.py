@@ -22,6 +22,11 @@ from tests.e2e.processes import Gateway
 from tests.e2e.sim_ranger import Ranger
 from tests.e2e.test_doctor import draw_truck, pictures  # noqa: F401 - the fixture
 from tests.e2e.test_run import started
+from tests.firmware.bench_runs import BOOTLOADER
+from tests.firmware.test_flashing import board, other_program  # noqa: F401 - the fixture
+from tests.onvif_camera import OnvifCamera
+
+TRIED = {"part": "camera", "name": "", "verdict": "ok", "tried": "open it", "remedy": ""}
 
 FILE = """\
 # The one bay's camera is not there: as shipped.
@@ -382,3 +387,77 @@ def test_a_found_device_is_picked_for_a_new_bay_then_the_ranger_of_one_that_runs
         until(page, lambda: shipped.kept["function_check"] == "MAY_MOVE_OFF")
     (bay,) = config.load(shipped.file).bays
     assert (bay.camera.url, bay.ranger.port) == (shipped.camera, other.port)
+
+
+@pytest.mark.long
+def test_a_network_camera_is_found_and_a_board_is_given_its_firmware(
+    plant: tuple[str, Path],
+    visit: Visit,
+    pictures: Path,  # noqa: F811
+    other_program: Path,  # noqa: F811
+    tmp_path: Path,
+) -> None:
+    """The camera speaks ONVIF, but no RTSP: its pictures are stand-ins. The board is an emulated Uno with Optiboot."""
+    url, file = plant
+    page = visit(f"{url}/setup/new-bay")
+    page.get_by_label("A new bay").check()
+    to_step(page, "Camera")
+    with OnvifCamera() as camera:
+        listed = {"address": "127.0.0.1", "service": camera.service, "name": "Plant Cam", "model": "X1"}
+        page.route("**/api/setup/network-cameras", lambda route: route.fulfill(json={"cameras": [listed]}))
+        page.get_by_role("button", name="Search the network").click()
+        page.get_by_label("Plant Cam").check()
+        page.get_by_label("User of the camera").fill("admin")
+        page.get_by_label("Password").fill("wrong")
+        page.keyboard.press("Enter")
+        expect(page.get_by_role("alert")).to_contain_text("user or password is wrong")
+        page.get_by_label("User of the camera").fill("admin")
+        page.get_by_label("Password").fill("p&<1")
+        page.keyboard.press("Enter")
+        expect(page.get_by_label("MainStream, 1920 x 1080 px, H264, 25 /s")).to_be_visible()
+        asked: list[Any] = []
+        seen = {"look": 7, "piece": 1, "end": None, "line": {**TRIED, "result": "it gives pictures"}}
+        seen["figures"] = {"width_px": 640, "height_px": 480, "rate_hz": 15, "late_ms": 40, "frames": 9, "fresh": 9}
+
+        def look(route: Route) -> None:
+            if route.request.method == "POST" and route.request.url.endswith("/look"):
+                asked.append(route.request.post_data_json)
+            route.fulfill(json={**seen, "figures": {**seen["figures"], "marker": None}})
+
+        picture = next(pictures.iterdir())
+        page.route(re.compile("/api/setup/look(/7.*)?$"), look)
+        page.route("**/api/setup/look/7/picture*", lambda route: route.fulfill(path=picture))
+        page.get_by_label("SubStream, 640 x 480 px, JPEG, 15 /s").check()
+        expect(page.locator(".shot img")).to_be_visible()
+        judgements.accessible(page)
+        for width_px in (390, 1366):
+            page.set_viewport_size({"width": width_px, "height": 900})
+            judgements.no_sideways_scroll(page)
+        to_step(page, "Ranger")
+    assert asked[0]["camera"] == {"url": "rtsp://admin:p%26%3C1@127.0.0.1:8554/sub"}
+    page.unroute(re.compile("/api/setup/look(/7.*)?$"))
+
+    with board(other_program, tmp_path, "--bootloader", str(BOOTLOADER)) as uno:
+        page.get_by_label("Another one").fill(uno.port)
+        page.keyboard.press("Enter")
+        put = page.get_by_role("button", name="Put the gateway's firmware on this board")
+        expect(put).to_be_visible(timeout=2 * PATIENCE_MS)
+        put.click()
+        expect(page.get_by_text("written, and read back equal")).to_be_visible(timeout=2 * PATIENCE_MS)
+        judgements.accessible(page)
+        for width_px in (390, 1366):
+            page.set_viewport_size({"width": width_px, "height": 900})
+            judgements.no_sideways_scroll(page)
+        page.get_by_role("button", name="Look at the board").click()
+        expect(page.get_by_text("hcsr04, protocol version 1").first).to_be_visible(timeout=2 * PATIENCE_MS)
+        to_step(page, "PLC and broker")
+    to_step(page, "The file")
+    expect(page.locator(".diff .added").filter(has_text='username = "admin"')).to_be_visible()
+    page.get_by_role("button", name="Save the file").click()
+    expect(page.locator("[data-saved]")).to_be_visible()
+
+    (_, new) = config.load(file).bays
+    assert (new.camera.url, new.camera.username) == ("rtsp://127.0.0.1:8554/sub", "admin")
+    assert "p&<1" not in file.read_text()
+    kept = Path(new.camera.password_file or "")
+    assert (kept.read_text(), kept.stat().st_mode & 0o777) == ("p&<1\n", 0o600)

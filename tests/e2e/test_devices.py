@@ -18,7 +18,10 @@ from tests.e2e.processes import Gateway
 from tests.e2e.sim_ranger import Ranger
 from tests.e2e.test_doctor import pictures  # noqa: F401 - the fixture
 from tests.e2e.test_run import started
+from tests.firmware.bench_runs import BOOTLOADER
+from tests.firmware.test_flashing import board, other_program  # noqa: F401 - the fixture
 
+NOT_HEARD = ("LINK_DOWN", "WAITING", "STALE")
 LOOKS = 60  # answers of a look, at most; each comes within seconds
 
 
@@ -172,3 +175,41 @@ def test_a_broker_is_tried(plant: Plant, tmp_path: Path) -> None:
     ]
     assert (line["verdict"], "geheim" in str(line)) == ("fault", False)
     assert plant.page.post("/api/setup/broker")["lines"] == []  # none is configured
+
+
+@pytest.mark.long
+def test_a_bays_board_is_given_its_firmware_under_function_check_alone(
+    tmp_path: Path,
+    other_program: Path,  # noqa: F811
+) -> None:
+    """A bay that runs has the port of an emulated Uno with somebody else's sketch."""
+    with board(other_program, tmp_path, "--bootloader", str(BOOTLOADER)) as uno:
+        file = tmp_path / "bay.toml"
+        file.write_text(f"""
+instance = "devices-{uuid4().hex[:8]}"
+state_dir = "{tmp_path}/state"
+[modbus]
+port = {free_port()}
+[hmi]
+enabled = true
+port = 0
+without_login = "technician"
+[ranger]
+port = "{uno.port}"
+""")
+        with Gateway("run", str(file)) as gateway:
+            url = started(gateway).split("pages on ")[1].split(",")[0]
+            with PageClient(url) as page:
+                flash = {"port": uno.port, "bay": "bay1", "replaces": None}
+                assert "begin a function check first" in page.refused("/api/setup/flash", flash, 409)
+                page.post("/api/bays/bay1/function-check", {"mode": "may_move_off"})
+                seen = page.post("/api/setup/flash", flash)
+                for _ in range(LOOKS):
+                    if seen["end"] is not None:
+                        break
+                    seen = page.get(f"/api/setup/look/{seen['look']}?after={seen['piece']}")
+                assert (seen["end"]["verdict"], seen["end"]["result"]) == ("ok", "written, and read back equal")
+                until_s = time.monotonic() + 60  # the bay has its port back after 15 s
+                while page.get("/api/bays/bay1/state")["state"]["range"]["quality"]["name"] in NOT_HEARD:
+                    assert time.monotonic() < until_s
+                    time.sleep(0.1)
