@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import shutil
 import socket
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -9,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from gateway import config_check
+from gateway import config_check, update_request
 from gateway.bay_file import path_of
 from gateway.config import GatewayConfig
 from gateway.errors import LinkError
@@ -30,6 +31,7 @@ from gateway.web.host.web_process_service import WebProcessService, of_pages
 from gateway.web.ipc.devices import DevicesSetup
 from gateway.web.ipc.messages import WebSetup
 from gateway.web.ipc.testsets import SetsSetup
+from gateway.web.ipc.updates import UpdatesSetup
 from gateway.web.testsets.folder import folder_of as test_sets_folder
 
 log = logging.getLogger("gateway.app")  # the name that operators filter by
@@ -107,8 +109,24 @@ def build_pages(
         test_sets = replying(
             "gateway.web.testsets.process", "gw-testsets", "test-sets", lambda fd: SetsSetup(str(sets), fd, names)
         )
+    updates = None
+    if config.hmi.setup_page and (spool := update_request.spool()) is not None:
+        shutil.rmtree(spool, ignore_errors=True)  # what was uploaded before this start, and never asked for
+        shown = str(update_request.VERSIONS.with_name(update_request.SHOWN))
+        updates = replying(
+            "gateway.web.setup.update_process", "gw-updates", "updates", lambda fd: UpdatesSetup(str(spool), shown, fd)
+        )
     setup = WebSetup(
-        of_pages(config), clock, sensors.frames, (), source, shared.boot, questions, devices, test_sets=test_sets
+        of_pages(config),
+        clock,
+        sensors.frames,
+        (),
+        source,
+        shared.boot,
+        questions,
+        devices,
+        test_sets=test_sets,
+        updates=updates,
     )
     handler = PagesRequestHandler(
         outputs.history, parts, clock, lambda: status.system_status(outputs.alarms), outputs.alarms, restart

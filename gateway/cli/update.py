@@ -41,6 +41,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     what.add_argument("--status", action="store_true", help="show versions, and the update that is under way")
     what.add_argument("--back", action="store_true", help="return to the version before; stop an update under way")
     what.add_argument("--resume", action="store_true", help="go on; called by the unit loading-gateway-update")
+    what.add_argument("--requested", action="store_true", help="do what the page asks; called by its unit")
     what.add_argument("--migrate", type=Path, nargs=2, metavar=("OLD.toml", "NEW.toml"),
                       help="write a configuration as this version wants it")  # fmt: skip
     parser.add_argument("--check", action="store_true", help="dry run: up to the switch; dpkg keeps the package")
@@ -75,6 +76,8 @@ def run(args: argparse.Namespace, machine: "Machine") -> int:
     report = log_to(machine, lambda line: print(line, flush=True))
     if args.resume:
         return _resume(machine, report)
+    if args.requested:
+        return _requested(machine, report)
     return _update(machine, _options(args), report, accept=args.yes)
 
 
@@ -98,7 +101,9 @@ def _options(args: argparse.Namespace) -> "UpdateOptions":
     )
 
 
-def _update(machine: "Machine", options: "UpdateOptions", report: "Report", *, accept: bool) -> int:
+def _update(
+    machine: "Machine", options: "UpdateOptions", report: "Report", *, accept: bool, follow: bool = True
+) -> int:
     from gateway.update import prepare, watcher
     from gateway.update import state as states
     from gateway.update.machine import UpdateError
@@ -130,7 +135,27 @@ def _update(machine: "Machine", options: "UpdateOptions", report: "Report", *, a
             return 0 if options.dry and state.why == prepare.DRY else 1
     _, read_from = _logged(machine, 0)
     machine.start_watcher()
+    if not follow:
+        return 0
     return _follow(machine, read_from, returning=state.stage is Stage.RETURNING)
+
+
+def _requested(machine: "Machine", report: "Report") -> int:
+    """What the page asks for; the watcher goes on alone. Its refusal stands in the log, which the page shows."""
+    from gateway.update import requested
+    from gateway.update import state as states
+    from gateway.update.machine import UpdateError
+    from gateway.update.state import Outcome
+
+    try:
+        options = requested.taken(machine)
+        code = _update(machine, options, report, accept=False, follow=False)
+    except UpdateError as error:
+        report(f"the page's request is refused: {error}")
+        return 1
+    if (state := states.read(machine)) is None or state.outcome is not Outcome.ABANDONED:
+        requested.clean(machine)  # else the same package may be asked for again, with something accepted
+    return code
 
 
 def _under_way(state: "UpdateState | None") -> bool:

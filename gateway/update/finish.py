@@ -24,6 +24,8 @@ def log_to(machine: Machine, shown: Callable[[str], None]) -> Report:
         moment = datetime.fromtimestamp(machine.unix_s(), UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
         with suppress(OSError), machine.paths.log.open("a", encoding="utf-8") as file:
             file.write(f"{moment} {text}\n")
+        with suppress(UpdateError):
+            states.show(machine, states.read(machine))
         with suppress(OSError, ValueError):
             shown(text)
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from gateway import status_file
+from gateway import status_file, update_request
 from gateway.clock import SystemClock
 from gateway.durations import NS_PER_S
 from gateway.errors import GatewayError, LinkError, ProtocolError
@@ -89,6 +89,16 @@ class InstallPaths:
     def watcher(self) -> Path:
         """Link to the version whose code watches; there is one while an update is under way."""
         return self.folder / "watcher"
+
+    @property
+    def spool(self) -> Path:
+        """Where the pages leave a package and a request: the service's user's, so nothing in it is trusted."""
+        return self.root / "var/lib/loading-gateway" / update_request.SPOOL
+
+    @property
+    def shown(self) -> Path:
+        """What the pages show of an update: root's own, for everybody to read."""
+        return self.versions.parent / update_request.SHOWN
 
     def executable(self, version: str) -> Path:
         return self.versions / version / "bin" / "gateway"

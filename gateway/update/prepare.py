@@ -35,6 +35,7 @@ class UpdateOptions:
     steady_s: float = 45.0
     at_once: bool = False
     accepted: tuple[str, ...] = ()
+    accepted_bays: tuple[str, ...] = ()  # where the new version may decide otherwise
 
 
 def prepare(machine: Machine, options: UpdateOptions, confirm: Callable[[str], bool], report: Report) -> UpdateState:
@@ -199,8 +200,10 @@ def _replayed(
             continue
         for line in results[-1].lines:
             report(line)
-    if any(one.rows or one.fault for one in results):
-        if not confirm(f"{state.new} decides otherwise, or could not be tried: use it all the same?"):
+    if differing := tuple(one.bay for one in results if one.rows or one.fault):
+        state = states.write(machine, replace(state, differing=differing))
+        question = f"{state.new} decides otherwise, or could not be tried: use it all the same?"
+        if set(differing) - set(options.accepted_bays) and not confirm(question):
             raise UpdateError("the differences were not accepted; --yes accepts them")
         report("recordings: the differences were accepted")
     return state

@@ -1,14 +1,18 @@
 """The state of an update on disk: each step is written before it begins, so that a power cut finds its place."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from enum import StrEnum
 
 import msgspec
 
+from gateway.files import plain_bytes, replacing
 from gateway.status_file import Status
-from gateway.update.machine import Machine, UpdateError
+from gateway.update.machine import Machine, UpdateError, scratch
+from gateway.update_request import ShownUpdate
 
 FORMAT = 1
+SHOWN_LOG_BYTES, SHOWN_LOG_LINES = 30_000, 200
 
 
 class Stage(StrEnum):
@@ -78,6 +82,7 @@ class UpdateState(msgspec.Struct, frozen=True, kw_only=True):
     previous: str = ""  # to which `--back` returns
     outcome: Outcome | None = None
     why: str = ""
+    differing: tuple[str, ...] = ()  # bays in which `new` decides otherwise, or could not be tried
 
 
 _DECODER = msgspec.json.Decoder(UpdateState)
@@ -101,7 +106,24 @@ def write(machine: Machine, state: UpdateState) -> UpdateState:
     """On disk when it returns."""
     state = msgspec.structs.replace(state, boot=machine.boot())
     machine.write(machine.paths.state, msgspec.json.format(msgspec.json.encode(state), indent=1))
+    show(machine, state)
     return state
+
+
+def show(machine: Machine, state: UpdateState | None) -> None:
+    """For the pages, which may not read this folder. That it fails ends nothing."""
+    with suppress(OSError, UpdateError):
+        log = plain_bytes(machine.paths.log) if machine.paths.log.is_file() else b""
+        lines = log[-SHOWN_LOG_BYTES:].decode(errors="replace").splitlines()
+        shown = ShownUpdate(version=machine.version(), log=tuple(lines[-SHOWN_LOG_LINES:]))
+        if state is not None:
+            outcome = "" if state.outcome is None else state.outcome.value
+            names = ("previous", "old", "new", "why", "differing")
+            of_state = {name: getattr(state, name) for name in names}
+            shown = msgspec.structs.replace(shown, stage=state.stage.value, outcome=outcome, **of_state)
+        path = machine.paths.shown
+        with replacing(path, 0o644, fresh=scratch(path)) as file:
+            file.write(msgspec.json.encode(shown))
 
 
 Report = Callable[[str], None]

@@ -76,6 +76,19 @@ TEST_SETS = HelperAccess(
     max_bytes=16 << 20,
 )
 
+UPDATES = HelperAccess(
+    "the process that leaves packages for the update",
+    "updates",
+    absent=("not_installed", "this gateway was not installed from its package, or hmi.setup_page is off"),
+    nothing="gone",
+    late="the disk did not answer in time",
+    answer_s=45.0,
+    at_once=1,
+    waiting=8,
+    retry_after_s=3,
+    max_bytes=4 << 20,
+)
+
 
 class HelperClient(Generic[Question]):
     """`fd`: of the socket to the process; None: there is none. For one event loop."""

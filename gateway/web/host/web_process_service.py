@@ -153,7 +153,7 @@ class WebProcessService:
         if texts is not None:
             own.callback(os.close, texts)
         job = replace(self._setup, sockets=listening, source=source, languages=texts)
-        others = tuple(fd for fd in (job.questions, job.devices, job.test_sets, texts) if fd is not None)
+        others = tuple(fd for fd in (job.questions, job.devices, job.test_sets, job.updates, texts) if fd is not None)
         return Role(MODULE, "gw-hmi", job, (*rings, *listening, *others))
 
     async def keep_certificate(self) -> None:

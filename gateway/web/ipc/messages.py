@@ -47,6 +47,7 @@ class WebSetup(Message, frozen=True):
     devices: int | None = None  # to the process that opens devices, likewise
     languages: int | None = None  # the plant's own: memory, inherited (gateway.web.languages)
     test_sets: int | None = None  # to the process that keeps test sets, as `questions`
+    updates: int | None = None  # to the process that leaves packages for the update, likewise
 
 
 # From the web process.

@@ -33,6 +33,7 @@ from gateway.web.setup import device_routes as devices
 from gateway.web.setup import doctor_routes as doctor
 from gateway.web.setup import release_routes as release
 from gateway.web.setup import routes as setup
+from gateway.web.setup import update_routes as update
 from gateway.web.testsets import routes as test_sets
 from gateway.web.tuning import camera_routes as camera
 from gateway.web.tuning import routes as tuning
@@ -116,7 +117,8 @@ HANDLERS = {
 GROUPS = (  # in the order of docs/openapi.json
     login.ADDRESSES, pages.ADDRESSES, api.ADDRESSES, history.ADDRESSES, why.ADDRESSES, manager.ADDRESSES,
     tuning.ADDRESSES, test_sets.ADDRESSES, teach_in.ADDRESSES, calibration.ADDRESSES, camera.ADDRESSES,
-    devices.ADDRESSES, setup.ADDRESSES, release.ADDRESSES, doctor.ADDRESSES, openapi.ADDRESSES, manual.ADDRESSES,
+    devices.ADDRESSES, setup.ADDRESSES, release.ADDRESSES, update.ADDRESSES, doctor.ADDRESSES, openapi.ADDRESSES,
+    manual.ADDRESSES,
 )  # fmt: skip
 RULES = tuple(rule for group in GROUPS for rule in group.rules)
 ROUTES = tuple(route for group in GROUPS for route in group.routes)

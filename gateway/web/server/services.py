@@ -15,8 +15,9 @@ from gateway.records.questions import Question
 from gateway.web.auth.refusals import RefusalError
 from gateway.web.auth.sessions import Caller, caller_of
 from gateway.web.calibration.sessions import Calibrations
-from gateway.web.helper_client import READER, HelperClient
+from gateway.web.helper_client import READER, UPDATES, HelperClient
 from gateway.web.history.records_thread import RecordsThread
+from gateway.web.ipc.updates import UpdatesQuestion
 from gateway.web.languages import Languages, languages, of_memory
 from gateway.web.server import views
 from gateway.web.server.gateway_client import GatewayClient
@@ -50,6 +51,7 @@ class Services:
     devices: DeviceClient
     languages: Languages
     new_passwords: NewPasswords
+    updates: HelperClient[UpdatesQuestion]
     encoding: asyncio.Lock = field(default_factory=asyncio.Lock)
     refusals: Counter[str] = field(default_factory=Counter)
 
@@ -80,6 +82,7 @@ def services_of(client: GatewayClient, pace: Clock, thread: Executor | None = No
         devices=DeviceClient(client.about.devices),
         languages=languages(of_memory(client.about.languages)),
         new_passwords=NewPasswords(pace),
+        updates=HelperClient(UPDATES, client.about.updates),
     )
 
 

@@ -27,6 +27,7 @@ const SET_UP = [
   ['Tuning', (bay) => `/tune/${bay}`],
   ['Lens', (bay) => `/calibrate/${bay}`],
   ['Release', (bay) => `/setup/release?bay=${bay}`],
+  ['Update', () => '/setup/update'],
 ];
 const MANUAL = ['Manual', () => '/manual'];
 
