@@ -1,4 +1,4 @@
-"""Write a recording in formats that other programs read: CSV, MCAP (Foxglove), labelled pictures.
+"""Write a recording in formats that other programs read (CSV, MCAP for Foxglove, labelled pictures), or as evidence.
 
 The states are decided again from what was recorded, as `gateway replay` does.
 
@@ -7,6 +7,9 @@ examples:
   gateway export bay1 --csv out/ --hz 2 --from 03:00 --to 03:30
   gateway export bay1 --mcap bay1.mcap                  states, events and pictures; opens in Foxglove
   gateway export bay1 --pictures labelled/              for `gateway evaluate labelled/` and `gateway tune`
+  gateway export bay1 --evidence case.zip --from 03:00 --to 03:30     all that is recorded of that time, in one file
+The ZIP of --evidence has the segments and pictures as they are on the disk, the report of `gateway why` for its
+beginning, what `gateway records verify` says of it, and SHA256SUMS. Unpack it and run: sha256sum -c SHA256SUMS
 --mcap needs the optional library: pip install 'plc-loading-gateway[mcap]'
 Labels are those of the recorded detection: look at them before you measure with them.
 """
@@ -22,7 +25,7 @@ if TYPE_CHECKING:
     from gateway.records.excerpt import Excerpt
 
 NAME = "export"
-HELP = "write a recording as CSV, MCAP or labelled pictures"
+HELP = "write a recording as CSV, MCAP, labelled pictures or evidence"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -30,6 +33,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--csv", type=Path, metavar="DIR", help="states.csv, events.csv and visits.csv")
     parser.add_argument("--mcap", type=Path, metavar="FILE", help="one file for Foxglove")
     parser.add_argument("--pictures", type=Path, metavar="DIR", help="pictures with labels.jsonl")
+    parser.add_argument("--evidence", type=Path, metavar="FILE", help="a ZIP of all that was recorded, with sums")
     parser.add_argument("--from", dest="begin", metavar="TIME", help="as for `gateway why`; default: the beginning")
     parser.add_argument("--to", dest="end", metavar="TIME", help="default: the end")
     parser.add_argument(
@@ -44,8 +48,8 @@ def main(args: argparse.Namespace) -> int:
     vision_args.quiet_opencv()
     from gateway.records.excerpt import Excerpt
 
-    if args.csv is None and args.mcap is None and args.pictures is None:
-        raise ConfigError("nothing to write: add --csv DIR, --mcap FILE or --pictures DIR")
+    if args.csv is args.mcap is args.pictures is args.evidence is None:
+        raise ConfigError("nothing to write: add --csv DIR, --mcap FILE, --pictures DIR or --evidence FILE")
     if args.hz is not None and not 0.001 <= args.hz <= 1000:
         raise ConfigError(f"--hz {args.hz:g}: must be 0.001 to 1000")
     excerpt = Excerpt.of(args.recording, args.begin, args.end, args.hz)
@@ -75,5 +79,12 @@ def _written(args: argparse.Namespace, excerpt: "Excerpt") -> Iterator[str]:
 
             pictures, labels = labelled_pictures.write(args.pictures, excerpt)
             yield f"{args.pictures}: {pictures} pictures, {labels} with a label from the recorded detection: check them"
+        if args.evidence is not None:
+            from gateway.cli.vision_args import made_now
+            from gateway.records import evidence
+
+            segments, pictures, found = evidence.write(args.evidence, excerpt, made_now())
+            yield f"{args.evidence}: {segments} segments, {pictures} files of pictures; {found.lines[-1]}"
+            excerpt.missing += found.faults
     except OSError as error:
         raise ConfigError(f"cannot be written: {error.filename or ''}: {error.strerror}") from error

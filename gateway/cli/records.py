@@ -88,12 +88,8 @@ def _verify(bay: Path, files: "list[StoredFile]") -> int:
     with progress(bay.name, len(paths)) as advance:
         found = verified(paths, advance)
     print(f"{bay.name}: {len(paths)} segments{f', {paths[0].name} to {paths[-1].name}' if paths else ''}")
-    for why in found.faults:
-        print(f"  {why}")
-    faults = len(found.faults)
-    print(f"  {found.proven} are proven by the segment behind them, {faults} fault{'' if faults == 1 else 's'}")
-    if found.unchained:
-        print(f"  {found.unchained} name no segment before them: an earlier version wrote them")
+    for line in found.lines:
+        print(f"  {line}")
     return int(bool(found.faults))
 
 

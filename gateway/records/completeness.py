@@ -24,6 +24,14 @@ class Verified:
     proven: int
     unchained: int
 
+    @property
+    def lines(self) -> list[str]:
+        """For people."""
+        faults = len(self.faults)
+        proven = f"{self.proven} are proven by the segment behind them, {faults} fault{'' if faults == 1 else 's'}"
+        unchained = f"{self.unchained} name no segment before them: an earlier version wrote them"
+        return [*self.faults, proven, *([unchained] if self.unchained else [])]
+
 
 def verified(paths: Sequence[Path], advance: Callable[[], None] = lambda: None) -> Verified:
     """All segments of a bay, read and compared. Raises OSError."""

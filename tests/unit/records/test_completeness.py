@@ -1,6 +1,8 @@
 """A segment that is not there is missing, whoever reads the recording; and what the chain of hashes proves."""
 
 import json
+import subprocess
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ from gateway.core.state import Reason
 from gateway.records import page, recording
 from gateway.records.completeness import Verified, verified
 from gateway.records.inquiry import Answer, Inquiry
+from gateway.records.moment import shown
 from gateway.records.segment import MAGIC, BlockKind, block, blocks
 from tests.recorded_bay import T0_NS, Recorded, S, recorded, unix
 from tests.visit_bench import Bench, truck
@@ -147,6 +150,36 @@ class TestTheChain:
         code, lines = said("verify", whole, capsys)
         segments = len(list(whole.path.glob("*.seg")))
         assert (code, lines[-1]) == (0, f"{segments - 1} are proven by the segment behind them, 0 faults")
+
+    def test_all_of_some_time_is_one_file_of_evidence_that_sha256sum_checks(
+        self, whole: Recorded, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        whole.number = 10
+        whole.picture(T0_NS + 30 * S, 7, "moved")
+        begin = ["--from", shown(unix(T0_NS + 24 * S)), "--to", shown(unix(T0_NS + 26 * S))]
+        target = tmp_path / "case.zip"
+        assert main(["export", str(whole.path), "--evidence", str(target), *begin]) == 0
+        assert capsys.readouterr().out.startswith(f"{target}: 3 segments, 0 files of pictures; 2 are proven")
+        with zipfile.ZipFile(target) as file:
+            file.extractall(tmp_path)
+        case = tmp_path / "case"
+        checked = subprocess.run(
+            ["sha256sum", "-c", "SHA256SUMS"], cwd=case, capture_output=True, text=True, check=True
+        )
+        names = [segment(whole, n).name for n in (1, 2, 3)] + ["why.html", "verify.txt"]
+        assert checked.stdout.splitlines() == [f"{name}: OK" for name in names]
+        assert segment(whole, 2).read_bytes() == (case / names[1]).read_bytes()
+        assert "2 are proven by the segment behind them, 0 faults" in (case / "verify.txt").read_text()
+        assert "bay1, 2026-11-23" in (case / "why.html").read_text()
+        assert main(["export", str(whole.path), "--evidence", str(target), *begin]) == 2, "nothing is written over"
+        path = segment(whole, 2)
+        path.write_bytes(path.read_bytes() + block(BlockKind.RECORDS, b""))
+        begin[3] = shown(unix(T0_NS + 31 * S))
+        assert main(["export", str(whole.path), "--evidence", str(tmp_path / "b.zip"), *begin]) == 1
+        out = capsys.readouterr().out
+        assert f"missing: {path.name}: not the bytes that were written" in out
+        assert "1 files of pictures" in out
+        assert not list(tmp_path.glob(".evidence-*"))
 
     def test_one_that_was_changed_with_a_good_crc(self, whole: Recorded, capsys: pytest.CaptureFixture[str]) -> None:
         path = segment(whole, 2)

@@ -264,7 +264,7 @@ def test_labels_only_where_the_picture_was_judged() -> None:
 
 def test_nothing_to_write_and_wrong_rates(bay: tuple[Recorded, Bench], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["export", str(bay[0].path)]) == 2
-    assert "--csv DIR, --mcap FILE or --pictures DIR" in capsys.readouterr().err
+    assert "--csv DIR, --mcap FILE, --pictures DIR or --evidence FILE" in capsys.readouterr().err
     assert main(["export", str(bay[0].path), "--csv", "x", "--hz", "0"]) == 2
 
 
