@@ -563,7 +563,7 @@ def commands() -> list[str]:
 
 
 def test_the_page_has_commands_to_try() -> None:
-    assert len(commands()) == 5
+    assert len(commands()) == 3
 
 
 @pytest.mark.parametrize("command", commands())
