@@ -5,9 +5,10 @@ time, ms.
 """
 
 import sqlite3
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import msgspec
@@ -59,14 +60,22 @@ class IndexReader:
 
     folder: Path
 
-    def visits(self, bay: str, since_ms: int, until_ms: int, limit: int) -> list[VisitSummary]:
+    def visits(
+        self,
+        bay: str,
+        since_ms: int,
+        until_ms: int,
+        limit: int,
+        wanted: Callable[[VisitSummary], bool] = lambda visit: True,
+    ) -> list[VisitSummary]:
         """Those that ended after `since_ms` and began before `until_ms`; the newest first."""
         query = (
             "SELECT summary FROM visits WHERE bay = ? AND begun_ms < ? AND ended_ms >= ?"
-            " ORDER BY begun_ms DESC, segment DESC LIMIT ?"
+            " ORDER BY begun_ms DESC, segment DESC"
         )
         with self._asking() as db:
-            return [_visit(text) for (text,) in db.execute(query, (bay, until_ms, since_ms, limit))]
+            rows = db.execute(query, (bay, until_ms, since_ms))
+            return list(islice(filter(wanted, (_visit(text) for (text,) in rows)), limit))
 
     def visit(self, bay: str, begun_ms: int) -> VisitSummary | None:
         """None: there is no such visit."""

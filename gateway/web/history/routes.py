@@ -3,6 +3,8 @@
 All of it is read by the web process itself, which may read files; nothing here reaches the main process.
 """
 
+from collections.abc import Callable, Collection
+from enum import StrEnum
 from pathlib import Path as FilePath
 from typing import Annotated, Literal
 
@@ -11,7 +13,8 @@ from starlette.responses import Response
 
 from gateway.config import GatewayConfig
 from gateway.core.events import EventKind
-from gateway.core.visit_summary import VisitSummary
+from gateway.core.state import Reason
+from gateway.core.visit_summary import VisitEnd, VisitSummary
 from gateway.durations import NS_PER_MS, NS_PER_S
 from gateway.records import kept_pictures, picture_search, visits_csv
 from gateway.records.index_reader import IndexReader
@@ -53,6 +56,33 @@ ERRORS = {
 ADDRESSES = ApiAddresses(least=Level.VIEWER, errors=ERRORS)
 _PICTURE_ERRORS = {404: "no such bay or picture", 403: "records.pictures_for does not let this role see it"}
 
+
+class VisitKind(StrEnum):
+    """As on the page."""
+
+    FAULTS = "faults"
+    ODD = "odd"
+    MOVED = "moved"
+    NEVER = "never"
+    CORRECTED = "corrected"
+    INTERRUPTED = "interrupted"
+
+
+OF_KIND: dict[VisitKind, Callable[[VisitSummary], bool]] = {
+    VisitKind.FAULTS: lambda visit: bool(visit.faults),
+    VisitKind.ODD: lambda visit: (
+        visit.rolled
+        or bool(visit.faults)
+        or visit.to_position_s is None
+        or visit.interrupted
+        or visit.end is VisitEnd.GATEWAY_OFF
+    ),
+    VisitKind.MOVED: lambda visit: visit.rolled,
+    VisitKind.NEVER: lambda visit: visit.to_position_s is None,
+    VisitKind.CORRECTED: lambda visit: visit.corrections > 0,
+    VisitKind.INTERRUPTED: lambda visit: visit.interrupted,
+}
+
 Since = Annotated[
     int | None, whole_number(0, LAST_MS), Query(description="Unix time, ms; a day before `until_ms` by default")
 ]
@@ -64,6 +94,13 @@ Rows = Annotated[int, whole_number(1, MAX_ROWS), Query(description="at most so m
 Points = Annotated[int, whole_number(1, MAX_POINTS), Query(description="at most so many buckets")]
 Marks = Annotated[int, whole_number(1, MAX_EVENTS), Query(description="at most so many, the newest of them")]
 Shots = Annotated[int, whole_number(1, MAX_PICTURES), Query(description="at most so many, the newest of them")]
+What = Annotated[
+    list[VisitKind],
+    Query(max_length=len(VisitKind), description="only those to which all of these apply; none: all"),
+]
+Stops = Annotated[
+    list[str], Query(max_length=len(Reason), description="only those with one of these faults, by reason; none: all")
+]
 Width = Annotated[int, whole_number(64, 4096), Query(description="px; a wider picture is made smaller")]
 Kinds = Annotated[
     list[EventKind | NotedKind], Query(max_length=len(EventKind) + len(NotedKind), description="only these; none: all")
@@ -97,21 +134,31 @@ async def _visits(
     since_ms: Since = None,
     until_ms: Until = None,
     limit: Visits = 100,
+    what: What = [],  # noqa: B006 - FastAPI makes a new one for each request
+    reason: Stops = [],  # noqa: B006
 ) -> VisitsView:
     begin_ms, end_ms = _span(services, since_ms, until_ms)
-    found = await services.records.index(lambda reader: reader.visits(bay.name, begin_ms, end_ms, limit + 1))
+    wanted = _wanted(what, reason)
+    found = await services.records.index(lambda reader: reader.visits(bay.name, begin_ms, end_ms, limit + 1, wanted))
     views = await _with_pictures(services, caller, bay.name, found[:limit])
     return VisitsView(bay=bay.name, visits=tuple(views), more=len(found) > limit)
 
 
 @ADDRESSES.get(f"{BAY}/visits.csv", "visits_csv", "visits as CSV", media="text/csv")
 async def _visits_csv(
-    services: WebServices, bay: Bay, since_ms: Since = None, until_ms: Until = None, limit: Rows = MAX_ROWS
+    services: WebServices,
+    bay: Bay,
+    since_ms: Since = None,
+    until_ms: Until = None,
+    limit: Rows = MAX_ROWS,
+    what: What = [],  # noqa: B006
+    reason: Stops = [],  # noqa: B006
 ) -> Response:
     begin_ms, end_ms = _span(services, since_ms, until_ms)
+    wanted = _wanted(what, reason)
 
     def made(reader: IndexReader) -> str:
-        return visits_csv.text(bay.name, reader.visits(bay.name, begin_ms, end_ms, limit))
+        return visits_csv.text(bay.name, reader.visits(bay.name, begin_ms, end_ms, limit, wanted))
 
     text = await services.records.index(made)
     headers = {"Content-Disposition": f'attachment; filename="visits-{bay.name}.csv"'}
@@ -214,6 +261,18 @@ def _check_pictures(services: Services, caller: Caller) -> None:
     config = services.client.about.config
     if not may_see_pictures(config, caller):
         raise RefusalError(403, "pictures", f"records.pictures_for = {config.records.pictures_for}")
+
+
+def _wanted(what: Collection[VisitKind], reasons: Collection[str]) -> Callable[[VisitSummary], bool]:
+    """Raises RefusalError."""
+    if unknown := set(reasons) - {reason.name.lower() for reason in Reason}:
+        raise RefusalError(400, "query", f"no such reason: {', '.join(sorted(unknown))}")
+
+    def wanted(visit: VisitSummary) -> bool:
+        stopped = not reasons or any(reason.name.lower() in reasons for reason, _, _ in visit.faults)
+        return stopped and all(OF_KIND[kind](visit) for kind in what)
+
+    return wanted
 
 
 def _span(services: Services, since_ms: int | None, until_ms: int | None) -> tuple[int, int]:

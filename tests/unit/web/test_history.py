@@ -2,6 +2,7 @@
 
 import csv
 import io
+import re
 import sqlite3
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, closing
@@ -13,6 +14,7 @@ import cv2
 import numpy as np
 import pytest
 
+from gateway.core.visit_summary import VisitEnd
 from gateway.errors import LinkError
 from gateway.records import kept_pictures
 from gateway.records.index import NAME
@@ -20,7 +22,7 @@ from gateway.records.index_reader import IndexReader
 from gateway.records.segment import PictureHead
 from gateway.web.auth.access import Level
 from gateway.web.auth.sessions import Caller
-from gateway.web.history import records_thread
+from gateway.web.history import records_thread, routes
 from tests.unit.web.gateway_client import plant
 from tests.unit.web.history import (
     BEGIN_MS,
@@ -95,6 +97,43 @@ async def test_visits_as_a_file(tmp_path: Path) -> None:
         assert len(answer.text.splitlines()) == 3
         one = await api.get(f"{BAY}/visits.csv?since_ms=0&until_ms={LATER_MS}&limit=1")
         assert len(one.text.splitlines()) == 2
+
+
+@in_virtual_time
+async def test_visits_of_weeks_are_searched_by_what_happened(tmp_path: Path) -> None:
+    indexed(tmp_path, visits=3)
+    span = f"since_ms=0&until_ms={LATER_MS}"
+    async with client(tmp_path) as api:
+        for query, count in (
+            ("", 3), ("&what=faults", 3), ("&what=faults&what=corrected", 3), ("&what=moved", 0),
+            ("&reason=no_echo", 3), ("&reason=vision_stale&reason=no_echo", 3), ("&reason=vision_stale", 0),
+            ("&what=faults&limit=2", 2),
+        ):  # fmt: skip
+            view = fitting(await api.get(f"{BAY}/visits?{span}{query}"), "VisitsView")
+            assert (len(view["visits"]), view["more"]) == (count, "limit" in query), query
+            answer = await api.get(f"{BAY}/visits.csv?{span}{query}")
+            assert len(answer.text.splitlines()) == 1 + count
+        wrong(await api.get(f"{BAY}/visits?{span}&reason=rain"), 400, "query")
+        wrong(await api.get(f"{BAY}/visits.csv?{span}&what=rain"), 400, "query")
+
+
+@pytest.mark.parametrize(
+    ("change", "kinds"),
+    [
+        ({"faults": ()}, {"corrected"}),
+        ({"faults": (), "corrections": 0, "unintended": True}, {"moved", "odd"}),
+        ({"faults": (), "corrections": 0, "to_position_s": None}, {"never", "odd"}),
+        ({"faults": (), "corrections": 0, "interruptions": 1}, {"interrupted", "odd"}),
+        ({"faults": (), "corrections": 0, "end": VisitEnd.GATEWAY_OFF}, {"odd"}),
+        ({}, {"faults", "odd", "corrected"}),
+    ],
+)
+def test_what_happened_in_a_visit(change: dict[str, Any], kinds: set[str]) -> None:
+    visit = replace(VISIT, **change)
+    assert {kind.value for kind, fits in routes.OF_KIND.items() if fits(visit)} == kinds
+    page = (Path(routes.__file__).parents[1] / "static" / "lib" / "history.js").read_text(encoding="utf-8")
+    (shown,) = re.findall(r"export const VISIT_KINDS = \{(.*?)\n\};", page, re.DOTALL)
+    assert {*re.findall(r"^  (\w+):", shown, re.MULTILINE)} == {"all", *map(str, routes.VisitKind)}
 
 
 @in_virtual_time

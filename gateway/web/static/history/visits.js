@@ -25,7 +25,7 @@ export function Visits({ bay, view, wrong, busy, sinceMs, untilMs, chosen, choos
   const visits = view?.visits ?? [];
   const shown = visits.filter((visit) => VISIT_KINDS[kind][1](visit) && wanted.toLowerCase().split(/\s+/).every((word) => searched(visit).includes(word)));
   const odd = visits.filter((visit) => !usual(visit)).length;
-  const csv = `/api/bays/${encodeURIComponent(bay)}/visits.csv?since_ms=${sinceMs}&until_ms=${untilMs}`;
+  const csv = `/api/bays/${encodeURIComponent(bay)}/visits.csv?since_ms=${sinceMs}&until_ms=${untilMs}${kind === 'all' ? '' : `&what=${kind}`}`;
   return html`<section class="panel visits" aria-labelledby="visits-title">
     <header>
       <h2 id="visits-title">Visits in this time <span class="small">${view ? `${shown.length}${view.more ? ' newest' : ''}` : ''}</span>
