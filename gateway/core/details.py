@@ -7,7 +7,6 @@ Where a page or a program is to have the code, `told` finds it again by the same
 import re
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Literal
 
 from gateway.core.plc import RecipeVerdict
 from gateway.core.readings import EXPOSURE_MEANING, PictureFault
@@ -64,6 +63,22 @@ RANGER_VERSION = Detail("ranger_version", "{0} uses protocol version {1}, this g
 NOTHING_RECEIVED = Detail("nothing_received", "nothing received for {0} s")
 NO_GOOD_LINE = Detail("no_good_line", "bytes, but no good line for {0} s: wrong baud rate, or not a ranger")
 NO_MEASUREMENT = Detail("no_measurement", "no measurement for {0} s")
+WAITING_SENSOR = Detail("waiting_sensor", "waiting for the sensor")
+SENSOR_PORT_OPEN = Detail("sensor_port_open", "port open, waiting for the sensor")
+SENSOR_NO_ANSWER = Detail("sensor_no_answer", "no answer")
+SENSOR_NOTHING = Detail("sensor_nothing", "nothing received")
+SENSOR_NO_LINE_END = Detail("sensor_no_line_end", "text without the end of a line")
+SENSOR_OTHER_FORM = Detail("sensor_other_form", "lines of another form")
+SENSOR_STORED = Detail("sensor_stored", "lines faster or later than ranger.number.period_ms, as from a store")
+SENSOR_UNASKED = Detail("sensor_unasked", "bytes that nobody asked for")
+SENSOR_DAMAGED = Detail("sensor_damaged", "damaged answers")
+SENSOR_OTHER_REQUEST = Detail("sensor_other_request", "answers to another request, or of another unit")
+SENSOR_TOO_SOON = Detail("sensor_too_soon", "answers sooner than the line carries them: late ones, or ranger.baud")
+SENSOR_OTHER_LENGTH = Detail("sensor_other_length", "answers of another length")
+SENSOR_EXCEPTION = Detail("sensor_exception", "exception {0}", words=(0,))
+SENSOR_FOR = Detail("sensor_for", "{0} for {1} s", words=(0,))
+SENSOR_SENDS = Detail("sensor_sends", "the sensor sends {0}", words=(0,))
+SENSOR_STUCK = Detail("sensor_stuck", "the sensor has sent {0} for {1} s", words=(0,))
 VISION_NOT_READY = Detail("vision_not_ready", "vision process not ready within {0} s")
 VISION_SLOW = Detail("vision_slow", "vision process gave no result within {0} s")
 VISION_SILENT = Detail("vision_silent", "vision process has stopped: no sign of life for {0} s")
@@ -143,9 +158,11 @@ RECIPE_REFUSED = {
     verdict: Detail(f"recipe_{name}", f"recipe {{0}}: {name}")
     for verdict, name in ((verdict, verdict.name.lower()) for verdict in RecipeVerdict)
 }
-_LEFT = {moved: meaning for moved, meaning in MOVED_MEANING.items() if moved is not Moved.NO}
-VISIT_MOVED = {moved: Detail(f"visit_{moved.name.lower()}", f"moved: {moved.name.lower()}") for moved in _LEFT}
-_FROM_TO_MOVED = {
+_LEFT: dict[Moved, str] = {moved: meaning for moved, meaning in MOVED_MEANING.items() if moved is not Moved.NO}
+VISIT_MOVED: dict[Moved, Detail] = {
+    moved: Detail(f"visit_{moved.name.lower()}", f"moved: {moved.name.lower()}") for moved in _LEFT
+}
+_FROM_TO_MOVED: dict[Moved, Detail] = {
     moved: Detail(f"moved_{moved.name.lower()}", f"{meaning}: {{0}} -> {{1}}", words=(0, 1))
     for moved, meaning in _LEFT.items()
 }
@@ -178,7 +195,7 @@ DETAILS: tuple[Detail, ...] = tuple(
 )
 
 
-def moved_from_to(moved: Literal[Moved.DISTANCE, Moved.MARKER], before: str, after: str) -> str:
+def moved_from_to(moved: Moved, before: str, after: str) -> str:
     return _FROM_TO_MOVED[moved](before, after)
 
 

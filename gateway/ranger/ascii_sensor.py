@@ -9,6 +9,7 @@ import re
 from typing import Final
 
 from gateway.config import RangerConfig
+from gateway.core import details
 from gateway.core.readings import RangeReading
 from gateway.ranger.arrival_times import MAX_SEQ, Arrival, ArrivalTracker
 from gateway.ranger.contract import RangerType
@@ -55,7 +56,7 @@ class AsciiSensorSession(NumberSession):
                 continue
             readings += self._on_line(line, arrived_ns, arrived_ns - after * self._byte_ns)
         if len(rest) > MAX_LINE:
-            self._unusable("text without the end of a line", damaged=not self._skipping)
+            self._unusable(details.SENSOR_NO_LINE_END(), damaged=not self._skipping)
             rest, self._skipping = b"", True
         self._buffer = rest
         return readings
@@ -65,10 +66,10 @@ class AsciiSensorSession(NumberSession):
         judged = self._arrivals.judge(self._count, arrived_ns, end_ns, after_hello=False)
         found = self._line.fullmatch(line)
         if found is None:
-            self._unusable("lines of another form", damaged=1)
+            self._unusable(details.SENSOR_OTHER_FORM(), damaged=1)
             return []
         if judged.arrival is not Arrival.LIVE:
-            self._unusable("lines faster or later than ranger.number.period_ms, as from a store", rejected=1)
+            self._unusable(details.SENSOR_STORED(), rejected=1)
             self._conditioner.gap()
             return []
         return self._received(float(found[1]), end_ns - (len(line) + 1) * self._byte_ns, arrived_ns)

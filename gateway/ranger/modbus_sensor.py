@@ -22,6 +22,7 @@ from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
 from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, ReadInputRegistersRequest
 
 from gateway.config import RangerConfig
+from gateway.core import details
 from gateway.core.readings import RangeReading
 from gateway.ranger.contract import RangerType
 from gateway.ranger.number_session import NS_PER_MS, NumberSession
@@ -69,7 +70,7 @@ class ModbusSensorSession(NumberSession):
         if self._asked is not None:
             if now_ns - self._asked.sent_ns < self._timeout_ns:
                 return b""
-            self._unusable(self._trouble or "no answer", gaps=1)
+            self._unusable(self._trouble or details.SENSOR_NO_ANSWER(), gaps=1)
             self._resynchronize(now_ns)
         if now_ns < max(self._next_ns - EARLY_NS, self._quiet_until_ns):
             return b""
@@ -90,7 +91,7 @@ class ModbusSensorSession(NumberSession):
             return []
         if self._asked is None:
             if self._rtu:
-                self._unusable("bytes that nobody asked for", damaged=1)
+                self._unusable(details.SENSOR_UNASKED(), damaged=1)
                 self._resynchronize(arrived_ns)
             return []
         self._buffer = (self._buffer + data)[-MAX_FRAME:]
@@ -106,9 +107,9 @@ class ModbusSensorSession(NumberSession):
             size = used or len(self._buffer)
             self._buffer = self._buffer[size:]
             if not pdu:
-                self._unusable("damaged answers", damaged=1)
+                self._unusable(details.SENSOR_DAMAGED(), damaged=1)
             elif unit_id != self._sensor.unit_id or transaction_id not in (0, self._asked.transaction_id):
-                self._unusable("answers to another request, or of another unit", rejected=1)
+                self._unusable(details.SENSOR_OTHER_REQUEST(), rejected=1)
             else:
                 readings += self._on_answer(self._asked, pdu, size, arrived_ns)
         return readings
@@ -121,16 +122,16 @@ class ModbusSensorSession(NumberSession):
 
     def _on_answer(self, asked: _Request, pdu: bytes, size: int, arrived_ns: int) -> list[RangeReading]:
         if self._rtu and arrived_ns - asked.sent_ns < (len(asked.frame) + size) * self._byte_ns:
-            self._unusable("answers sooner than the line carries them: late ones, or ranger.baud", rejected=1)
+            self._unusable(details.SENSOR_TOO_SOON(), rejected=1)
             self._resynchronize(arrived_ns)
             return []
         self._asked = None
         answer = self._framer.decoder.decode(pdu)
         if isinstance(answer, ExceptionResponse):
-            self._unusable(f"exception {answer.exception_code:02X}", rejected=1)
+            self._unusable(details.SENSOR_EXCEPTION(f"{answer.exception_code:02X}"), rejected=1)
             return []
         if answer is None or len(answer.registers) != self._count:
-            self._unusable("answers of another length", damaged=1)
+            self._unusable(details.SENSOR_OTHER_LENGTH(), damaged=1)
             return []
         return self._received(self._decoded(answer.registers), asked.sent_ns, arrived_ns)
 

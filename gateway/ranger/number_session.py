@@ -4,6 +4,7 @@ The methods are described in gateway/ranger/contract.py.
 """
 
 from gateway.config import RangerConfig
+from gateway.core import details
 from gateway.core.readings import Quality, RangeReading, RangeStats
 from gateway.durations import NS_PER_S
 from gateway.ranger.conditioning import Conditioner
@@ -45,7 +46,7 @@ class NumberSession:
     def opened(self, now_ns: int) -> list[RangeReading]:
         self._start(now_ns)
         self._conditioner.opened()
-        return self._fault(Quality.WAITING, now_ns, "port open, waiting for the sensor")
+        return self._fault(Quality.WAITING, now_ns, details.SENSOR_PORT_OPEN())
 
     def lost(self, now_ns: int, detail: str) -> RangeReading:
         return self._conditioner.lost(now_ns, detail)
@@ -54,10 +55,10 @@ class NumberSession:
         self._conditioner.update_rate(now_ns)
         silent_ns = now_ns - self._heard_ns
         if silent_ns >= max(SILENCE_NS, 3 * self.period_ns):
-            trouble = self._trouble or "nothing received"
-            return self._fault(Quality.STALE, now_ns, f"{trouble} for {silent_ns / NS_PER_S:.0f} s")
+            trouble = self._trouble or details.SENSOR_NOTHING()
+            return self._fault(Quality.STALE, now_ns, details.SENSOR_FOR(trouble, f"{silent_ns / NS_PER_S:.0f}"))
         if not self._measured:
-            return self._fault(Quality.WAITING, now_ns, self._trouble or "waiting for the sensor")
+            return self._fault(Quality.WAITING, now_ns, self._trouble or details.WAITING_SENSOR())
         return []
 
     def _unusable(self, trouble: str, *, damaged: int = 0, gaps: int = 0, rejected: int = 0) -> None:
@@ -77,10 +78,10 @@ class NumberSession:
         self._conditioner.count(lines=1)
         distance_mm = number * self._number.mm_per_unit + self._number.offset_mm
         quality = self._quality(number, distance_mm)
-        detail = "" if quality is Quality.GOOD else f"the sensor sends {number:g}"
+        detail = "" if quality is Quality.GOOD else details.SENSOR_SENDS(f"{number:g}")
         unchanged_ns, limit_s = arrived_ns - self._changed_ns, self._number.unchanged_s
         if quality is Quality.GOOD and limit_s and unchanged_ns > limit_s * NS_PER_S:
-            quality, detail = Quality.STUCK, f"the sensor has sent {number:g} for {unchanged_ns / NS_PER_S:.0f} s"
+            quality, detail = Quality.STUCK, details.SENSOR_STUCK(f"{number:g}", f"{unchanged_ns / NS_PER_S:.0f}")
         return self._conditioner.measured(distance_mm, quality, sent_ns - self._delay_ns, self._seq, detail)
 
     def _quality(self, number: float, distance_mm: float) -> Quality:

@@ -30,10 +30,8 @@ def test_a_text_of_several_sentences_and_one_in_another() -> None:
         *("visit_length", "visit_never", "visit_corrections", "visit_not_released")
     ]
     (rolls,) = said("by range: Z 300 mm, R 100.0 px at (1, 2) -> Z unknown, marker not seen")
-    before, after = (value[0] for value in rolls.values[1:])
+    before, after = (one[0] for one in rolls.values[1:] if not isinstance(one, str))
     assert (rolls.code, rolls.values[0]) == ("rolling", "range")
-    assert not isinstance(before, str)
-    assert not isinstance(after, str)
     assert (before.code, before.values, after.code) == ("where", ("300", "100.0", "1", "2"), "where_unknown")
 
 
