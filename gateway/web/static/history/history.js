@@ -1,7 +1,7 @@
 // The history of a bay: a timeline by hour, day or month, its events, its visits, one visit as a film, and why.
 // `/history#bay1/1795400040000/day` is a bay, a moment and a length.
 
-import { html, useEffect, useErrorBoundary, useMemo, useRef, useState } from '../lib/page.js';
+import { html, useEffect, useErrorBoundary, useRef, useState } from '../lib/page.js';
 import { called } from '../lib/bays.js';
 import { stamp, words } from '../lib/format.js';
 import { MARKED, SCALES, abnormalEvent, firstScale, hashOf, inputTime, placeOf, spanOf, windowAt } from '../lib/history.js';
@@ -11,7 +11,7 @@ import { titled } from '../lib/title.js';
 import { unixOf } from '../lib/zone.js';
 import { start } from '../lib/start.js';
 import { Top } from '../lib/top.js';
-import { useHash, useKept } from '../operator/hooks.js';
+import { useKept } from '../operator/hooks.js';
 import { useAnswer } from './answers.js';
 import { Film } from './film.js';
 import { Timeline } from './timeline.js';
@@ -47,9 +47,15 @@ function Events({ of, wrong, pick }) {
   </section>`;
 }
 
+/** Of the address; `number` grows whenever somebody goes to one, be it the same again. @param {string[]} bays */
 function usePlace(bays) {
-  const hash = useHash();
-  return useMemo(() => placeOf(hash, bays), [hash]);
+  const [place, setPlace] = useState(() => ({ ...placeOf(location.hash, bays), number: 0 }));
+  useEffect(() => {
+    const changed = () => setPlace(({ number }) => ({ ...placeOf(location.hash, bays), number: number + 1 }));
+    addEventListener('hashchange', changed);
+    return () => removeEventListener('hashchange', changed);
+  }, []);
+  return place;
 }
 
 function Bay({ bay, place, records, scale, setScale }) {
@@ -142,7 +148,7 @@ function App({ session }) {
       ${view && html`<${LastTrucks} bay=${bay} lastMs=${view.last_ms} />`}
       ${view && (view.last_ms === null
         ? html`<${Empty} records=${view} bay=${bay} />`
-        : html`<${Bay} key=${`${bay} ${place.atMs}`} bay=${bay} place=${place} records=${view} scale=${chosen ?? first.current.scale} setScale=${setScale} />`)}
+        : html`<${Bay} key=${place.number} bay=${bay} place=${place} records=${view} scale=${chosen ?? first.current.scale} setScale=${setScale} />`)}
       ${!view && !records.wrong && html`<p class="muted">Loading.</p>`}
     </main>`;
 }
