@@ -170,8 +170,22 @@ async def test_events_are_the_newest_in_their_order(tmp_path: Path) -> None:
     async with client(tmp_path) as api:
         view = fitting(await api.get(f"{BAY}/history-events?{AT}"), "MarkedEventsView")
         assert view["events"] == [
-            {"t_ms": LATER_MS, "kind": "sensor_fault", "sensor": "vision", "quality": "LINK_DOWN", "detail": "gone"},
-            {"t_ms": LATER_MS + 59_000, "kind": "operator_mark", "sensor": "", "quality": "", "detail": "look here"},
+            {
+                "t_ms": LATER_MS,
+                "kind": "sensor_fault",
+                "sensor": "vision",
+                "quality": "LINK_DOWN",
+                "detail": "gone",
+                "said": [],
+            },
+            {
+                "t_ms": LATER_MS + 59_000,
+                "kind": "operator_mark",
+                "sensor": "",
+                "quality": "",
+                "detail": "look here",
+                "said": [],
+            },
         ]
         assert view["more"] is False
         newest = fitting(await api.get(f"{BAY}/history-events?{AT}&limit=1"), "MarkedEventsView")
