@@ -36,6 +36,7 @@ class UpdateOptions:
     at_once: bool = False
     accepted: tuple[str, ...] = ()
     accepted_bays: tuple[str, ...] = ()  # where the new version may decide otherwise
+    newer: bool = False  # an older version is refused: what it lacks is known to whoever has taken over the pages
 
 
 def prepare(machine: Machine, options: UpdateOptions, confirm: Callable[[str], bool], report: Report) -> UpdateState:
@@ -128,6 +129,8 @@ def _verified(machine: Machine, state: UpdateState, named: Path, options: Update
     new = package.version_of(machine, machine.paths.package)
     if new == state.old:
         raise UpdateError(f"{named.name} is version {new}, which runs already")
+    if options.newer and machine.command("dpkg", "--compare-versions", new, "gt", state.old).code != 0:
+        raise UpdateError(f"{named.name} is version {new}, older than {state.old}: that can be installed at a terminal")
     report(f"package: {named.name} is version {new}")
     return replace(state, new=new, was_there=new in machine.installed())
 

@@ -54,6 +54,7 @@ def taken(machine: Machine) -> UpdateOptions:
         dry=request.action == "check",
         accepted=request.alarms,
         accepted_bays=request.bays,
+        newer=True,
     )
 
 

@@ -31,6 +31,8 @@ class ServedMachine(WatchedMachine):
         if words[0] == "gpgv":
             good = Path(words[-2]).read_text() == "good"
             return ProgramResult(0 if good else 1, GOOD if good else "[GNUPG:] BADSIG 99\n")
+        if words[1] == "--compare-versions":
+            return ProgramResult(int(float(str(words[2])) <= float(str(words[4]))))
         return super().command(*words, user=user, timeout_s=timeout_s)
 
 
@@ -89,6 +91,14 @@ def test_a_package_without_a_good_signature_is_not_installed(machine: ServedMach
     code, shown = run(machine)
     assert (code, machine.version(), machine.world.unpacked) == (1, OLD, "")
     assert "changed or damaged after it was signed" in shown.why
+
+
+def test_an_older_version_is_not_installed_whoever_has_signed_it(machine: ServedMachine) -> None:
+    ask(machine)
+    package(machine, Version(name="0.9")).replace(machine.paths.spool / "package.deb")
+    code, shown = run(machine)
+    assert (code, machine.version(), machine.world.unpacked) == (1, OLD, "")
+    assert "is version 0.9, older than 1.0" in shown.why
 
 
 def spoil(machine: ServedMachine, how: str) -> None:
