@@ -416,7 +416,7 @@ def test_a_network_camera_is_found_and_a_board_is_given_its_firmware(
         page.keyboard.press("Enter")
         expect(page.get_by_label("MainStream, 1920 x 1080 px, H264, 25 /s")).to_be_visible()
         asked: list[Any] = []
-        seen = {"look": 7, "piece": 1, "end": None, "line": {**TRIED, "result": "it gives pictures"}}
+        seen: dict[str, Any] = {"look": 7, "piece": 1, "end": None, "line": {**TRIED, "result": "it gives pictures"}}
         seen["figures"] = {"width_px": 640, "height_px": 480, "rate_hz": 15, "late_ms": 40, "frames": 9, "fresh": 9}
 
         def look(route: Route) -> None:

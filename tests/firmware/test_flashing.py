@@ -10,8 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from gateway.cli.main import main
 from gateway.clock import SystemClock
-from gateway.errors import LinkError
+from gateway.errors import ConfigError, LinkError
 from gateway.ranger import flashing
 from gateway.ranger.hcsr04.protocol import Hello
 from gateway.ranger.port import Port
@@ -83,7 +84,6 @@ def board(elf: Path, folder: Path, *options: str) -> Iterator[Board]:
 
 def test_a_board_with_another_sketch_says_hello_after_it(other_program: Path, tmp_path: Path) -> None:
     """Cut off in the middle it says what to do, and can be repeated."""
-    seen: list[float] = []
     with board(other_program, tmp_path, "--bootloader", str(BOOTLOADER)) as uno:
         assert uno.hello(2.5) is None
 
@@ -95,8 +95,23 @@ def test_a_board_with_another_sketch_says_hello_after_it(other_program: Path, tm
             flashing.flash(uno.port, flashing.image((HEX,)), CLOCK, pulled)
         uno.do("plug")
         uno.wait_for("cable")
-        flashing.flash(uno.port, flashing.image((HEX,)), CLOCK, seen.append)
-        assert (seen[0], seen[-1], seen) == (0.0, 1.0, sorted(seen))
+        assert main(["firmware", "flash", uno.port]) == 0
         hello = uno.hello(20)
         assert hello is not None
         assert hello.version == 1
+
+
+def test_a_board_without_a_boot_loader_and_a_port_that_is_taken(
+    other_program: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(flashing, "SYNCS", 3)
+    monkeypatch.setattr(flashing, "OPEN_S", 0.1)
+    with board(other_program, tmp_path) as silent:
+        with pytest.raises(LinkError, match=r"no boot loader answers: .* Nothing was written"):
+            flashing.flash(silent.port, b"x", CLOCK, lambda _: None)
+        taken = Port(silent.port, 9600)
+        with pytest.raises(LinkError, match="another program uses it"):
+            flashing.flash(silent.port, b"x", CLOCK, lambda _: None)
+        taken.close()
+        with pytest.raises(ConfigError, match="this machine's own USB"):
+            flashing.flash("socket://10.0.0.9:1", b"x", CLOCK, lambda _: None)
