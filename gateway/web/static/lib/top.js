@@ -29,6 +29,7 @@ const SET_UP = [
   ['Release', (bay) => `/setup/release?bay=${bay}`],
   ['Update', () => '/setup/update'],
 ];
+/** @type {[string, (bay: string) => string]} */
 const MANUAL = ['Manual', () => '/manual'];
 
 /**
