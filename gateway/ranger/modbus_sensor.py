@@ -108,13 +108,22 @@ class ModbusSensorSession(NumberSession):
             self._buffer = self._buffer[size:]
             if not pdu:
                 self._unusable(details.SENSOR_DAMAGED(), damaged=1)
-            elif unit_id != self._sensor.unit_id or transaction_id not in (0, self._asked.transaction_id):
+            elif not self._is_answer(unit_id, transaction_id, pdu[0]):
                 self._unusable(details.SENSOR_OTHER_REQUEST(), rejected=1)
+            elif self._rtu and size != len(pdu) + 3:  # unit and CRC: pymodbus leaves out what is before and behind
+                self._unusable(details.SENSOR_UNASKED(), damaged=1)
+                self._resynchronize(arrived_ns)
             else:
                 readings += self._on_answer(self._asked, pdu, size, arrived_ns)
         return readings
 
     # -- answers -------------------------------------------------------------------------------------------------
+
+    def _is_answer(self, unit_id: int, transaction_id: int, function_code: int) -> bool:
+        asked_id = 0 if self._rtu or self._asked is None else self._asked.transaction_id
+        function_code &= 0x7F  # bit 7: an exception
+        wanted = self._sensor.unit_id, asked_id, REQUESTS[self._sensor.table].function_code
+        return (unit_id, transaction_id, function_code) == wanted
 
     def _malformed(self) -> bool:
         """Modbus TCP: no answer of ours begins so, and the next one could not be found."""

@@ -3,6 +3,8 @@
 The methods are described in gateway/ranger/contract.py.
 """
 
+import math
+
 from gateway.config import RangerConfig
 from gateway.core import details
 from gateway.core.readings import Quality, RangeReading, RangeStats
@@ -12,6 +14,8 @@ from gateway.ranger.conditioning import Conditioner
 NS_PER_MS = 1_000_000
 SILENCE_NS = NS_PER_S
 """No number for this time: reported."""
+SAME = 1e-6
+"""Numbers that differ by less, relatively, are one: a float32 has no more digits."""
 
 
 class NumberSession:
@@ -86,7 +90,7 @@ class NumberSession:
 
     def _quality(self, number: float, distance_mm: float) -> Quality:
         meaning = self._number
-        if number in meaning.no_echo:
+        if any(math.isclose(number, one, rel_tol=SAME) for one in meaning.no_echo):
             return Quality.NO_ECHO
         if meaning.fault_below is not None and not number >= meaning.fault_below:
             return Quality.LINK_DOWN

@@ -136,6 +136,31 @@ def test_an_answer_that_the_line_cannot_have_carried_yet_is_an_earlier_ones() ->
     assert "ranger.baud" in stale.detail
 
 
+def test_of_answers_that_come_at_once_none_is_used() -> None:
+    """A connection was stuck: all that a serial server had to say comes together, and the first is seconds old."""
+    line = Line()
+    line.good(0, 300)
+    assert line.ask(60)
+    assert line.hear(155, answer(400) + answer(500)) == []
+    assert line.ask(156) == b""  # nothing is asked until the line was quiet
+    assert line.good(256, 600).distance_mm == 600.0
+
+
+@pytest.mark.parametrize("body", ["01 04 02 0190", "01 06 0101 0190"])
+def test_an_answer_to_another_function_is_no_distance(body: str) -> None:
+    line = Line()
+    assert line.ask(0)
+    assert line.hear(50, rtu(bytes.fromhex(body))) == []
+    assert line.session.stats.rejected == 1
+
+
+def test_a_number_without_echo_is_known_as_float32() -> None:
+    line = Line(data_type="float32", mm_per_unit=1000, no_echo=[3.3])
+    assert line.ask(0)
+    [reading] = line.hear(50, rtu(bytes.fromhex("01 03 04 40533333")))
+    assert (reading.quality, reading.distance_mm) == (Quality.NO_ECHO, None)
+
+
 def test_silence_is_stale_and_says_what_was_received_instead() -> None:
     line = Line()
     line.good(0, 300)
@@ -188,6 +213,8 @@ def test_modbus_tcp_answers_are_known_by_their_transaction_id() -> None:
     assert line.ask(270)
     [reading] = line.hear(271, bytes.fromhex("0004 0000 0005 01 03 02 0258"))
     assert reading.distance_mm == 600.0
+    assert line.ask(330)
+    assert line.hear(331, bytes.fromhex("0000 0000 0005 01 03 02 0258")) == []  # of no request
 
 
 @pytest.mark.parametrize(
