@@ -35,6 +35,7 @@ class HeadDeadlineProtocol(H11Protocol):
         super().connection_made(transport)
         self._next_check: asyncio.TimerHandle | None = None
         self._asked_s = self.loop.time()
+        self._answered = self.cycle
         if self._too_many():
             transport.abort()
             return
@@ -60,8 +61,9 @@ class HeadDeadlineProtocol(H11Protocol):
 
     def _check(self) -> None:
         now_s = self.loop.time()
-        if self.cycle is not None and not self.cycle.response_complete:
-            self._asked_s = now_s
+        working = self.cycle is not None and not self.cycle.response_complete
+        if working or self.cycle is not self._answered:  # another request has been answered since the last check
+            self._asked_s, self._answered = now_s, self.cycle
         elif now_s - self._asked_s > self.head_s:
             self.transport.abort()
             return

@@ -165,6 +165,15 @@ async def test_a_client_that_waits_for_its_answer_is_not_disconnected() -> None:
 
 
 @in_real_time
+async def test_a_client_that_asks_again_and_again_on_one_connection_is_not_disconnected() -> None:
+    """Though its requests are so short that no check finds one under way: for three times head_s."""
+    async with served(hello) as port:
+        kept = [b"GET / HTTP/1.1\r\nHost: a\r\n\r\n"] * 10
+        got = await received(port, *kept, REQUEST, pause_s=0.1)
+        assert got.count(b"hello") == 11
+
+
+@in_real_time
 async def test_a_head_has_a_length() -> None:
     async with served(hello) as port:
         endless = [b"GET / HTTP/1.1\r\n"] + [b"x-%d: " % n + b"a" * 4000 + b"\r\n" for n in range(100)]
