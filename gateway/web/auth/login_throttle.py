@@ -8,7 +8,7 @@ lock its owner out.
 
 import math
 from collections.abc import Iterator
-from ipaddress import ip_address
+from ipaddress import ip_address, ip_network
 
 from gateway.durations import NS_PER_S
 from gateway.net.rate_limit import KeyedBuckets, Rate, plain_address
@@ -18,6 +18,10 @@ KNOWN_PER_NAME = 4
 BY_ADDRESS = Rate(10, 30 * NS_PER_S)
 BY_NAME = Rate(10, 60 * NS_PER_S)
 IN_ALL = Rate(60, NS_PER_S)
+# Python's `is_private` has Teredo and 6to4, too, behind which is the whole Internet.
+_PRIVATE = "10.0.0.0/8", "172.16.0.0/12", "192.168.0.0/16", "fc00::/7"
+_LOCAL = "127.0.0.0/8", "::1/128", "169.254.0.0/16", "fe80::/10"
+OF_NETWORK = tuple(map(ip_network, (*_PRIVATE, *_LOCAL)))
 
 
 class LoginThrottle:
@@ -58,9 +62,10 @@ class LoginThrottle:
 def is_of_network(address: str) -> bool:
     """Is it an address that no router forwards from elsewhere: private, link-local, or this machine's own?"""
     try:
-        return not (found := ip_address(plain_address(address))).is_global and not found.is_multicast
+        found = ip_address(plain_address(address))
     except ValueError:
         return False
+    return any(found in network for network in OF_NETWORK)
 
 
 def spelled(address: str) -> str:

@@ -119,6 +119,9 @@ async def test_only_requests_for_the_machine_s_own_names_are_answered(host: str,
         ("::ffff:8.8.8.8", False),
         ("2001:4860:4860::8888", False),
         ("172.32.0.1", False),
+        ("100.64.3.4", False),  # of other customers of a mobile network
+        ("2001:0:4137:9e76:0:ff:f7f7:f7f7", False),  # 8.8.8.8 behind Teredo
+        ("2002:808:808::1", False),  # and by 6to4
         ("?", False),
     ],
 )
