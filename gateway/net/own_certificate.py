@@ -5,6 +5,7 @@ machine has no more is no reason: browsers would ask again whether they may trus
 """
 
 import logging
+import threading
 from collections.abc import Collection
 from datetime import UTC, datetime
 from pathlib import Path
@@ -26,10 +27,16 @@ log = logging.getLogger(__name__)
 
 SUBJECT = "Loading gateway"
 DAYS = 825
+_ONE = threading.Lock()  # the task and the first visit may make it at the same time
 
 
 def keep(files: TlsFiles, clock: Clock) -> None:
     """Makes key and certificate where they are missing or no longer right. Raises ConfigError, OSError."""
+    with _ONE:
+        _keep(files, clock)
+
+
+def _keep(files: TlsFiles, clock: Clock) -> None:
     path = Path(files.cert)
     folder, name = Folder(path.parent), path.stem
     hosts = list(dict.fromkeys((*own_names(), *own_addresses(), *LOOPBACK_NAMES)))

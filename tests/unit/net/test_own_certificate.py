@@ -1,6 +1,8 @@
 """The machine's own names and addresses, and the certificate that the gateway makes for them."""
 
 import ssl
+import time
+from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
 from pathlib import Path
 
@@ -113,3 +115,21 @@ def test_it_follows_the_machine_and_is_renewed_with_the_same_key(tmp_path: Path,
 def test_where_it_can_not_be(more: dict[str, object], expected: str) -> None:
     with pytest.raises(ConfigError, match=expected):
         parse(more)
+
+
+def test_two_that_make_it_at_the_same_time_make_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    of, clock, inside, most = files(tmp_path), LaterClock(days=[0.0]), [0], [0]
+
+    def names() -> tuple[str, ...]:
+        inside[0] += 1
+        most[0] = max(most[0], inside[0])
+        time.sleep(0.05)
+        inside[0] -= 1
+        return ("bay-pc",)
+
+    monkeypatch.setattr(own_certificate, "own_names", names)
+    with ThreadPoolExecutor(2) as threads:
+        for done in [threads.submit(own_certificate.keep, of, clock) for _ in range(2)]:
+            done.result()
+    tls.check(of)
+    assert most == [1]
