@@ -141,8 +141,8 @@ def why_ghost(topic: str, begins: str, found: Mapping[str, bytes], now_ms: int) 
     status, bay = owner_of(found[topic])
     if not status.startswith(begins):
         return ""
-    if status in found:
-        return "" if bay in bays_of(found[status]) else f"{status} does not list {bay}"
+    if listed := bays_of(found.get(status, b"")):  # none: cleared meanwhile, or damaged
+        return "" if bay in listed else f"{status} does not list {bay}"
     about = _object(found[topic])
     if "availability" in about:  # an announcement has no time of its own
         about = _object(found.get(str(about["state_topic"]), b""))

@@ -41,6 +41,9 @@ def status(online: str, *bays: str) -> bytes:
         ({}, f"there is no {STATUS}"),
         ({STATUS: status("offline", "bay1")}, ""),
         ({STATE: state(1000), STATUS: status("online", "bay2")}, f"{STATUS} does not list bay1"),
+        ({STATE: state(1000), STATUS: b""}, ""),  # cleared while it is read
+        ({STATE: state(1000), STATUS: b"damaged"}, ""),
+        ({STATE: state(3000), STATUS: b"damaged"}, f"there is no {STATUS}"),
     ],
 )
 def test_an_announcement_without_a_status_is_judged_by_the_state_that_it_names(
