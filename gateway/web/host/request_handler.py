@@ -65,6 +65,7 @@ log = logging.getLogger(__name__)
 
 KEPT_EVENTS = 1000
 KEPT_FORMER = 20  # settings of a bay that can be gone back to
+CONTROLS_TRIED = "not while the camera's controls are only tried: the end of the function check puts them back"
 RELEASED_S = 15.0  # a firmware takes some five seconds
 MAX_NAME = 120  # of a user, or of a requested object
 MAY_BE_THERE = "a truck was in place, and is not known to have left"
@@ -171,7 +172,8 @@ class PagesRequestHandler:
         elif waiting:
             why = f"not while keys of this bay's decision wait for a restart: {', '.join(waiting)}"[:MAX_DETAIL_CHARS]
         elif isinstance(command.action, ActOnRelease):
-            why = bay.release.act(command.action, _clipped(command.who))
+            tried = command.action.what == "sign" and bay.vision.controls.tried != ControlsConfig()
+            why = CONTROLS_TRIED if tried else bay.release.act(command.action, _clipped(command.who))
         else:
             why = _perform(command.action, bay, _clipped(command.who))
         return CommandReply(command.number, why)

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
-from gateway.config import BayConfig, CameraConfig, GatewayConfig, VisionConfig
+from gateway.config import BayConfig, CameraConfig, ControlsConfig, GatewayConfig, VisionConfig
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.release_checklist import Polled
 from gateway.core.state import FunctionCheck
@@ -12,6 +12,7 @@ from gateway.web.auth.access import Level
 from gateway.web.auth.sessions import Caller
 from gateway.web.host import releases
 from gateway.web.host.releases import Polls
+from gateway.web.host.request_handler import CONTROLS_TRIED
 from tests.unit.web.gateway_client import PLAIN, Plant, plant
 from tests.unit.web.programs import ApiClient, api_client, fits
 from tests.virtual_time import in_virtual_time
@@ -83,6 +84,9 @@ async def test_a_bay_is_released_once_everything_was_seen_and_confirmed(tmp_path
         assert (await anybody.post(URL, {"what": "sign"})).json[
             "detail"
         ] == "log in as one of hmi.users: a signature needs a name"
+        made.vision["bay1"].try_controls(ControlsConfig(gain=3))
+        assert (await client.post(URL, {"what": "sign"})).json["detail"] == CONTROLS_TRIED
+        made.vision["bay1"].try_controls(ControlsConfig())
         made.loading()
         signed = fits((await client.post(URL, {"what": "sign"})).text, "ReleaseView")
         assert (signed["checklist"], len(signed["signed"])) == (None, 1)
