@@ -2,6 +2,7 @@
 
 import { html, useEffect, useRef, useState } from '../lib/page.js';
 import { below } from '../lib/address.js';
+import { pause } from '../lib/api.js';
 import { remember, remembered } from '../lib/memory.js';
 import { age, number } from '../lib/format.js';
 import { OVERVIEW_LIMIT_MS, moment } from '../lib/freshness.js';
@@ -69,10 +70,6 @@ export function Live({ base, send, view, looked, lost }) {
 
   useEffect(() => {
     const end = new AbortController();
-    const pause = (ms) => new Promise((/** @type {(_?: undefined) => void} */ done) => {
-      const timer = setTimeout(done, ms);
-      end.signal.addEventListener('abort', () => { clearTimeout(timer); done(); }, { once: true });
-    });
     const show = async (next) => {
       const answer = await fetch(below(`${base}/look/${next.number}/picture`), { credentials: 'same-origin', cache: 'no-store', signal: end.signal });
       if (!answer.ok) return; // another page's look has replaced it: the next one follows
@@ -90,7 +87,7 @@ export function Live({ base, send, view, looked, lost }) {
       let after = 0;
       while (!end.signal.aborted) {
         if (document.hidden && !byHand.current) {
-          await pause(300);
+          await pause(300, end.signal);
           continue;
         }
         const asked = moment();
@@ -113,9 +110,9 @@ export function Live({ base, send, view, looked, lost }) {
           if (end.signal.aborted) return;
           setTrouble(error.name === 'TypeError' ? 'no connection to the gateway' : error.message);
           if (error.status === 409) return now.current.lost(error.message);
-          await pause(AGAIN_MS);
+          await pause(AGAIN_MS, end.signal);
         }
-        await pause(Math.max(PAUSE_MS, (performance.now() - asked.steadyMs) / 2)); // two thirds of the time at most
+        await pause(Math.max(PAUSE_MS, (performance.now() - asked.steadyMs) / 2), end.signal); // two thirds of the time at most
       }
     })();
     return () => end.abort();

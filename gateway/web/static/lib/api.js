@@ -71,10 +71,13 @@ export async function post(path, body, csrf, { timeoutMs = 10_000, method = 'POS
   return text ? JSON.parse(text) : null;
 }
 
-/** A signal that fires with `signal` or after `timeoutMs`, whichever is first. */
+/** A signal that fires with `signal` or after `timeoutMs`, whichever is first. It leaves no listener at `signal`, which may last as long as the page. */
 export function either(signal, timeoutMs) {
   const control = new AbortController();
-  const timer = setTimeout(() => control.abort(new DOMException('no answer in time', 'TimeoutError')), timeoutMs);
+  const timer = setTimeout(() => {
+    signal?.removeEventListener('abort', end);
+    control.abort(new DOMException('no answer in time', 'TimeoutError'));
+  }, timeoutMs);
   const end = () => {
     clearTimeout(timer);
     control.abort(signal.reason);
@@ -82,4 +85,17 @@ export function either(signal, timeoutMs) {
   if (signal?.aborted) end();
   else signal?.addEventListener('abort', end, { once: true });
   return control.signal;
+}
+
+/** Ends after `ms`, or when `signal` fires, at which it leaves no listener. @param {number} ms @param {AbortSignal} signal */
+export function pause(ms, signal) {
+  return new Promise((/** @type {(_?: undefined) => void} */ done) => {
+    const end = () => {
+      clearTimeout(timer);
+      signal.removeEventListener('abort', end);
+      done();
+    };
+    const timer = setTimeout(end, ms);
+    signal.addEventListener('abort', end);
+  });
 }

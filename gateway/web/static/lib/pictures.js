@@ -2,7 +2,7 @@
 // page is in the background.
 
 import { below } from './address.js';
-import { either } from './api.js';
+import { either, pause } from './api.js';
 import { moment } from './freshness.js';
 import { frameSize, frameView } from './views.js';
 
@@ -39,11 +39,6 @@ export function follow(bay, page) {
     if (!document.hidden) wake();
   };
   document.addEventListener('visibilitychange', shown);
-  const pause = (ms) =>
-    new Promise((/** @type {(_?: undefined) => void} */ done) => {
-      const timer = setTimeout(done, ms);
-      end.signal.addEventListener('abort', () => { clearTimeout(timer); done(); }, { once: true });
-    });
   const visible = () =>
     document.hidden
       ? new Promise((/** @type {(_?: unknown) => void} */ done) => {
@@ -68,7 +63,7 @@ export function follow(bay, page) {
         });
         if (answer.status === 204 || answer.status === 304) {
           failed = 0;
-          await pause(50);
+          await pause(50, end.signal);
           continue;
         }
         if (!answer.ok) throw new Error(answer.status === 404 || answer.status === 503 ? 'no picture' : `answer ${answer.status}`);
@@ -84,7 +79,7 @@ export function follow(bay, page) {
         failed += 1;
         after = -1; // another start of the gateway counts its frames anew
         page.trouble(error instanceof Error && error.name !== 'TypeError' ? error.message : 'no connection');
-        await pause(Math.min(3000, 300 * failed));
+        await pause(Math.min(3000, 300 * failed), end.signal);
       }
     }
   })();

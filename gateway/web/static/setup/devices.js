@@ -2,7 +2,7 @@
 // of a bay that runs.
 
 import { html, useEffect, useRef, useState } from '../lib/page.js';
-import { get, post } from '../lib/api.js';
+import { get, pause, post } from '../lib/api.js';
 import { age, number, words } from '../lib/format.js';
 import { listed, t, text } from '../lib/lang.js';
 import { OVERVIEW_LIMIT_MS, moment } from '../lib/freshness.js';
@@ -16,11 +16,6 @@ const AGAIN_MS = 3000; // while another page looks at a device
 const NEWS_MS = 15_000; // an answer waits for news for some seconds
 const STATE_MS = 500;
 const PICTURE_PX = 640;
-
-const pause = (ms, signal) => new Promise((/** @type {(_?: undefined) => void} */ done) => {
-  const timer = setTimeout(done, ms);
-  signal.addEventListener('abort', () => { clearTimeout(timer); done(); }, { once: true });
-});
 
 /** What is plugged in, asked again and again while `wanted`. @returns {{cameras: any[]|null, ports: any[]|null, wrong: string}} */
 export function useDevices(wanted) {
