@@ -12,7 +12,7 @@ from gateway.core.state import FunctionCheck, Reason, StateVector
 
 OUT_S = 1.0  # a sensor that was unplugged is out for at least so long
 CAMERA_OUT = frozenset({Quality.LINK_DOWN})
-RANGER_OUT = frozenset({Quality.LINK_DOWN, Quality.STALE})
+RANGER_OUT = frozenset({Quality.LINK_DOWN, Quality.STALE, Quality.STUCK})
 CONFIRMED = ("heartbeat", "thresholds")
 """Items that need a person: that the PLC stopped, and that these settings are what is wanted."""
 
@@ -77,14 +77,14 @@ class Signature:
 
 def resumed(kept: Checklist) -> Checklist:
     """After a restart: what had not ended by then must be seen again."""
-    camera, ranger = (
-        one if one is not None and one.good_unix_s is not None else None for one in (kept.camera_out, kept.ranger_out)
-    )
+    camera, ranger = _ended_outage(kept.camera_out), _ended_outage(kept.ranger_out)
     return replace(kept, camera_out=camera, ranger_out=ranger, good=())
 
 
-def step(checklist: Checklist, state: StateVector, polled: Polled | None, unix_s: float) -> Checklist:
-    """`state`: as it may be shown at `unix_s`."""
+def step(
+    checklist: Checklist, state: StateVector, polled: Polled | None, unix_s: float, *, port_released: bool = False
+) -> Checklist:
+    """`state`: as it may be shown at `unix_s`. `port_released`: the ranger's loss is the gateway's own doing."""
     if state.reason is Reason.SHUTDOWN:
         return _ended(checklist, polled)
     if not state.running:
@@ -95,6 +95,9 @@ def step(checklist: Checklist, state: StateVector, polled: Polled | None, unix_s
     vision, distance = state.vision.quality, state.range.quality
     seen = {"camera": vision is Quality.GOOD, "ranger": distance is Quality.GOOD}
     good = checklist.good
+    if port_released:
+        seen["ranger"], good = False, tuple(name for name in good if name != "ranger")
+        checklist = replace(checklist, ranger_out=_ended_outage(checklist.ranger_out))
     return replace(
         checklist,
         marker_unix_s=checklist.marker_unix_s or (unix_s if seen["camera"] else None),
@@ -148,6 +151,10 @@ def _outage(known: Outage | None, out: bool, quality: Quality, stop: bool, unix_
     if quality is Quality.GOOD:
         return replace(known, good_unix_s=unix_s) if unix_s - known.lost_unix_s >= OUT_S else None
     return known if stop else None
+
+
+def _ended_outage(outage: Outage | None) -> Outage | None:
+    return outage if _over(outage) else None
 
 
 def _over(outage: Outage | None) -> bool:

@@ -67,6 +67,11 @@ class RangerService:
             return connect(self.config)
         return Port(self.config.port, self.config.baud, self.config.parity, self.config.stop_bits)
 
+    @property
+    def released(self) -> bool:
+        """Is the port closed for others?"""
+        return self.clock.now_ns() < self._released_until_ns
+
     def release(self, seconds: float) -> None:
         """Close the port for this time, LINK_DOWN: its board is given a firmware."""
         self._released_until_ns = self.clock.now_ns() + round(seconds * NS_PER_S)

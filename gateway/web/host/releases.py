@@ -65,11 +65,15 @@ def warnings(config: GatewayConfig) -> Iterator[tuple[str, str]]:
     """Bays that were released for operation and are not, with these settings, and why. A folder that may not be read
     says nothing."""
     for bay in config.bays:
+        path = path_of(config, bay.name)
         try:
-            found = _newest(config, bay.name)
+            files = [] if path is None else _beside(path)
+            found = _decoded(files[-1], _Signed) if files else None
         except OSError:
             continue
         if found is None:
+            if files:
+                yield bay.name, f"not released: {files[-1]} cannot be read"
             continue
         signature = found.signature
         if signature.void_unix_s is not None:
@@ -89,7 +93,14 @@ def _changed(keys: Any) -> str:
 
 def _beside(path: Path) -> list[Path]:
     """The files of a bay's signatures, the oldest first."""
-    return sorted(path.parent.glob(f"{path.stem}.released-*.json"), key=lambda found: (len(found.name), found.name))
+    found = path.parent.glob(f"{path.stem}.released-*.json")
+    return sorted((one for one in found if _number(one)), key=_number)
+
+
+def _number(path: Path) -> int:
+    """Of a signature's file; 0: it is none."""
+    text = path.stem.rpartition("-")[2]
+    return int(text) if text.isascii() and text.isdecimal() else 0
 
 
 def _decoded(path: Path, kind: type[Kept]) -> Kept | None:
@@ -101,13 +112,6 @@ def _decoded(path: Path, kind: type[Kept]) -> Kept | None:
         log.error("%s cannot be read: %s", path, error)
         return None
     return found if found is not None and found.version == VERSION else None
-
-
-def _newest(config: GatewayConfig, bay: str) -> _Signed | None:
-    """Raises OSError."""
-    path = path_of(config, bay)
-    found = [] if path is None else _beside(path)
-    return _decoded(found[-1], _Signed) if found else None
 
 
 @dataclass(slots=True)
@@ -152,6 +156,7 @@ class BayRelease:
         basis: Callable[[], tuple[object, ...]],
         keys: Callable[[], dict[str, Any]],
         technicians: Callable[[], Collection[str]],
+        port_released: Callable[[], bool],
     ) -> None:
         """Reads what was kept; may wait for the disk."""
         self._path = path
@@ -162,10 +167,12 @@ class BayRelease:
         self._basis = basis
         self._keys_now = keys
         self._technicians = technicians
+        self._port_released = port_released
         self._known = basis()
         self._keys = keys()
         self._checklist: Checklist | None = None
         self._signed: list[tuple[Path, _Signed]] = []  # the oldest first
+        self._number = 0  # of the newest signature: the clock may go back
         if path is not None:
             try:
                 self._read(path)
@@ -174,7 +181,11 @@ class BayRelease:
         self._compare()
 
     def _read(self, path: Path) -> None:
-        self._signed = [(one, found) for one in _beside(path) if (found := _decoded(one, _Signed)) is not None]
+        files = _beside(path)
+        self._signed = [(one, found) for one in files if (found := _decoded(one, _Signed)) is not None]
+        if self._signed and self._signed[-1][0] != files[-1]:
+            self._void([files[-1].name])  # what the newest signed, or that it is void, is not known any more
+        self._number = _number(files[-1]) if files else 0
         kept = _decoded(self._checklist_path(path), _UnderWay)
         if kept is not None:
             self._checklist = release_checklist.resumed(kept.checklist)
@@ -196,7 +207,9 @@ class BayRelease:
                 self._begin(self._checklist.by)
         if self._checklist is not None:
             state = self._control.state()
-            self._replace(release_checklist.step(self._checklist, state, self._polled(), self._unix_s()))
+            released = self._port_released()
+            polled, unix_s = self._polled(), self._unix_s()
+            self._replace(release_checklist.step(self._checklist, state, polled, unix_s, port_released=released))
 
     def now(self) -> ReleaseNow:
         checklist, state, polled = self._checklist, self._control.state(), self._polled()
@@ -243,7 +256,8 @@ class BayRelease:
             unix_s, who.subject, who.address, checklist, polled,
             None if circle is None else circle.radius_px, state.range.distance_mm,
         )  # fmt: skip
-        self._write(path.with_suffix(f".released-{unix_s:.0f}.json"), _Signed(VERSION, self._keys, signature))
+        self._number += 1
+        self._write(path.with_suffix(f".released-{self._number}.json"), _Signed(VERSION, self._keys, signature))
         for old, _ in self._signed[:-KEPT]:
             self._keep(old, None)
         self._signed = self._signed[-KEPT:]
@@ -253,13 +267,15 @@ class BayRelease:
 
     def _compare(self) -> None:
         """The newest signature is void once its keys are others."""
-        if not self._signed or self._signed[-1][1].signature.void_unix_s is not None:
-            return
+        if self._signed and (other := decision.differing(self._signed[-1][1].keys, self._keys)):
+            self._void(other)
+
+    def _void(self, keys: Collection[str]) -> None:
         path, signed = self._signed[-1]
-        if other := decision.differing(signed.keys, self._keys):
-            void = replace(signed.signature, void_unix_s=self._unix_s(), void_keys=tuple(other))
+        if signed.signature.void_unix_s is None:
+            void = replace(signed.signature, void_unix_s=self._unix_s(), void_keys=tuple(keys))
             self._write(path, _Signed(VERSION, signed.keys, void))
-            self._control.report(EventKind.OPERATION_RELEASE_VOID, _changed(other))
+            self._control.report(EventKind.OPERATION_RELEASE_VOID, _changed(keys))
 
     def _write(self, path: Path, signed: _Signed) -> None:
         self._signed = [*(one for one in self._signed if one[0] != path), (path, signed)]

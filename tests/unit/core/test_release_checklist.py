@@ -43,10 +43,22 @@ def test_a_camera_that_is_unplugged_and_comes_back_was_tried() -> None:
     assert again.camera_out == found.camera_out
 
 
-@pytest.mark.parametrize("quality", [DOWN, Quality.STALE])
+@pytest.mark.parametrize("quality", [DOWN, Quality.STALE, Quality.STUCK])
 def test_so_was_the_ranger(quality: Quality) -> None:
     found = run(state(), state(distance=quality, stop=True), state(stop=True))
     assert (found.ranger_out, found.camera_out) == (Outage(quality.name.lower(), 1001.0, 1002.0), None)
+
+
+def test_a_port_that_the_gateway_itself_gave_away_was_not_tried() -> None:
+    """For the board's firmware: nobody has drawn a cable."""
+    now = step(BEGUN, state(), None, 1000.0)
+    for n, one in enumerate([state(), state(distance=DOWN, stop=True), state(distance=DOWN, stop=True)], 1):
+        now = step(now, one, None, 1000.0 + n, port_released=True)
+    for n, one in enumerate([state(distance=DOWN, stop=True), state(distance=DOWN, stop=True), state(stop=True)], 4):
+        now = step(now, one, None, 1000.0 + n)
+    assert now.ranger_out is None
+    tried = run(state(), state(distance=DOWN, stop=True), state(stop=True))
+    assert step(tried, state(distance=DOWN), None, 1010.0, port_released=True).ranger_out == tried.ranger_out
 
 
 OFF = FunctionCheck.OFF

@@ -160,6 +160,7 @@ async def plant(
                 *(path_of(config, name) if config.state_dir != "auto" else None, controls[name], clock, store),
                 *(polled, partial(lambda bay: (vision[bay].settings,), name), partial(signed, name)),
                 lambda: ("anna",),
+                lambda: False,
             ),
         )
         for name in names

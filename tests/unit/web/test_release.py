@@ -3,9 +3,10 @@
 from dataclasses import replace
 from pathlib import Path
 
-from gateway.config import BayConfig, CameraConfig, ControlsConfig, GatewayConfig, VisionConfig
+from gateway.bay_file import path_of
+from gateway.config import BayConfig, CameraConfig, ControlsConfig, GatewayConfig, VisionConfig, decision
 from gateway.core.readings import Quality, RangeReading, VisionReading
-from gateway.core.release_checklist import Polled
+from gateway.core.release_checklist import Checklist, Polled, Signature
 from gateway.core.state import FunctionCheck
 from gateway.modbus.server.traffic import PeerNow, ServerNow
 from gateway.web.auth.access import Level
@@ -115,6 +116,27 @@ async def test_a_bay_is_released_once_everything_was_seen_and_confirmed(tmp_path
         assert (await client.get(URL)).json["signed"][0] == void, "it stays void"
         ((_, why),) = releases.warnings(signed_at(tmp_path))
         assert why == "not released since 2023-11-14 22:30 UTC: vision.min_area_px2 changed"
+
+
+@in_virtual_time
+async def test_a_damaged_newest_signature_brings_no_older_one_back(tmp_path: Path) -> None:
+    async with plant(config=signed_at(tmp_path)) as made:
+        keys = releases.signed_keys(
+            signed_at(tmp_path).bays[0], decision.keys_of(signed_at(tmp_path).bays[0], signed_at(tmp_path))
+        )
+        signature = Signature(5.0, "anna", "10.0.0.7", Checklist(1.0, "anna"), None, None, None)
+        name = path_of(signed_at(tmp_path), "bay1")
+        assert name is not None
+        for number, void_unix_s in ((9, None), (10, 6.0)):
+            record = releases._Signed(releases.VERSION, keys, replace(signature, void_unix_s=void_unix_s))
+            name.with_suffix(f".released-{number}.json").write_bytes(releases._text(record))
+    (_,) = releases.warnings(signed_at(tmp_path))
+    damaged = name.with_suffix(".released-10.json")
+    damaged.write_bytes(b"")
+    assert list(releases.warnings(signed_at(tmp_path))) == [("bay1", f"not released: {damaged} cannot be read")]
+    async with plant(config=signed_at(tmp_path)) as made:
+        (older,) = (await api_client(made).get(URL)).json["signed"]
+        assert (older["void_unix_s"] is not None, older["void_keys"]) == (True, [damaged.name])
 
 
 @in_virtual_time
