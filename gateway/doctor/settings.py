@@ -31,6 +31,7 @@ def warnings(config: GatewayConfig) -> list[str]:
 def _of_bay(bay: BayConfig) -> Iterator[str]:
     yield from _geometry(bay)
     yield from _deadlines(bay)
+    yield from _frozen_number(bay)
     fusion = bay.fusion
     if not fusion.fail_safe:
         yield "fusion.fail_safe = false: a blind gateway does not report stop; the PLC must watch the quality registers"
@@ -85,6 +86,16 @@ def of_picture(bay: BayConfig, width_px: int, height_px: int) -> Iterator[str]:
             yield f"guidance.{key} = {value_px:g}: outside {size}"
         elif 2 * radius_px <= side_px and not radius_px <= value_px <= side_px - radius_px:
             yield f"guidance.{key} = {value_px:g}: a marker of R_th = {radius_px:g} px there is cut off by {size}"
+
+
+def _frozen_number(bay: BayConfig) -> Iterator[str]:
+    number = bay.ranger.number
+    faults = number.unchanged_s or number.fault_below is not None or number.fault_above is not None
+    if bay.ranger.type in ("modbus", "ascii") and not faults:
+        yield (
+            "ranger.number: unchanged_s, fault_below and fault_above are not set: what goes on sending the last number "
+            "of a sensor that is gone looks like a truck that stands"
+        )
 
 
 def _deadlines(bay: BayConfig) -> Iterator[str]:

@@ -6,6 +6,9 @@ like one that was held up, until the sensor's pace has been kept again.
 """
 
 import re
+from collections import deque
+from itertools import pairwise
+from statistics import median
 from typing import Final
 
 from gateway.config import RangerConfig
@@ -16,6 +19,10 @@ from gateway.ranger.contract import RangerType
 from gateway.ranger.number_session import NumberSession
 
 MAX_LINE: Final = 128
+PACE_LINES: Final = 9
+"""The sensor's pace is the median of so many lines' pauses, less one."""
+SLOWEST: Final = 1.5
+"""Times the configured period."""
 PLACES: Final = {r"\{distance\}": rb"\s*([+-]?\d{1,10}(?:\.\d{1,10})?)\s*", r"\{any\}": rb"[^\r\n]*?"}
 
 
@@ -41,6 +48,7 @@ class AsciiSensorSession(NumberSession):
         self._skipping = True  # the first line may have begun before the port was open
         self._count = 0
         self._arrivals = ArrivalTracker(self.period_ns)
+        self._arrived: deque[int] = deque(maxlen=PACE_LINES)
 
     def request(self, now_ns: int) -> bytes:
         return b""
@@ -63,6 +71,9 @@ class AsciiSensorSession(NumberSession):
 
     def _on_line(self, line: bytes, arrived_ns: int, end_ns: int) -> list[RangeReading]:
         self._count = (self._count + 1) & MAX_SEQ
+        self._arrived.append(arrived_ns)
+        if self._slow():
+            self._arrivals = ArrivalTracker(self.period_ns)
         judged = self._arrivals.judge(self._count, arrived_ns, end_ns, after_hello=False)
         found = self._line.fullmatch(line)
         if found is None:
@@ -73,6 +84,12 @@ class AsciiSensorSession(NumberSession):
             self._conditioner.gap()
             return []
         return self._received(float(found[1]), end_ns - (len(line) + 1) * self._byte_ns, arrived_ns)
+
+    def _slow(self) -> bool:
+        """The sensor's own period is longer than the configured one: a line that was held up could not be told."""
+        if len(self._arrived) < PACE_LINES:
+            return False
+        return median(later - earlier for earlier, later in pairwise(self._arrived)) > SLOWEST * self.period_ns
 
 
 RANGER = RangerType(

@@ -84,6 +84,17 @@ def test_a_stream_that_stalls_and_then_hurries_is_not_used_until_its_pace_is_kep
     assert reading.distance_mm == 500.0
 
 
+@pytest.mark.parametrize("real_ms", [100, 300, 900])
+def test_a_sensor_that_is_slower_than_configured_is_not_used(real_ms: int) -> None:
+    """What a store had kept would pass for lines that are on time at last."""
+    sensor = session()
+    times = [real_ms * n for n in range(60)]
+    late = [times[-1] + 5000 + n for n in range(17)]  # stuck for 5 s, then at once
+    found = [reading for ms in (*times, *late) for reading in heard(sensor, ms, b"R0300\r")]
+    assert all(reading.t_ns / MS < 9 * real_ms for reading in found)
+    assert "period_ms" in sensor.tick((late[-1] + 2000) * MS)[0].detail
+
+
 def test_other_lines_are_counted_and_silence_is_stale() -> None:
     sensor = session()
     ms = live(sensor)
