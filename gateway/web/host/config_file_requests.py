@@ -126,8 +126,10 @@ class ConfigFileRequests:
                 found = settings.read()
             case PreviewSettings():
                 found = settings.preview(request.action, request.who)
-            case SaveSettings() | MakeFirstUser():
+            case SaveSettings():
                 found = settings.save(request.action, request.who)
+            case MakeFirstUser():
+                found = settings.make_first_user(request.action, request.who)
             case KeepCameraPassword():
                 found = settings.keep_camera_password(request.action)
         return found

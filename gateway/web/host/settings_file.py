@@ -158,11 +158,9 @@ class SettingsFile:
             vision=self._tuned(planned),
         )
 
-    def save(self, wanted: SaveSettings | MakeFirstUser, who: Writer) -> SettingsSaved:
+    def save(self, wanted: SaveSettings, who: Writer) -> SettingsSaved:
         """Raises ConfigError with every fault, ChangedOnDiskError."""
         self._permitted()
-        if isinstance(wanted, MakeFirstUser):
-            wanted = self._first_user(wanted)
         planned = self._planned(wanted)
         if planned.faults:
             raise ConfigError("\n".join(f"{'.'.join(fault.path)}: {fault.message}" for fault in planned.faults))
@@ -176,6 +174,16 @@ class SettingsFile:
         more = f" and {len(keys) - MAX_LOGGED} more" if len(keys) > MAX_LOGGED else ""
         log.info("%s: %s saved by %s", self._source, printable(f"{what}{more}", 400), printable(str(who)))
         return SettingsSaved(live, restart, config_file.load(self.path).digest, str(previous))
+
+    def make_first_user(self, wanted: MakeFirstUser, who: Writer) -> SettingsSaved:
+        """Raises ConfigError, ChangedOnDiskError. Anybody may read these: what the file has stands in the log alone."""
+        try:
+            return self.save(self._first_user(wanted), who)
+        except ChangedOnDiskError:
+            raise
+        except ConfigError as error:
+            log.error("%s: the first password was not made: %s", self._source, printable(str(error), 400))
+            raise ConfigError("the configuration's file does not take it: the gateway's log says why") from None
 
     def _first_user(self, wanted: MakeFirstUser) -> SaveSettings:
         """Raises ConfigError where it would not be in force at once, ChangedOnDiskError where somebody was first."""

@@ -67,6 +67,9 @@ def test_a_certificate_for_names_and_addresses_with_a_key_of_the_gateways_alone(
     assert lasts == timedelta(days=825, hours=1)
     assert [Path(path).stat().st_mode & 0o777 for path in (of.key, of.cert)] == [0o600, 0o644]
     tls.check(of)
+    Path(of.key).chmod(0o644)  # as a copy was restored
+    own_certificate.keep(of, clock)
+    assert Path(of.key).stat().st_mode & 0o777 == 0o600
     assert tls.warnings(of, clock.wall_ns()) == []
     trusting = ssl.create_default_context(cadata=certificate.public_bytes(Encoding.PEM).decode())
     assert trusting.cert_store_stats()["x509"] == 1

@@ -124,6 +124,7 @@ PLACES = {"{bay}": "bay1", "{alarm}": "broker_lost", "{number}": "1", "{frame}":
 VALUES = {
     "mode": "may_move_off", "minutes": 5, "name": "a", "data": "AAAA", "vision": {}, "u_px": 1, "v_px": 1, "text": "",
     "digest": 64 * "0", "marker": None, "what": "begin", "controls": {}, "password": "Kran-7-unter-dem-Silo",
+    "action": "check", "file": "package", "offset": 0, "size": 1,
 }  # fmt: skip
 SILENT_LIMIT_S = 12.0  # a trial's own limit; everything else is answered sooner
 

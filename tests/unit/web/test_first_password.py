@@ -239,13 +239,16 @@ async def test_what_is_refused(
 
 
 @in_virtual_time
-async def test_tries_are_limited_and_a_file_that_waits_for_a_restart_is_not_written(tmp_path: Path) -> None:
+async def test_tries_are_limited_and_a_file_that_waits_for_a_restart_is_not_written(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     async with first(tmp_path) as made:
         waits = FILE.replace("enabled = true", "enabled = true\nport = 8081")
         made.path.write_text(waits)
         answer = await made.post("anna")
         assert answer.status == 422
-        assert "wait for a restart" in answer.json["detail"]
+        assert "wait for a restart" in caplog.text
+        assert answer.json["detail"] == "the configuration's file does not take it: the gateway's log says why"
         for n in range(9):
             assert (await made.post("anna", address=f"192.168.1.{n}")).status == 422
         answer = await made.post("anna", address="192.168.1.99")
