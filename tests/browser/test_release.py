@@ -8,6 +8,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Event, Thread
 
+import pytest
 from playwright.sync_api import expect
 
 from gateway.errors import LinkError
@@ -56,6 +57,7 @@ def polling(port: int) -> Iterator[None]:
         thread.join()
 
 
+@pytest.mark.long
 def test_a_bay_is_released(tmp_path: Path, visit: Visit, watches: list[Watch]) -> None:
     pictures, gone, file = tmp_path / "pictures", tmp_path / "gone", tmp_path / "plant.toml"
     pictures.mkdir()
