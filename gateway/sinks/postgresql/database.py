@@ -34,8 +34,9 @@ class Database(Protocol):
 Connect = Callable[[Server, ssl.SSLContext | None, float], AbstractAsyncContextManager[Database]]  # a limit in s
 
 
-async def prepare(database: Database, server: Server, settings: PostgresqlConfig) -> None:
-    """Check the database, and create its tables where they are missing. Raises LinkError."""
+async def prepare(database: Database, server: Server, settings: PostgresqlConfig) -> int:
+    """Check the database, and create its tables where they are missing; their version. Raises LinkError where there are
+    none: an update must not end what an older version has written."""
     await check_encoding(database, server)
     # An answer means that the rows are on the disk, whatever the database's default is.
     await database.value(
@@ -43,15 +44,24 @@ async def prepare(database: Database, server: Server, settings: PostgresqlConfig
     )
     schema = settings.schema_name
     found = await layout(database, schema)
-    if found < tables.LAYOUT and settings.create_tables:
+    if found < tables.LAYOUT and settings.create_tables and (not found or await may_create(database)):
         await database.script(tables.create(schema))
         log.info("%s: tables created in schema %s", server, schema)
         found = await layout(database, schema)
     if found < tables.LAYOUT:
-        raise LinkError(
+        lacking = (
             f"{server}: the tables in schema {schema} have version {found}, and {tables.LAYOUT} is needed: "
             "run docs/scada/postgresql.sql, or set create_tables"
         )
+        if not found:
+            raise LinkError(lacking)
+        log.warning("%s; until then the journal of alarms is not written", lacking)
+    return found
+
+
+async def may_create(database: Database) -> bool:
+    """May this user make tables?"""
+    return bool(await database.value("SELECT has_database_privilege(current_database(), 'CREATE')"))
 
 
 async def check_encoding(database: Database, server: Server) -> None:

@@ -2,7 +2,7 @@
 
 from gateway.errors import LinkError
 from gateway.sinks.postgresql import tables
-from gateway.sinks.postgresql.database import Connect, RowsRefusedError, check_encoding, layout
+from gateway.sinks.postgresql.database import Connect, RowsRefusedError, check_encoding, layout, may_create
 from gateway.sinks.postgresql.server import server_of, tls_of
 from gateway.sinks.postgresql.settings import PostgresqlConfig
 
@@ -19,7 +19,7 @@ async def probe(settings: PostgresqlConfig, connect: Connect) -> str:
             )
             if not settings.create_tables:
                 raise LinkError(f"{server}: {missing}, and create_tables is off: run docs/scada/postgresql.sql")
-            if not await database.value("SELECT has_database_privilege(current_database(), 'CREATE')"):
+            if not await may_create(database):
                 raise LinkError(f"{server}: {missing}, and this user may not create them (CREATE on the database)")
             return f"logged in; {missing} yet, and this user may create them: the gateway does at its start"
         try:

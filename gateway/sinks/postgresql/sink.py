@@ -40,6 +40,7 @@ FIGURES = (
     "connections",
     "events_written",
     "alarms_written",
+    "alarms_without_table",
     "events_repeated",
     "events_refused",
     "states_written",
@@ -93,6 +94,7 @@ class PostgresqlSink:
         self._closing = asyncio.Event()
         self._lock = asyncio.Lock()  # held by the one connection
         self._connected = False
+        self._layout = tables.LAYOUT  # of the database's tables
         self._all_written = False  # the final rows, too
         self._period_ns = round(settings.state_period_s * NS_PER_S)
         self._states = {bay: NewestRow(None, self._period()) for bay in bays.bays}
@@ -111,6 +113,8 @@ class PostgresqlSink:
             figures |= {"store_ok": int(not store.fault), "store_faults": store.faults}
             figures["store_unwritten_events"] = store.unwritten
         detail = "connected" if self._connected else "no connection"
+        if self._connected and self._layout < tables.ALARMS_LAYOUT:
+            detail += f"; its tables have version {self._layout}: the journal of alarms is not written"
         lost = self._outbox.dropped + self._figures["events_refused"]
         return LinkStatus("postgresql", self._connected, detail, str(self._server), lost, figures, store)
 
@@ -151,7 +155,7 @@ class PostgresqlSink:
     async def _connection(self) -> AsyncIterator[Database]:
         """A connection to a database that has the tables."""
         async with self._lock, self._connect(self._server, self._tls, self._settings.timeout_s) as database:
-            await prepare(database, self._server, self._settings)
+            self._layout = await prepare(database, self._server, self._settings)
             self._figures["connections"] += 1
             self._connected = True
             log.info("%s: connected", self._server)
@@ -203,7 +207,12 @@ class PostgresqlSink:
         alarms = [entry for entry in entries if entry.topic == ALARMS]
         events = [entry for entry in entries if entry.topic != ALARMS]
         await self._write_rows(database, self._write_events_sql, events, "events_written")
-        await self._write_rows(database, self._write_alarms_sql, alarms, "alarms_written")
+        if self._layout >= tables.ALARMS_LAYOUT:
+            await self._write_rows(database, self._write_alarms_sql, alarms, "alarms_written")
+            return
+        self._figures["alarms_without_table"] += len(alarms)
+        for entry in alarms:
+            self._outbox.acknowledge(entry.id)
 
     async def _write_rows(self, database: Database, sql: str, entries: Sequence[OutboxEntry], figure: str) -> None:
         if not entries:

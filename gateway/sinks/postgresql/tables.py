@@ -156,6 +156,7 @@ ALARMS = Table(
 LAYOUTS = ((EVENTS, VISITS, STATES), (ALARMS,))  # what each version of the tables adds to the one before
 TABLES = tuple(table for added in LAYOUTS for table in added)
 LAYOUT = len(LAYOUTS)
+ALARMS_LAYOUT = 2  # the first with their journal
 
 
 def write_events(schema: str) -> str:

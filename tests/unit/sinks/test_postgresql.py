@@ -46,6 +46,7 @@ class Memory:
 
     def __init__(self) -> None:
         self.layout = tables.LAYOUT
+        self.may_create = True
         self.encoding = "UTF8"
         self.events: dict[str, dict[str, Any]] = {}
         self.alarms: dict[str, dict[str, Any]] = {}
@@ -88,6 +89,8 @@ class Memory:
     async def value(self, sql: str) -> Any:
         if "server_encoding" in sql:
             return self.encoding
+        if "has_database_privilege" in sql:
+            return self.may_create
         return self.layout if "max(version)" in sql else self.layout > 0
 
     async def script(self, sql: str) -> None:
@@ -356,6 +359,16 @@ async def test_missing_tables_are_created_or_named() -> None:
         assert len(plant.link_errors) == len(errors)
         assert all(text in error for text, error in zip(errors, plant.link_errors, strict=True))
         assert plant.memory.scripts == ([tables.create("loading")] if create else [])
+    for create in (True, False):  # after an update: this user may make no tables, or they are an administrator's
+        older = Plant(create_tables=create)
+        older.memory.layout, older.memory.may_create = 1, False
+        older.happen(EventKind.START)
+        async with older.running():
+            older.alarm[0](step(1, older.clock.now_ns()))
+            await asyncio.sleep(0.5)
+            assert (list(older.memory.events), older.memory.alarms, older.memory.scripts) == (ids(1), {}, [])
+            assert (older.figures["alarms_without_table"], len(older.outbox), older.sink.link.events_lost) == (1, 0, 0)
+            assert "its tables have version 1" in older.sink.link.detail
     newer = Plant()
     newer.memory.layout = tables.LAYOUT + 7  # a newer gateway has added columns
     newer.happen(EventKind.START)
