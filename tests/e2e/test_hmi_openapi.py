@@ -44,7 +44,8 @@ OPERATIONS = [result.ok() for result in SCHEMA.get_all_operations() if isinstanc
 OF_MACHINE = {"/api/setup/settings", "/api/setup/preview", "/api/setup/save", "/api/setup/restart", "/api/doctor"}
 FIRST_PASSWORD = "/api/setup/first-password"
 NEW_PASSWORD = "/api/setup/password"
-REFUSED_HERE = {*OF_MACHINE, FIRST_PASSWORD}  # there are users
+UPDATE = {"/api/setup/update", "/api/setup/update/piece"}
+REFUSED_HERE = {*OF_MACHINE, *UPDATE, FIRST_PASSWORD}  # there are users, and this is no installed package
 
 
 class Bay:
