@@ -100,7 +100,7 @@ class ModbusSensorConfig(Section):
 
 
 class AsciiSensorConfig(Section):
-    """A sensor that sends lines of text by itself, such as `R1234` and a carriage return."""
+    """A sensor that sends lines of text by itself, each with the distance in it."""
 
     line: str = Field(
         "R{distance}\r",
