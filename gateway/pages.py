@@ -74,7 +74,7 @@ def build_pages(
             partial(in_force.of, bay.name),
             partial(_signed_keys, in_force, bay.name),
             lambda: [user.name for user in in_force.config.hmi.users if user.role == "technician"],
-            partial(getattr, sensors.rangers[bay.name], "released"),
+            sensors.rangers[bay.name].released,
         )
         for bay in config.bays
     }

@@ -43,7 +43,8 @@ def _keep(files: TlsFiles, clock: Clock) -> None:
     wall_ns = clock.wall_ns()
     try:
         key = folder.key(name)
-        Path(files.key).chmod(0o600)  # whatever a restored copy has
+        if (key_file := Path(files.key)).stat().st_mode & 0o077:
+            key_file.chmod(0o600)  # whatever a restored copy has
     except ConfigError:
         folder.create()
         key = issue.new_key()

@@ -67,7 +67,6 @@ class RangerService:
             return connect(self.config)
         return Port(self.config.port, self.config.baud, self.config.parity, self.config.stop_bits)
 
-    @property
     def released(self) -> bool:
         """Is the port closed for others?"""
         return self.clock.now_ns() < self._released_until_ns
