@@ -110,6 +110,7 @@ def numbered(count: int) -> list[str]:
 async def test_events_visits_and_states_become_the_expected_rows(server: Postgres, schema: str) -> None:
     plant = Plant(server.url, schema, state_period_s=0.2)
     async with plant.running():
+        await plant.until(lambda: plant.sink.link.connected)  # what is near below is so for half a second only
         now_ns = plant.clock.now_ns()
         near: dict[str, Any] = {
             "vision": VisionReading(now_ns, Quality.GOOD, Circle(320.25, 240.5, 200.125)),
