@@ -60,5 +60,5 @@ def main(args: argparse.Namespace) -> int:
         counts[finding.verdict] += 1
         print(json.dumps(asdict(finding)) if args.json else finding.line, flush=True)
     if not args.json:
-        print(f"{counts[Verdict.FAULT]} faults, {counts[Verdict.WARNING]} warnings, {counts[Verdict.OK]} ok")
+        print(f"faults: {counts[Verdict.FAULT]}, warnings: {counts[Verdict.WARNING]}, ok: {counts[Verdict.OK]}")
     return 1 if counts[Verdict.FAULT] else 0
