@@ -26,7 +26,7 @@ from gateway.config.sections.modbus import HandshakeConfig, ModbusConfig, TlsCon
 from gateway.config.sections.mqtt import MqttConfig, MqttTls, SparkplugConfig
 from gateway.config.sections.ranger import RangerConfig, with_own_sections
 from gateway.config.sections.records import RecordsConfig
-from gateway.config.sections.vision import CameraConfig, CropConfig, Intrinsics, PictureConfig, VisionConfig
+from gateway.config.sections.vision import CameraConfig, CropConfig, GigeConfig, Intrinsics, PictureConfig, VisionConfig
 from gateway.config.strict import forms
 from gateway.config.strict.errors import FaultsError, FieldError, faults_of
 from gateway.config.strict.section import Section
@@ -41,6 +41,7 @@ __all__ = [
     "CrossCheck",
     "FusionConfig",
     "GatewayConfig",
+    "GigeConfig",
     "GuidanceConfig",
     "HandshakeConfig",
     "HmiConfig",

@@ -99,7 +99,7 @@ class PictureConfig(Section):
 
 
 class RawConfig(Section):
-    """Samples of more than 8 bits from a V4L2 camera, and what makes colours of them."""
+    """Samples of more than 8 bits, and what makes colours of them."""
 
     format: RawFormatName | None = Field(
         None,
@@ -117,16 +117,28 @@ class RawConfig(Section):
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
-        given = [key for key in ("bayer", "black_level", "red_gain", "blue_gain") if key in self.model_fields_set]
         if self.format is None:
-            if given:
-                raise FieldError("has no effect without format", given[0])
             return self
         if self.bayer is not None and not self.format.startswith("Y"):
             raise FieldError(f"{self.format} already says it", "bayer")
         if self.black_level >= 1 << int(self.format.removesuffix("P")[-2:]) - 1:
             raise FieldError(f"at least half of white in {self.format}", "black_level")
         return self
+
+
+class GigeConfig(Section):
+    """Of a GigE Vision or USB3 Vision camera (gige://, usb3://). A key that is absent leaves it as it is."""
+
+    pixel_format: str | None = Field(
+        None, min_length=1, max_length=40, description="GenICam's name, such as BayerRG8 or BayerRG12Packed"
+    )
+    packet_size_bytes: int | None = Field(
+        None, ge=220, le=16_000, description="gige://: default: the largest that the network carries, tried at opening"
+    )
+    offset_x_px: int = Field(
+        0, ge=0, le=65_535, description="of the region that the camera sends, which is width_px x height_px large"
+    )
+    offset_y_px: int = Field(0, ge=0, le=65_535, description="likewise")
 
 
 class CropConfig(Section):
@@ -142,7 +154,8 @@ class CameraConfig(Section):
     url: str = Field(
         "0",
         min_length=1,
-        description="camera index, /dev/video*, video file, image folder, rtsp:// or http:// stream",
+        description="camera index, /dev/video*, gige:// or usb3:// camera, video file, image folder, "
+        "rtsp:// or http:// stream",
     )
     username: str | None = Field(None, min_length=1, max_length=1000, description="of a stream, instead of in the url")
     password_file: str | None = Field(None, min_length=1, description="file whose one line is the stream's password")
@@ -198,8 +211,8 @@ class CameraConfig(Section):
     )
     gain_range_db: tuple[GainDb, GainDb] | None = Field(
         None,
-        description="/dev/video*: what the driver's least and greatest gain amount to, dB, from the data sheet or "
-        "measured; default: the gain is not controlled",
+        description="/dev/video*, gige://, usb3://: what the least and greatest gain amount to, dB, from the data "
+        "sheet or measured; default: the gain is not controlled",
     )
     open_deadline_s: float = Field(10.0, ge=0.5, le=120, description="opening a source may take this long")
     max_megapixels: float = Field(25.0, ge=0.01, le=100, description="a larger frame is refused")
@@ -212,6 +225,7 @@ class CameraConfig(Section):
     reconnect: Reconnect = Field(default_factory=Reconnect)
     picture: PictureConfig = Field(default_factory=PictureConfig)
     raw: RawConfig = Field(default_factory=RawConfig)
+    gige: GigeConfig = Field(default_factory=GigeConfig)
     crop: CropConfig | None = Field(None, description="only this part of the picture is used")
     controls: ControlsConfig = Field(default_factory=ControlsConfig)
 
@@ -250,6 +264,14 @@ class CameraConfig(Section):
         for key in self.owned_controls:
             if getattr(self.controls, key) is not None:
                 raise FieldError('camera.exposure = "marker" sets it', "controls", key)
+        return self
+
+    @model_validator(mode="after")
+    def _raw_has_effect(self) -> Self:
+        if self.raw.format is None:
+            without = ("bayer",) if self.gige.pixel_format else ("bayer", "black_level", "red_gain", "blue_gain")
+            if given := [key for key in without if key in self.raw.model_fields_set]:
+                raise FieldError("has no effect without format", "raw", given[0])
         return self
 
     @model_validator(mode="after")

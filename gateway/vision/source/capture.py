@@ -3,7 +3,7 @@
 import os
 from dataclasses import replace
 from glob import glob
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import cv2
 from numpy.typing import NDArray
@@ -24,8 +24,21 @@ if TYPE_CHECKING:
     from gateway.vision.source.specs import CameraSpec, StreamSpec
 
 
-class CaptureSource(Source):
-    """A live source: frames arrive at its own pace, and the newest is the one that counts.
+class LiveSpec(Protocol):
+    """What `LiveSource` reads of a spec."""
+
+    @property
+    def label(self) -> str: ...
+
+    @property
+    def by_arrival(self) -> bool: ...
+
+    @property
+    def late_s(self) -> float: ...
+
+
+class LiveSource(Source):
+    """Frames arrive at their own pace, and the newest is the one that counts.
 
     A frame that can't be decoded is skipped and counted: no frame takes its place, so that the age grows.
 
@@ -33,10 +46,7 @@ class CaptureSource(Source):
     `late_s` of the spec for as long is lost. Opened again, it begins without a backlog.
     """
 
-    def __init__(
-        self, capture: cv2.VideoCapture, spec: "CameraSpec | StreamSpec", clock: Clock, stamps: FrameTime
-    ) -> None:
-        self._capture = capture
+    def __init__(self, spec: "LiveSpec", clock: Clock, stamps: FrameTime) -> None:
         self._label = spec.label
         self._clock = clock
         self._frame_time = ArrivalTime() if spec.by_arrival else stamps
@@ -54,11 +64,35 @@ class CaptureSource(Source):
 
     def _next(self) -> Frame:
         """Raises LinkError, and ValueError for a frame that can't be used."""
+        raise NotImplementedError
+
+    def _taken_ns(self, arrival_ns: int, stamp_ms: float) -> int:
+        """When the frame was taken. Raises LinkError where frames stay late."""
+        taken_ns = self._frame_time.taken_ns(arrival_ns, stamp_ms)
+        late_ns = arrival_ns - taken_ns
+        if late_ns <= self._late_ns:
+            self._late_since_ns = None
+        elif self._late_since_ns is None:
+            self._late_since_ns = arrival_ns
+        elif arrival_ns - self._late_since_ns > self._late_ns:
+            raise LinkError(f"{self._label}: its frames arrive {late_ns / NS_PER_S:.1f} s late")
+        return taken_ns
+
+
+class CaptureSource(LiveSource):
+    """Through OpenCV."""
+
+    def __init__(
+        self, capture: cv2.VideoCapture, spec: "CameraSpec | StreamSpec", clock: Clock, stamps: FrameTime
+    ) -> None:
+        super().__init__(spec, clock, stamps)
+        self._capture = capture
+
+    def _next(self) -> Frame:
         if not self._capture.grab():  # FFmpeg decodes here, and goes on with the next frame
             raise ValueError("it gave no further frame")
         arrival_ns = self._clock.now_ns()  # before the conversion to BGR, which takes its time
-        t_capture_ns = self._frame_time.taken_ns(arrival_ns, self._capture.get(cv2.CAP_PROP_POS_MSEC))
-        self._check_lateness(arrival_ns - t_capture_ns, arrival_ns)
+        t_capture_ns = self._taken_ns(arrival_ns, self._capture.get(cv2.CAP_PROP_POS_MSEC))
         ok, image = self._capture.retrieve()
         if not ok or image is None:
             raise ValueError("its frames could not be decoded")
@@ -67,14 +101,6 @@ class CaptureSource(Source):
     def _decoded(self, image: NDArray[Any]) -> NDArray[Any]:
         """What the driver handed over, as colours or grey. Raises ValueError where it can't be that."""
         return image
-
-    def _check_lateness(self, late_ns: int, arrival_ns: int) -> None:
-        if late_ns <= self._late_ns:
-            self._late_since_ns = None
-        elif self._late_since_ns is None:
-            self._late_since_ns = arrival_ns
-        elif arrival_ns - self._late_since_ns > self._late_ns:
-            raise LinkError(f"{self._label}: its frames arrive {late_ns / NS_PER_S:.1f} s late")
 
     def close(self) -> None:
         self._capture.release()

@@ -18,7 +18,7 @@ from gateway.vision.source.raw_format import RawFormat
 
 Samples = NDArray[np.uint16]
 
-_FILLED_IN = {
+FILLED_IN = {
     "RGGB": cv2.COLOR_BayerRGGB2BGR,
     "GRBG": cv2.COLOR_BayerGRBG2BGR,
     "GBRG": cv2.COLOR_BayerGBRG2BGR,
@@ -35,7 +35,7 @@ def picture(buffer: NDArray[Any], shape: tuple[int, int], raw: RawFormat) -> Dee
     blue, green, red = _curves(raw)
     if not raw.mosaic:
         return green[samples]
-    bgr = np.asarray(cv2.cvtColor(samples, _FILLED_IN[raw.mosaic]), np.uint16)
+    bgr = np.asarray(cv2.cvtColor(samples, FILLED_IN[raw.mosaic]), np.uint16)
     made = np.empty_like(bgr)
     for channel, curve in enumerate((blue, green, red)):
         np.take(curve, bgr[..., channel], out=made[..., channel])

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, cast
 from urllib.parse import quote, urlsplit
 
 from gateway.clock import Clock
-from gateway.config import ControlsConfig
+from gateway.config import ControlsConfig, GigeConfig
 from gateway.errors import ConfigError, SettingError
 from gateway.passwords import ESCAPED, one_line
 from gateway.registry import Registry
@@ -22,11 +22,13 @@ from gateway.vision.source.v4l2_controls import ControlSetting, settings_of
 if TYPE_CHECKING:
     from gateway.config import CameraConfig
 
+MACHINE_VISION = ("gige", "usb3")
 LATE_S = 1.0  # unless configured
 CAMERA_TYPES = Registry(
     "camera type",
     "gateway.cameras",
-    dict.fromkeys(("rtsp", "rtsps", "http", "https"), "gateway.vision.source.specs:stream_spec"),
+    dict.fromkeys(("rtsp", "rtsps", "http", "https"), "gateway.vision.source.specs:stream_spec")
+    | dict.fromkeys(MACHINE_VISION, "gateway.vision.source.gige:gige_spec"),
 )
 """By the scheme of `camera.url`: a function from `CameraConfig` to a `SourceSpec`. Raises ConfigError."""
 LOGIN_KEYS = "camera.username and camera.password_file"
@@ -169,6 +171,8 @@ def source_spec(config: "CameraConfig") -> SourceSpec:
         raise ConfigError("camera.url: a NUL is part of no address and no path")
     if "://" not in url and (config.username or config.password_file):
         raise SettingError("camera.username", "only a stream (rtsp://, http://) has users")
+    if config.gige != GigeConfig() and url.partition("://")[0].lower() not in MACHINE_VISION:
+        raise ConfigError("camera.gige: only gige:// and usb3:// take it")
     by_arrival = config.frame_time == "arrival"
     number = re.fullmatch("[0-9]{1,9}", url)  # a longer one is a path
     if number or url.startswith("/dev/"):
@@ -185,9 +189,9 @@ def source_spec(config: "CameraConfig") -> SourceSpec:
         )
     if config.raw.format is not None:
         raise ConfigError("camera.raw.format: only a camera of this machine (/dev/video*) can be asked for it")
-    if config.controls != ControlsConfig():
-        raise ConfigError("camera.controls: only a camera of this machine (/dev/video*) has controls")
     scheme, separator, _ = url.partition("://")
+    if config.controls != ControlsConfig() and scheme.lower() not in MACHINE_VISION:
+        raise ConfigError("camera.controls: only a camera of this machine (/dev/video*), gige:// and usb3:// has them")
     if separator:
         if scheme.lower() not in CAMERA_TYPES:
             known = ", ".join(CAMERA_TYPES.names())

@@ -8,6 +8,7 @@ import math
 
 from gateway.errors import LinkError
 from gateway.vision.exposure.settings import Exposure, ExposureLimits, ExposureRules
+from gateway.vision.source.v4l2_controls import ControlDevice
 from gateway.vision.source.v4l2_device import (
     AUTOGAIN,
     EXPOSURE_ABSOLUTE,
@@ -30,7 +31,7 @@ class V4l2Exposure:
     """Begins with the exposure that the camera has, or the nearest that is allowed, so that a process which takes the
     place of another goes on where that one ended."""
 
-    def __init__(self, device: V4l2Device, label: str) -> None:
+    def __init__(self, device: ControlDevice, label: str) -> None:
         self._device = device
         self._label = label
         self._found: list[tuple[int, int]] = []  # what was changed, and what it was before
@@ -114,11 +115,16 @@ def exposure_controls(
         opened = handle.again() if handle else V4l2Device(device_path(device))
     except OSError as error:
         raise _refused(label, error) from error
-    time = opened.range_of(EXPOSURE_ABSOLUTE)
+    return taken_over(opened, label, rules, fps)
+
+
+def taken_over(device: ControlDevice, label: str, rules: ExposureRules, fps: float) -> V4l2Exposure | None:
+    """Of an open device, which is closed with it. As `exposure_controls`."""
+    time = device.range_of(EXPOSURE_ABSOLUTE)
     if time is None:
-        opened.close()
+        device.close()
         return None
-    controls = V4l2Exposure(opened, label)
+    controls = V4l2Exposure(device, label)
     try:
         controls.take_over(time, rules, fps)
     except OSError as error:

@@ -105,7 +105,10 @@ def test_where_the_stamps_come_from(url: str, frame_time: Any, by_arrival: bool)
 @pytest.mark.parametrize(
     ("url", "words"),
     [
-        ("ftp://secret:word@host/x", r"scheme ftp:// is unknown; known: rtsp, rtsps, http, https, or a path"),
+        (
+            "ftp://secret:word@host/x",
+            r"scheme ftp:// is unknown; known: rtsp, rtsps, http, https, gige, usb3, or a path",
+        ),
         ("rtps://cam/1", "scheme rtps:// is unknown"),
         ("://", "scheme :// is unknown"),
         ("rtsp:///1", "rtsp:// needs a host"),

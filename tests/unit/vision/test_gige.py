@@ -1,0 +1,102 @@
+"""The samples of a GigE Vision camera, and its URL, without a camera."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gateway.config import CameraConfig
+from gateway.errors import ConfigError
+from gateway.vision.source.aravis import Buffer
+from gateway.vision.source.contract import Needs
+from gateway.vision.source.gige import GigeSpec, sample_format
+from gateway.vision.source.gige_source import picture, unpacked
+from gateway.vision.source.raw_format import RawFormat
+from gateway.vision.source.specs import source_spec
+
+
+@pytest.mark.parametrize(
+    ("pixel_format", "data", "samples"),
+    [
+        ("Mono16", "3412 ffff", [0x1234, 0xFFFF]),
+        ("Mono12", "3402 ff0f", [0x234, 0xFFF]),
+        ("BayerRG12p", "ab1c2d 0100f0", [0xCAB, 0x2D1, 0x001, 0xF00]),
+        ("BayerGB12Packed", "ab1c2d 0100f0", [0xABC, 0x2D1, 0x010, 0xF00]),
+        ("Mono10p", "ff03000080", [0x3FF, 0x000, 0x000, 0x200]),
+        ("Mono10p", "0110000000", [0x001, 0x004, 0x000, 0x000]),
+        ("BayerBG10Packed", "ab1301 00100a", [0x2AF, 0x005, 0x000, 0x029]),
+    ],
+)
+def test_samples_are_unpacked_as_the_pixel_format_naming_convention_says(
+    pixel_format: str, data: str, samples: list[int]
+) -> None:
+    kind = sample_format(pixel_format)
+    assert kind is not None
+    assert unpacked(np.frombuffer(bytes.fromhex(data), np.uint8), len(samples), kind).tolist() == samples
+
+
+def made(pixel_format: str, data: bytes, width: int = 4, height: int = 4, red_gain: float = 1.0) -> Any:
+    return picture(
+        Buffer(np.frombuffer(data, np.uint8), width, height, 0), pixel_format, RawFormat("", "", red_gain=red_gain)
+    )
+
+
+def test_a_red_scene_is_red_in_every_format_with_colours() -> None:
+    rggb = np.zeros((4, 4), np.uint16)
+    rggb[::2, ::2] = 1
+    for pixel_format, data, white in (
+        ("BayerRG8", (rggb * 255).astype(np.uint8).tobytes(), 255),
+        ("BayerRG12", (rggb * 4095).tobytes(), 65535),
+        ("BayerRG16", (rggb * 65535).tobytes(), 65535),
+        ("BayerBG8", (np.roll(rggb, (1, 1), (0, 1)) * 255).astype(np.uint8).tobytes(), 255),
+        ("RGB8", bytes((255, 0, 0)) * 16, 255),
+        ("BGR8Packed", bytes((0, 0, 255)) * 16, 255),
+        ("YUV422_8", bytes((82, 90, 82, 240)) * 8, 255),
+        ("YUV422_8_UYVY", bytes((90, 82, 240, 82)) * 8, 255),
+    ):
+        middle = made(pixel_format, data)[1:3, 1:3].reshape(-1, 3) / white
+        assert middle.mean(axis=0) == pytest.approx((0, 0, 1), abs=0.01), pixel_format
+
+
+def test_red_and_blue_of_more_than_8_bits_are_amplified_as_the_file_says() -> None:
+    grey_card = np.full((4, 4), 2000, "<u2")
+    grey_card[::2, ::2] //= 2  # the sensor sees half as much red
+    middle = made("BayerRG12", grey_card.tobytes(), red_gain=2.0)[1:3, 1:3].reshape(-1, 3)
+    assert (middle == middle[0, 0]).all()
+
+
+def test_grey_is_grey_and_what_is_cut_short_or_unknown_is_a_damaged_frame() -> None:
+    assert made("Mono8", bytes(range(16))).reshape(-1, 3).tolist() == [[n, n, n] for n in range(16)]
+    assert made("Mono12p", b"\xff" * 24).tolist() == [[[255, 255, 255]] * 4] * 4
+    for pixel_format, data in (
+        ("Mono12p", b"\0" * 23),
+        ("RGB8", b"\0" * 47),
+        ("BayerRG8", b""),
+        ("Coord3D_C16", b"\0" * 99),
+    ):
+        with pytest.raises(ValueError, match=r"no 4 x 4 px|not understood"):
+            made(pixel_format, data)
+
+
+def test_the_url_and_its_section() -> None:
+    config = CameraConfig.model_validate({"url": "GIGE://10.0.0.7/", "gige": {"pixel_format": "BayerRG10Packed"}})
+    spec = source_spec(config)
+    assert spec == GigeSpec("gige", "10.0.0.7", "BayerRG10Packed")
+    assert (spec.label, spec.needs) == ("gige://10.0.0.7", Needs.DEVICE)
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({"url": "gige://"}, r"camera.url: gige:// needs the camera's address or serial number"),
+        ({"url": "gige://a@b"}, "needs the camera's address"),
+        ({"url": "usb3://1", "username": "joe"}, "only a stream"),
+        ({"url": "gige://1", "gige": {"pixel_format": "Mono14"}}, "camera.gige.pixel_format: known are Mono, "),
+        ({"url": "rtsp://cam/1", "gige": {"offset_x_px": 8}}, "camera.gige: only gige:// and usb3:// take it"),
+        ({"url": "0", "gige": {"offset_x_px": 8}}, "camera.gige: only gige:// and usb3:// take it"),
+        ({"url": "gige://1", "raw": {"format": "Y10"}}, "camera.raw.format: only a camera of this machine"),
+    ],
+)
+def test_what_could_never_work_is_a_configuration_error(keys: dict[str, Any], words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        source_spec(CameraConfig.model_validate(keys))
