@@ -1,6 +1,7 @@
 """A bad network between two honest programs: a TCP proxy that delays, throttles, swallows, cuts and refuses. Seeded.
 
-What TCP delivers is never altered, only held back, cut off or lost with its connection, as by a bad network.
+What TCP delivers is only held back, cut off or lost with its connection, as by a bad network; never altered, unless a
+test sets `alter`.
 """
 
 import random
@@ -46,6 +47,7 @@ class Proxy:
         self.target = target
         self.conditions = conditions or NetworkConditions()
         self.on_data: Callable[[int, bool, bytes], None] | None = None  # connection, from the client, data
+        self.alter: Callable[[bool, bytes], bytes] | None = None  # from the client, data
         self.connections = 0
         self.cuts = 0
         self._random = random.Random(seed)
@@ -131,6 +133,8 @@ class Proxy:
             self.cuts += 1
             self._drop(pipe, selector)
             return
+        if self.alter is not None:
+            data = self.alter(pipe.out, data)
         begun = max(time.monotonic(), pipe.free_s)
         line_s = len(data) / conditions.bytes_per_s if conditions.bytes_per_s else 0.0
         pipe.free_s = begun + line_s
