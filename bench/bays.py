@@ -55,6 +55,7 @@ port = {hmi_port}
 width_px = 640
 height_px = 480
 fps = {fps}
+frozen_s = 0  # the stand-ins show a film in a loop
 """
 BAY = """
 [[bays]]

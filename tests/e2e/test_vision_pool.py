@@ -509,22 +509,20 @@ class MjpegHandler(socketserver.StreamRequestHandler):
         while self.rfile.readline().strip():
             pass
         self.wfile.write(b"HTTP/1.0 200 OK\r\nContent-Type: multipart/x-mixed-replace; boundary=frame\r\n\r\n")
-        live, dead, half = ([self.part(exposure, n, size) for n in range(2)] for exposure, size in (
-            (None, 1.0), (9, 1.0), (None, 0.5)))  # fmt: skip
         sent = 0
         with suppress(OSError):
             while not self.server.over.wait(0.04):
                 sent += 1
                 if not self.server.frozen.is_set():
-                    parts = dead if self.server.repeating.is_set() else half if self.server.half.is_set() else live
-                    self.wfile.write(parts[sent % 2])
+                    dead, half = self.server.repeating.is_set(), self.server.half.is_set()
+                    self.wfile.write(self.part(9 if dead else None, sent, 0.5 if half else 1.0))
 
     @staticmethod
     def part(exposure: int | None, clock: int, size: float) -> bytes:
         """A live picture's noise is never twice the same: by default each has its own exposure."""
         chance = np.random.default_rng(clock if exposure is None else exposure)
         picture = np.clip(disc(160, 120, 50) + chance.normal(0, 2, (240, 320, 3)), 0, 255).astype(np.uint8)
-        cv2.putText(picture, f"12:00:0{clock}", (5, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255))
+        cv2.putText(picture, f"12:00:{clock % 60:02d}", (5, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255))
         scaled = cv2.resize(picture, None, fx=size, fy=size)
         jpeg = cv2.imencode(".jpg", scaled)[1].tobytes()
         return b"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n%s\r\n" % (len(jpeg), jpeg)

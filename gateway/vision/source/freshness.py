@@ -1,15 +1,19 @@
-"""Is a picture new? A dead encoder or driver can repeat one picture endlessly, each time with a fresh stamp. Pure.
+"""Is a picture new? A dead sensor, encoder or driver repeats one picture endlessly, each with a fresh stamp. Pure.
 
 A real sensor has noise: no part of two frames of it is equal to the last bit. What is equal was taken at the same
-moment, so it is as old as its first sight. The picture is compared in tiles, for a clock that is burnt into a dead
-picture continues: a place in it (the marker, or all of it) is as new as the moment since which at least half of its
-tiles have changed.
+moment. The picture is compared in tiles, for a clock that is burnt into a dead picture continues: a place in it (the
+marker, or all of it) is as new as the moment since which at least half of its tiles have changed.
+
+It is compared with the one of the frames before that has the most tiles in common with it, not only with the last: an
+encoder that varies its quality, and a film in a loop, show other pictures in between. Tiles that are equal to those of
+different frames do not count together: a few values of each tile come again by chance in a compressed live picture.
 """
 
 from enum import Enum, auto
 from functools import lru_cache
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from gateway.core.detection import Circle
@@ -17,9 +21,12 @@ from gateway.durations import NS_PER_S
 from gateway.vision.pixels import AnyImage
 
 TILES = (12, 16)  # rows and columns of tiles
-ROWS = 5  # of pixels that are compared in each tile: 0.02 ms at VGA, 0.04 ms at 1080p
+ROWS = 5  # of pixels that are compared in each tile
+MEMORY = 256  # frames: 10 s at 25 frames a second
+PROOFS = 5  # frames that must be new before a source is believed: a dead picture encoded anew has some, too
 
 Samples = NDArray[np.uint8] | NDArray[np.uint16]
+Hashes = NDArray[np.uint32]
 Changes = NDArray[np.int64]
 """(12, 16): the capture time of the frame in which each tile last changed, ns."""
 
@@ -31,43 +38,37 @@ class Freshness(Enum):
 
 
 class FrozenFrameDetector:
-    """One opened source, whose frames are in order and have one size. `frozen_s`: unchanged for this time is frozen.
-
-    It keeps the newest frame, which its source does not write into.
-    """
+    """One opened source, whose frames are in order and have one size. `frozen_s`: unchanged for this time is frozen."""
 
     def __init__(self, frozen_s: float) -> None:
         self._frozen_ns = round(frozen_s * NS_PER_S)
-        self._last: AnyImage | None = None
-        self._sparse: Samples | None = None  # one row of each row of tiles of it, (12, 3 * width)
-        self._first_ns = 0
+        self._seen = np.zeros((TILES[0] * TILES[1], MEMORY), np.uint32)  # hashes of the newest frames' tiles
+        self._frames = 0
+        self._proofs = 0  # frames that were new, up to PROOFS
         self.changed_ns: Changes = np.zeros(TILES, np.int64)
 
     def judge(self, image: AnyImage, t_ns: int) -> Freshness:
         """The verdict on the frame of `t_ns`; afterwards `changed_ns` holds for this frame.
 
-        A source opened again must change once before it is believed.
+        A source opened again must be new in PROOFS frames before it is believed.
         """
-        height, width = image.shape[:2]
-        last, sparse_before, self._last = self._last, self._sparse, image
-        self._sparse = sparse = image.reshape(height, -1)[_middles(height)]
-        if last is None or sparse_before is None:
-            self._first_ns = t_ns
+        sample = _sampled(image)
+        tiles = _hashed(sample)
+        same = np.equal(self._seen[:, : self._frames], tiles.reshape(-1, 1))
+        self._seen[:, self._frames % MEMORY] = tiles.ravel()
+        self._frames += 1
+        if self._frames == 1:
             self.changed_ns = np.full(TILES, t_ns, np.int64)
             return Freshness.UNPROVEN
-        # A live picture changes everywhere, and one row of each tile shows it, nearly always.
-        if np.bitwise_or.reduceat(sparse ^ sparse_before, _columns(width), axis=1).all():
-            self.changed_ns, seen_ns = np.full(TILES, t_ns, np.int64), t_ns
-        else:
-            sample = _sampled(image)
-            changed = _by_tile(np.bitwise_or, sample ^ _sampled(last), _columns(width)) != 0
-            if 2 * np.count_nonzero(changed) < changed.size:
-                changed = _with_flat(changed, sample, width)
-            self.changed_ns = np.where(changed, t_ns, self.changed_ns)
-            seen_ns = _half_changed_ns(self.changed_ns)
+        changed = ~same[:, same.sum(axis=0, dtype=np.uint8).argmax()].reshape(TILES)
+        if 2 * np.count_nonzero(changed) < changed.size:
+            changed = _with_flat(changed, sample, image.shape[1])
+        self.changed_ns = np.where(changed, t_ns, self.changed_ns)
+        seen_ns = _half_changed_ns(self.changed_ns)
+        self._proofs = min(PROOFS, self._proofs + (seen_ns == t_ns))
         if t_ns - seen_ns > self._frozen_ns:
             return Freshness.FROZEN
-        return Freshness.UNPROVEN if seen_ns == self._first_ns else Freshness.LIVE
+        return Freshness.LIVE if self._proofs == PROOFS else Freshness.UNPROVEN
 
 
 def unchanged_since_ns(changed_ns: Changes, width_px: int, height_px: int, circle: Circle | None) -> int:
@@ -114,16 +115,23 @@ def _sampled(image: AnyImage) -> Samples:
     return image.reshape(height, -1).take(_edges(height, TILES[0] * ROWS), axis=0)
 
 
-@lru_cache(maxsize=4)
-def _middles(height: int) -> NDArray[np.intp]:
-    """One of the rows that are compared of each row of tiles."""
-    return _edges(height, TILES[0] * ROWS)[ROWS // 2 :: ROWS]
+def _hashed(sample: Samples) -> Hashes:
+    """(12, 16): a number for each tile, other than that of another content; tiles begin at whole words."""
+    content = sample.view(np.uint8)
+    if over := content.shape[1] % np.uint32().nbytes:
+        content = np.pad(content, ((0, 0), (0, np.uint32().nbytes - over)))
+    words = content.view(np.uint32)
+    mixed = (words * _weights(words.shape[1])).reshape(TILES[0], ROWS, -1)
+    by_row = np.add.reduce(mixed, axis=1, dtype=np.uint32)
+    return np.asarray(np.add.reduceat(by_row, _edges(words.shape[1], TILES[1]), axis=1, dtype=np.uint32))
 
 
 @lru_cache(maxsize=4)
-def _columns(width: int) -> NDArray[np.intp]:
-    """Where the columns of tiles begin in a row of samples."""
-    return 3 * _edges(width, TILES[1])
+def _weights(words: int) -> Hashes:
+    """(12 * ROWS, words): odd numbers, other ones in each row."""
+    count = TILES[0] * ROWS
+    odd = np.random.default_rng(0).integers(2**32, size=words + count - 1, dtype=np.uint32) | np.uint32(1)
+    return sliding_window_view(odd, words)
 
 
 def _edges(length: int, parts: int) -> NDArray[np.intp]:
