@@ -8,6 +8,7 @@ import numpy as np
 
 from gateway.clock import Clock
 from gateway.config import VisionConfig
+from gateway.core.readings import AgeProof
 from gateway.durations import NS_PER_S
 from gateway.vision.detect.method import Detector, NowNs
 from gateway.vision.detect.paper import pipeline
@@ -58,7 +59,7 @@ class Replay:
         self._n += 1
         now_ns = self._clock.now_ns()
         self._log.times[self._n] = now_ns
-        return Frame(image, now_ns)
+        return Frame(image, now_ns, age_proof=AgeProof.OWN_CLOCK)
 
     def close(self) -> None:
         pass

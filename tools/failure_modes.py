@@ -93,6 +93,9 @@ MODES: Mapping[str, tuple[FailureMode, ...]] = {
                "the marker is darker, clipped or out of focus",
                "each is read back at the opening and every 10 s; a lost camera, whose error names the key", 10_100,
                Reason.CAMERA_DOWN, "camera_down"),
+        _stops("C11", "nothing proves how old its frames are", "a picture that waited on its way counts as a new one",
+               "no time in the stream, and its link never idle; where `camera.unproven_age` accepts it, only a warning",
+               100, Reason.VISION_AGE_UNPROVEN, "camera_stale"),
     ),
     "Vision process": (
         _stops("V1", "dies: killed, out of memory, a crash in a driver", UNSEEN, "the process's end; it is replaced",

@@ -22,6 +22,8 @@ REMEDY: dict[Reason, str] = {
     " the light",
     Reason.VISION_FAULT: "it restarts by itself; if it happens again, keep the gateway's log",
     Reason.TARGET_COASTED: "wait: it ends in a moment, as a measurement or as no_target",
+    Reason.VISION_AGE_UNPROVEN: "`gateway doctor`: what proves the pictures' age; camera.unproven_age;"
+    " vision-processes.md",
     Reason.RANGE_STALE: "the ranger's USB cable; the gateway's load",
     Reason.RANGER_DOWN: "the ranger's USB cable and power; `gateway check` shows the configured port",
     Reason.NO_ECHO: "normal without a truck; else the sensor's aim, dirt, steam",

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from gateway.alarms.definition import MINUTE_S, AlarmDefinition, BayInputs, Priority, Suppression
 from gateway.core import details
 from gateway.core.ne107 import degraded
-from gateway.core.readings import DEAD, EXPOSURE_MEANING, UNCONTROLLED, PictureFault, Quality
+from gateway.core.readings import DEAD, EXPOSURE_MEANING, FRESH_FRAME, UNCONTROLLED, PictureFault, Quality
 from gateway.core.state import MOVED_MEANING, FunctionCheck, Moved, Reason
 
 ECHO_DUE_SHARE = 0.625  # of the ranger's range: a truck whose marker looks nearer must give an echo
@@ -165,10 +165,29 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         Priority.HIGH,
         "the newest picture is older than its deadline",
         _STOPS,
-        ("the stream stalls", "pictures that never change", "a machine that is overloaded", "deadlines that are tight"),
-        "look at the live picture and at the rates; restart the camera",
+        (
+            "the stream stalls",
+            "pictures that never change",
+            "a machine that is overloaded",
+            "deadlines that are tight",
+            "nothing proves how old the pictures are, and camera.unproven_age refuses them: the detail says so",
+        ),
+        "look at the live picture and at the rates; restart the camera; `gateway doctor` measures the pictures' age",
         10,
         *_vision(Quality.STALE),
+    ),
+    AlarmDefinition(
+        "camera_age_unproven",
+        "Age of the pictures not proven",
+        Priority.LOW,
+        'nothing proves how old the camera\'s pictures are, and camera.unproven_age is "accept"',
+        "a picture that was held up on its way counts as a new one: stop may come too late",
+        ("a stream without times, over a link that is never idle", "a driver without time stamps"),
+        "`gateway doctor` measures the pictures' age; see docs/vision-processes.md#what-every-frame-must-pass",
+        8 * 60,
+        lambda inputs: inputs.state.vision_age_unproven and inputs.state.vision.quality in FRESH_FRAME,
+        on_delay_s=10.0,
+        off_delay_s=60.0,
     ),
     AlarmDefinition(
         "vision_fault",

@@ -16,7 +16,15 @@ from gateway.clock import Clock
 from gateway.config import BayConfig, GatewayConfig
 from gateway.core.detection import Tracking
 from gateway.core.events import Event, EventKind
-from gateway.core.readings import EXPOSURE_MEANING, PICTURE_MEANING, QUALITY_MEANING, ExposureState, Quality
+from gateway.core.readings import (
+    AGE_PROOF_MEANING,
+    EXPOSURE_MEANING,
+    PICTURE_MEANING,
+    QUALITY_MEANING,
+    AgeProof,
+    ExposureState,
+    Quality,
+)
 from gateway.core.state import REASON_MEANING, Reason, StateVector
 from gateway.durations import NS_PER_MS, NS_PER_S
 from gateway.hub import EventQueue, Hub
@@ -135,6 +143,8 @@ def bay_panel(config: BayConfig, state: StateVector, now_ns: int, width: int = 1
     if state.picture is not None and state.picture.faults:
         wrong = "; ".join(PICTURE_MEANING[fault] for fault in state.picture.faults)
         details.append(Text(f"picture: {wrong}", style="yellow"))
+    if state.vision_age_unproven:
+        details.append(Text(f"age of the frames: {AGE_PROOF_MEANING[AgeProof.UNPROVEN]}", style="yellow"))
     if (exposure := state.exposure) is not None and exposure.state is not ExposureState.CONTROLLED:
         details.append(Text(f"exposure: {EXPOSURE_MEANING[exposure.state]}", style="yellow"))
     return Panel(

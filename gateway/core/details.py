@@ -49,6 +49,7 @@ class Told:
 CONTROL_SILENT = Detail("control_silent", "gateway_fault: the control task does not run")
 CONTROL_AGAIN = Detail("control_again", "the control task runs again; no decision was valid for {0} s")
 # Sensors.
+AGE_UNPROVEN = Detail("age_unproven", "nothing proves how old its frames are (camera.unproven_age)")
 NO_RESULT = Detail("no_result", "no result for {0} s")
 NO_READING = Detail("no_reading", "no reading for {0} s")
 RECOVERING = Detail("recovering", "good again, but not for long enough yet")

@@ -24,7 +24,7 @@ from gateway.core import agreement, details
 from gateway.core.agreement import FAR_SHARE, in_range
 from gateway.core.detection import Circle
 from gateway.core.plc import PlcConnection, PlcWrite
-from gateway.core.readings import DEAD, FRESH_FRAME, VISION_FINE, Quality, RangeReading, VisionReading
+from gateway.core.readings import DEAD, FRESH_FRAME, VISION_FINE, AgeProof, Quality, RangeReading, VisionReading
 from gateway.core.scale import distance_of
 from gateway.core.state import (
     Failure,
@@ -170,6 +170,7 @@ def _without_circle(reading: VisionReading, quality: Quality) -> VisionReading:
         frames=1,
         predicted=reading.predicted if quality is Quality.COASTED else None,
         wrong_size=reading.wrong_size if quality in (Quality.COASTED, Quality.NO_TARGET) else None,
+        age_proof=reading.age_proof if quality is reading.quality else None,
     )
 
 
@@ -356,7 +357,9 @@ def _fault(vision: VisionReading, rng: RangeReading, memory: FusionMemory) -> Re
     if vision.quality is Quality.GOOD and rng.quality is Quality.GOOD and not memory.disagree:
         return Reason.NONE
     reasons: list[Reason] = []
-    if vision.quality is not Quality.GOOD:
+    if vision.quality is Quality.STALE and vision.age_proof is AgeProof.UNPROVEN:
+        reasons.append(Reason.VISION_AGE_UNPROVEN)  # refused when it arrived; what has aged since has no proof
+    elif vision.quality is not Quality.GOOD:
         reasons.append(VISION_REASON.get(vision.quality, Reason.VISION_FAULT))
     if rng.quality is not Quality.GOOD:
         reasons.append(RANGE_REASON.get(rng.quality, Reason.RANGER_DOWN))

@@ -27,7 +27,7 @@ NE107_MEANING: dict[Ne107, str] = {
     Ne107.FAILURE: "F: not valid: a sensor, a link, the PLC's heartbeat (where required) or the gateway is broken",
     Ne107.FUNCTION_CHECK: "C: not valid for the moment, on purpose: starting, shutting down, a technician at work",
     Ne107.OUT_OF_SPECIFICATION: "S: beyond what it can measure: out of the ranger's range, jumping distances, marker "
-    "hidden, sensors contradict",
+    "hidden, sensors contradict, age not proven",
     Ne107.MAINTENANCE_REQUIRED: "M: valid, but the picture needs somebody (picture_status), something was restarted "
     "within 10 min, or 1 line in 100 is damaged",
 }
@@ -49,7 +49,10 @@ def active(state: StateVector) -> frozenset[Ne107]:
         Ne107.FUNCTION_CHECK: state.function_check is not FunctionCheck.OFF
         or Quality.WAITING in qualities
         or state.reason is Reason.SHUTDOWN,
-        Ne107.OUT_OF_SPECIFICATION: beyond or bool(qualities & _OUT) or state.memory.disagree,
+        Ne107.OUT_OF_SPECIFICATION: beyond
+        or bool(qualities & _OUT)
+        or state.memory.disagree
+        or state.vision_age_unproven,
         Ne107.MAINTENANCE_REQUIRED: degraded(state) or (state.picture is not None and state.picture.status != 0),
     }
     return frozenset(signal for signal, on in holds.items() if on)

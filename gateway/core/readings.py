@@ -51,6 +51,31 @@ QUALITY_MEANING: dict[Quality, str] = {
 }
 
 
+class AgeProof(StrEnum):
+    """What shows how old a frame is, counted from its exposure: nothing; its link was idle before it, so that nothing
+    waited there; the stream's own times against their arrival; the camera's clock, which agrees with this machine's; a
+    stamp of the driver or of the camera; or it was made on this machine (a film, a simulation)."""
+
+    UNPROVEN = "unproven"
+    IDLE_LINK = "idle_link"
+    PRESENTATION_TIME = "presentation_time"
+    SENDER_REPORT = "sender_report"
+    BUFFER_TIME = "buffer_time"
+    DEVICE_TIME = "device_time"
+    OWN_CLOCK = "own_clock"
+
+
+AGE_PROOF_MEANING: dict[AgeProof, str] = {
+    AgeProof.UNPROVEN: "not proven",
+    AgeProof.IDLE_LINK: "idle link",
+    AgeProof.PRESENTATION_TIME: "times of the stream",
+    AgeProof.SENDER_REPORT: "clock of the camera",
+    AgeProof.BUFFER_TIME: "time stamp of the driver",
+    AgeProof.DEVICE_TIME: "time stamp of the camera",
+    AgeProof.OWN_CLOCK: "clock of the gateway",
+}
+
+
 class PictureFault(IntEnum):
     """What is wrong with the picture itself: bits of its status, on the wire: never renumber, only add."""
 
@@ -172,6 +197,7 @@ class VisionReading:
     wrong_size: Circle | None = None  # a red disc that the ranger's distance contradicts; NO_TARGET and COASTED only
     picture: PictureHealth | None = None  # of a frame at most some seconds old; shown by `StateVector.picture` only
     exposure: CameraExposure | None = None  # when this frame's result was sent; None: the gateway does not control it
+    age_proof: AgeProof | None = None  # of `t_ns`; None: of no frame, or of one whose value has ended since
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,15 @@ from enum import IntEnum
 
 from gateway.core.detection import Circle
 from gateway.core.plc import Handshake, PlcLink
-from gateway.core.readings import FRESH_FRAME, CameraExposure, PictureHealth, Quality, RangeReading, VisionReading
+from gateway.core.readings import (
+    FRESH_FRAME,
+    AgeProof,
+    CameraExposure,
+    PictureHealth,
+    Quality,
+    RangeReading,
+    VisionReading,
+)
 from gateway.core.scale import MarkerScale, ScaleSample
 
 
@@ -23,6 +31,7 @@ class Reason(IntEnum):
     NO_TARGET = 13
     VISION_FAULT = 14
     TARGET_COASTED = 15
+    VISION_AGE_UNPROVEN = 16
     RANGE_STALE = 20
     RANGER_DOWN = 21
     NO_ECHO = 22
@@ -49,6 +58,7 @@ REASON_MEANING: dict[Reason, str] = {
     Reason.NO_TARGET: "no marker in the picture",
     Reason.VISION_FAULT: "the vision process died, hung or failed",
     Reason.TARGET_COASTED: "the marker is hidden for the moment; its place is a prediction, not a measurement",
+    Reason.VISION_AGE_UNPROVEN: "nothing proves how old the frames are; camera.unproven_age refuses them",
     Reason.RANGE_STALE: "the newest distance is older than its deadline",
     Reason.RANGER_DOWN: "the ranger's port cannot be opened or was lost",
     Reason.NO_ECHO: "the ranger hears no echo",
@@ -376,6 +386,11 @@ class StateVector:
     def running(self) -> bool:
         """The control task has made it; else it is what is shown where that does not run, or has ended."""
         return self.reason not in (Reason.GATEWAY_FAULT, Reason.SHUTDOWN)
+
+    @property
+    def vision_age_unproven(self) -> bool:
+        """Nothing proves how old the newest frame is, whether it is refused for that or not."""
+        return self.vision.age_proof is AgeProof.UNPROVEN and self.running
 
     @property
     def picture(self) -> PictureHealth | None:

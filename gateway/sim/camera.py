@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from gateway.clock import Clock
+from gateway.core.readings import AgeProof
 from gateway.durations import NS_PER_S
 from gateway.errors import LinkError
 from gateway.sim.controls import SimControls
@@ -107,7 +108,8 @@ class SimCamera(Source):
         if stuck_s is not None:
             shown_s, index = stuck_s, round(stuck_s * NS_PER_S) // self._period_ns
         exposure = None if self._exposure is None else self._exposure.of_frame(index)
-        return Frame(self._device.seen(self._painter.frame(self._world.truth(shown_s), index, exposure)), t_ns)
+        picture = self._device.seen(self._painter.frame(self._world.truth(shown_s), index, exposure))
+        return Frame(picture, t_ns, age_proof=AgeProof.OWN_CLOCK)
 
     def controls(self) -> CameraControls:
         return self._controls

@@ -11,7 +11,7 @@ from gateway.core import ne107
 from gateway.core.detection import Tracking
 from gateway.core.ne107 import Ne107
 from gateway.core.plc import PlcLink, TriggerPhase
-from gateway.core.readings import FRESH_FRAME, ExposureState, Quality, RangeReading, VisionReading
+from gateway.core.readings import FRESH_FRAME, AgeProof, ExposureState, Quality, RangeReading, VisionReading
 from gateway.core.state import (
     GUIDANCE_MEANING,
     REASON_MEANING,
@@ -109,6 +109,8 @@ ROWS: tuple[Value[StateVector], ...] = (
           "vision is not GOOD, or not configured", _marker),
     Value("vision.quality", Quality, "may the marker's values be used; else why not", lambda s: s.vision.quality),
     Value("vision.age_ms", float, "of the newest frame or fault", lambda s: _age_ms(s, s.vision), "nothing received"),
+    Value("vision.age_proof", AgeProof, "what proves that age", lambda s: s.vision.age_proof if s.running else None,
+          "no frame, or a stale one"),
     Value("range.quality", Quality, "may the distance be used; else why not", lambda s: s.range.quality),
     Value("range.age_ms", float, "of the newest distance or fault", lambda s: _age_ms(s, s.range), "nothing received"),
     Value("heartbeat", int, "+1 with every tick of fusion", lambda s: s.heartbeat),

@@ -201,6 +201,11 @@ class CameraConfig(Section):
         description="what stamps a frame; auto: a camera's buffer time, an RTSP stream's presentation time, "
         "the arrival of any other; presentation: also for HTTP, where the stream carries true times",
     )
+    unproven_age: Literal["refuse", "accept"] | None = Field(
+        None,
+        description="frames of which nothing proves how old they are; refuse: stop is on, as with stale ones; "
+        "accept: they count from their arrival, with a warning; default: refuse for rtsp:// and http://, else accept",
+    )
     exposure: Literal["camera", "marker"] = Field(
         "camera",
         description="who sets exposure time and gain; camera: the camera, as it is set up; "
@@ -228,6 +233,15 @@ class CameraConfig(Section):
     gige: GigeConfig = Field(default_factory=GigeConfig)
     crop: CropConfig | None = Field(None, description="only this part of the picture is used")
     controls: ControlsConfig = Field(default_factory=ControlsConfig)
+
+    @property
+    def streams(self) -> bool:
+        """Its frames arrive over the network, by RTSP or HTTP."""
+        return self.url.strip().partition("://")[0].lower() in ("rtsp", "rtsps", "http", "https")
+
+    @property
+    def refuses_unproven_age(self) -> bool:
+        return self.unproven_age == "refuse" or (self.unproven_age is None and self.streams)
 
     @property
     def picture_px(self) -> tuple[int | None, int | None]:

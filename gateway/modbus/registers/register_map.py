@@ -40,7 +40,7 @@ from gateway.modbus.registers.register import (
 from gateway.modbus.registers.register import Register as Register  # noqa: PLC0414 - for those who read the table
 from gateway.modbus.registers.register import Value as Value  # noqa: PLC0414
 
-MAP_VERSION = 6
+MAP_VERSION = 7
 BLOCK_WORDS = 110  # a request takes 125 at most, some clients 120
 KNOWN_UINT32 = 0x12345678  # 305419896; four different bytes, so every wrong order reads as another number
 _KNOWN_WORDS = (KNOWN_UINT32 >> 16, KNOWN_UINT32 & 0xFFFF)
@@ -72,6 +72,8 @@ STATUS = StatusWord((
     ("shutdown", "the gateway is shutting down", lambda s: s.reason is Reason.SHUTDOWN),
     ("clamped", "an integer value is at its register's limit; its float32 mirror has the true one",
      lambda _: False),  # `encode` sets it: it depends on the other registers
+    ("vision_age_unproven", "nothing proves how old the camera's newest frame is: refused, or accepted",
+     lambda s: s.vision_age_unproven),
 ))  # fmt: skip
 
 

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from gateway.core.events import EventKind
-from gateway.core.readings import PictureFault, Quality
+from gateway.core.readings import AgeProof, PictureFault, Quality
 from gateway.sinks.mqtt.visit_payload import VisitPayload
 from gateway.values.models import ShownModel
 
@@ -81,6 +81,16 @@ class SensorPayload(BaseModel):
     detail: str = Field(description="what went wrong, in words, for people; never to be parsed")
 
 
+class CameraPayload(SensorPayload):
+    """The camera; also, what proves that age."""
+
+    age_proof: str | None = Field(
+        None,
+        description="`unproven`: nothing does (camera.unproven_age); null: no frame, or a stale one",
+        json_schema_extra={"enum": [*AgeProof, None]},
+    )
+
+
 class Measured(ShownModel):
     """The decision and what it rests on; the same fields in a state and in an event."""
 
@@ -105,7 +115,7 @@ class Measured(ShownModel):
     radius_px: float | None
     distance_mm: float | None
     z_vision_mm: float | None
-    vision: SensorPayload
+    vision: CameraPayload
     range: SensorPayload
 
 

@@ -33,7 +33,7 @@ from enum import Enum, auto
 from gateway.config import CameraConfig, Reconnect, VisionConfig
 from gateway.core import details
 from gateway.core.detection import Detection
-from gateway.core.readings import PictureHealth, Quality, VisionReading, VisionStats
+from gateway.core.readings import AgeProof, PictureHealth, Quality, VisionReading, VisionStats
 from gateway.durations import NS_PER_S
 from gateway.processes.deadlines import StartDeadline
 from gateway.supervisor import delay_s
@@ -174,13 +174,15 @@ class ProcessMonitor:
         if result.picture is not None:
             self._picture = self._judge.judged(result.picture, result.t_capture_ns)
             self._picture_ns = result.t_capture_ns
-        found = result.detection
+        refused = result.age_proof is AgeProof.UNPROVEN and self.camera.refuses_unproven_age
+        found = Detection(None, stage_ns=result.detection.stage_ns) if refused else result.detection
         t_ns = min(result.t_capture_ns, result.unchanged_since_ns)
         self._reported_ns = max(t_ns, self._reported_ns)
         self._readings.append(
             VisionReading(
                 t_ns=t_ns,
-                quality=_quality(found),
+                quality=Quality.STALE if refused else _quality(found),
+                detail=details.AGE_UNPROVEN() if refused else "",
                 circle=found.circle,
                 frame_id=result.seq,
                 x_n=found.x_n,
@@ -195,6 +197,7 @@ class ProcessMonitor:
                 predicted=found.predicted,
                 wrong_size=found.wrong_size,
                 exposure=result.exposure,
+                age_proof=result.age_proof,
                 picture=self._picture if result.t_capture_ns - self._picture_ns <= PICTURE_NS else None,
             )
         )

@@ -19,6 +19,7 @@ import numpy as np
 
 from gateway.clock import Clock
 from gateway.core.detection import Detection
+from gateway.core.readings import AgeProof
 from gateway.errors import ConfigError, GatewayError, LinkError
 from gateway.processes import sandbox, seccomp
 from gateway.processes.channel import Channel
@@ -87,7 +88,9 @@ def run(channel: Channel[FromVision, MarkerRadii | ControlsRequest], job: Vision
         marker = detection.circle is not None or detection.predicted is not None
         picture = meter.measure(frame.image, frame.t_capture_ns, marker=marker)
         settings = None if exposure is None else exposure.state
-        channel.send(FrameResult(frame.seq, frame.t_capture_ns, detection, since_ns, picture, settings))
+        channel.send(
+            FrameResult(frame.seq, frame.t_capture_ns, detection, since_ns, picture, settings, frame.age_proof)
+        )
         now_ns = clock.now_ns()
         progress.work_ends(now_ns)
         if exposure is not None:
@@ -106,6 +109,7 @@ class CheckedFrame:
     t_capture_ns: int
     changed_ns: Changes
     searched: Image
+    age_proof: AgeProof = AgeProof.UNPROVEN
 
 
 class NewestFrame:
@@ -268,7 +272,7 @@ class CaptureThread:
                 self._channel.send(Opened(source.lossless, source.finite))  # before the detector can fail on the frame
                 if self._exposure is not None:
                     self._exposure.take_over(source, spec.label)  # now: some cameras begin each stream with their own
-            checked = CheckedFrame(image, seq, frame.t_capture_ns, passed.changed_ns, searched)
+            checked = CheckedFrame(image, seq, frame.t_capture_ns, passed.changed_ns, searched, frame.age_proof)
             if self._recent is not None:
                 self._recent.add(checked)
             self._newest.put(checked, wait=source.lossless)

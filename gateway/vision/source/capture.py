@@ -96,7 +96,7 @@ class CaptureSource(LiveSource):
         ok, image = self._capture.retrieve()
         if not ok or image is None:
             raise ValueError("its frames could not be decoded")
-        return Frame(bgr(self._decoded(image)), t_capture_ns)
+        return Frame(bgr(self._decoded(image)), t_capture_ns, age_proof=self._frame_time.proof)
 
     def _decoded(self, image: NDArray[Any]) -> NDArray[Any]:
         """What the driver handed over, as colours or grey. Raises ValueError where it can't be that."""

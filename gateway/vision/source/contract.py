@@ -9,6 +9,7 @@ from enum import Enum, auto
 from typing import Protocol, runtime_checkable
 
 from gateway.clock import Clock
+from gateway.core.readings import AgeProof
 from gateway.vision.exposure.settings import Exposure, ExposureLimits, ExposureRules
 from gateway.vision.pixels import AnyImage, Image, bgr8
 from gateway.vision.source.v4l2_controls import CameraControls
@@ -23,6 +24,8 @@ class Frame:
     t_capture_ns: int
     # Frames since the one before that could not be decoded, and were skipped.
     damaged: int = field(default=0, kw_only=True)
+    # What shows that it was not taken earlier. A source that can't know leaves it: `camera.unproven_age` decides then.
+    age_proof: AgeProof = field(default=AgeProof.UNPROVEN, kw_only=True)
 
     @property
     def image(self) -> Image:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import cv2
 
 from gateway.clock import Clock
+from gateway.core.readings import AgeProof
 from gateway.durations import NS_PER_S
 from gateway.errors import LinkError
 from gateway.vision.offline import inputs
@@ -96,7 +97,7 @@ class FolderSource(Source):
             self._given += 1
             if self._pace:
                 self._pace.wait()
-            return Frame(picture.pixels, self._clock.now_ns())
+            return Frame(picture.pixels, self._clock.now_ns(), age_proof=AgeProof.OWN_CLOCK)
 
     def _begin_again(self) -> None:
         if self._given == 0:
@@ -145,7 +146,7 @@ class VideoSource(Source):
             self._pace.wait()  # at the end, too: the last frame has its full time
         if image is None:
             raise LinkError(f"{self._label}: ended")
-        return Frame(bgr8(image), self._clock.now_ns(), damaged=damaged)
+        return Frame(bgr8(image), self._clock.now_ns(), damaged=damaged, age_proof=AgeProof.OWN_CLOCK)
 
     def close(self) -> None:
         self._capture.release()

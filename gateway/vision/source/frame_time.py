@@ -8,21 +8,30 @@ import math
 from collections.abc import Callable
 from typing import Protocol
 
+from gateway.core.readings import AgeProof
 from gateway.durations import NS_PER_MS, NS_PER_S
 
 SAME_CLOCK_NS = 10 * NS_PER_S  # a buffer's stamp that lies so near before its arrival is of CLOCK_MONOTONIC
 CLOCK_SET_NS = NS_PER_S  # arriving so much earlier than ever before: its clock was set, or its film began again
 DRIFT_WINDOW_NS = 20 * NS_PER_S
 MOST_DRIFT = 500e-6  # between two clocks; what grows faster is a backlog
+SETTLED_NS = NS_PER_S  # from the opening on: for this time no frame has been faster than those before it,
+FASTER_NS = 20 * NS_PER_MS  # by more than this. A backlog that waited for the opening has been sent by then
 
 
 class FrameTime(Protocol):
+    @property
+    def proof(self) -> AgeProof:
+        """What shows that the frame asked for last was not taken earlier."""
+
     def taken_ns(self, arrival_ns: int, stamp_ms: float) -> int:
         """When the frame was taken, in the time of `arrival_ns`, never later than that. `stamp_ms`: its source's."""
 
 
 class ArrivalTime:
     """For sources whose stamps mean nothing (an HTTP stream of JPEGs carries none, FFmpeg makes them up)."""
+
+    proof = AgeProof.UNPROVEN
 
     def taken_ns(self, arrival_ns: int, stamp_ms: float) -> int:
         return arrival_ns
@@ -31,9 +40,10 @@ class ArrivalTime:
 class PresentationTime:
     """Stamps of another clock, whose zero is unknown: the frame that arrived fastest counts as one without delay.
 
-    So a constant delay from the opening on is not detected. Two clocks drift: what the smallest delay of 20 s differs
-    from that of the 20 s before is drift, up to 500 ppm. A clock that is set, or a film that begins again, starts a new
-    count with the delay that the last frame had.
+    A backlog that is sent faster than it was taken makes each frame the fastest: nothing is proven until that has
+    ended. A constant delay from the opening on, in the camera or in a relay, is not detected. Two clocks drift: what
+    the smallest delay of 20 s differs from that of the 20 s before is drift, up to 500 ppm. A clock that is set, or a
+    film that begins again, starts a new count with the delay that the last frame had.
     """
 
     def __init__(self) -> None:
@@ -43,20 +53,37 @@ class PresentationTime:
         self._window_end_ns = 0
         self._least_ns = math.inf  # delay in this window
         self._least_before_ns = math.inf
+        self._settled_ns: int | None = None  # when it will be; None: no frame yet
+        self._settled_zero_ns = math.inf
+        self._went_on_ns = 0  # the stamps did, last
+        self.proof = AgeProof.UNPROVEN
 
     def taken_ns(self, arrival_ns: int, stamp_ms: float) -> int:
         stamp_ns = stamp_ms * NS_PER_MS
+        if not stamp_ns > self._stamp_ns and arrival_ns - self._went_on_ns >= SETTLED_NS and self._zero_ns is not None:
+            self.proof, self._settled_ns = AgeProof.UNPROVEN, None  # stamps that stand still say nothing
         if not math.isfinite(stamp_ns):
             return arrival_ns - round(self._late_ns)
         shift_ns = arrival_ns - stamp_ns
         if self._zero_ns is None or stamp_ns <= self._stamp_ns or shift_ns < self._zero_ns - CLOCK_SET_NS:
             self._zero_ns = shift_ns - self._late_ns
             self._begin_window(arrival_ns, math.inf)
+        if stamp_ns != self._stamp_ns:
+            self._went_on_ns = arrival_ns
         self._stamp_ns = stamp_ns
         self._zero_ns = min(self._zero_ns, shift_ns)
         self._late_ns = shift_ns - self._zero_ns
+        if self.proof is AgeProof.UNPROVEN:
+            self._look_whether_settled(arrival_ns)
         self._follow_drift(arrival_ns)
         return arrival_ns - round(self._late_ns)
+
+    def _look_whether_settled(self, arrival_ns: int) -> None:
+        zero_ns = math.inf if self._zero_ns is None else self._zero_ns
+        if self._settled_ns is None or zero_ns < self._settled_zero_ns - FASTER_NS:
+            self._settled_ns, self._settled_zero_ns = arrival_ns + SETTLED_NS, zero_ns
+        elif arrival_ns >= self._settled_ns and self._went_on_ns == arrival_ns:
+            self.proof = AgeProof.PRESENTATION_TIME
 
     def _follow_drift(self, arrival_ns: int) -> None:
         self._least_ns = min(self._least_ns, self._late_ns)
@@ -83,9 +110,13 @@ class BufferTime:
     def __init__(self, behind_ns: Callable[[], int]) -> None:
         self._behind_ns = behind_ns
         self._own_clock = PresentationTime()
+        self.proof = AgeProof.UNPROVEN
 
     def taken_ns(self, arrival_ns: int, stamp_ms: float) -> int:
         taken_ns = stamp_ms * NS_PER_MS + self._behind_ns()
         if stamp_ms > 0 and 0 <= arrival_ns - taken_ns <= SAME_CLOCK_NS:
+            self.proof = AgeProof.BUFFER_TIME
             return round(taken_ns)
-        return self._own_clock.taken_ns(arrival_ns, stamp_ms)
+        taken_ns = self._own_clock.taken_ns(arrival_ns, stamp_ms)
+        self.proof = self._own_clock.proof if stamp_ms > 0 else AgeProof.UNPROVEN  # a driver without stamps gives 0
+        return taken_ns

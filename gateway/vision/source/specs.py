@@ -130,10 +130,9 @@ def _with_login(config: "CameraConfig") -> str:
 
 def check_exposure(config: "CameraConfig") -> None:
     """Raises ConfigError where the exposure is to be controlled and the source is none that could be."""
-    scheme = config.url.strip().partition("://")[0].lower() if "://" in config.url else ""
-    stream = scheme in ("rtsp", "rtsps", "http", "https")
-    if config.exposure == "marker" and (stream or names_file(config)):
-        what = f"a stream ({scheme}://)" if stream else "a file"
+    if config.exposure == "marker" and (config.streams or names_file(config)):
+        scheme = config.url.strip().partition("://")[0].lower()
+        what = f"a stream ({scheme}://)" if config.streams else "a file"
         raise ConfigError(f'camera.exposure = "marker": {what} has no exposure time that the gateway could set')
 
 

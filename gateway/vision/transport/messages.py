@@ -14,7 +14,7 @@ from msgspec import field as message_field
 from gateway.clock import SystemClock
 from gateway.config import VisionConfig
 from gateway.core.detection import Detection
-from gateway.core.readings import CameraExposure, PictureHealth
+from gateway.core.readings import AgeProof, CameraExposure, PictureHealth
 from gateway.errors import ProtocolError
 from gateway.processes.channel import Failed
 from gateway.processes.codec import Codec, Message, record_of, record_packed
@@ -127,6 +127,7 @@ class FrameResult(Message, frozen=True):
     unchanged_since_ns: int = 0  # what was found is as old: unchanged since, to the last bit, or of frames summed since
     picture: PictureHealth | None = None  # measured in this frame; not judged yet
     exposure: CameraExposure | None = None  # None: left to the camera
+    age_proof: AgeProof | None = None  # of t_capture_ns
 
 
 class ControlsReport(Message, frozen=True):

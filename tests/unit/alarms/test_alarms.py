@@ -27,6 +27,7 @@ from gateway.config import BayConfig
 from gateway.core.detection import Circle
 from gateway.core.plc import Handshake, PlcLink
 from gateway.core.readings import (
+    AgeProof,
     CameraExposure,
     ExposureState,
     PictureFault,
@@ -165,6 +166,11 @@ def picture(*faults: PictureFault, quality: Quality = Quality.NO_TARGET) -> Stat
     )
 
 
+def unproven(quality: Quality) -> StateVector:
+    reading = VisionReading(4_960_000_000, quality, age_proof=AgeProof.UNPROVEN)
+    return permitted(vision=reading, range=RangeReading(1, Quality.NO_ECHO))
+
+
 def exposed(state: ExposureState) -> StateVector:
     reading = VisionReading(4_960_000_000, Quality.NO_TARGET, exposure=CameraExposure(state, 8.0))
     return permitted(vision=reading, range=RangeReading(1, Quality.NO_ECHO))
@@ -182,6 +188,7 @@ CAUSES = {
     "plc_lost": permitted(plc=replace(permitted().plc, missed=True)),
     "camera_down": DOWN,
     "camera_stale": camera(Quality.STALE),
+    "camera_age_unproven": unproven(Quality.NO_TARGET),
     "vision_fault": camera(Quality.PROCESS_FAULT),
     "ranger_down": ranger(Quality.LINK_DOWN),
     "ranger_stale": ranger(Quality.STALE),

@@ -13,7 +13,7 @@ from gateway.config import CrossCheck, FusionConfig
 from gateway.core.agreement import LARGEST
 from gateway.core.detection import Circle
 from gateway.core.fusion import RANGE_REASON, VISION_REASON, Observation, forced_stop, initial
-from gateway.core.readings import Quality, RangeReading, RangeStats, VisionReading, VisionStats
+from gateway.core.readings import AgeProof, Quality, RangeReading, RangeStats, VisionReading, VisionStats
 from gateway.core.retained import RetainedState
 from gateway.core.scale import ScaleSample, learned
 from gateway.core.state import (
@@ -441,6 +441,19 @@ def test_every_fault_of_a_sensor_stops_with_its_reason(quality: Quality) -> None
     ):
         state = after(seen(T0, 27.0), heard(T0, 2000.0), fault)
         assert (state.d, state.stop, state.may_move, state.reason) == (None, True, False, reason)
+
+
+def test_a_frame_refused_for_its_unproven_age_has_its_own_reason() -> None:
+    """While such frames arrive; where they stop, or were accepted and have aged since, it is a stale picture."""
+    refused = VisionReading(T0 + 1, Quality.STALE, age_proof=AgeProof.UNPROVEN)
+    state = after(seen(T0, 27.0), heard(T0, 2000.0), refused)
+    assert (state.d, state.stop, state.reason) == (None, True, Reason.VISION_AGE_UNPROVEN)
+    accepted = replace(seen(T0, 27.0), age_proof=AgeProof.UNPROVEN)
+    state = after(accepted, heard(T0, 2000.0))
+    assert (state.vision.quality, state.vision_age_unproven) == (Quality.GOOD, True)
+    state = after(accepted, heard(T0, 2000.0), heard(T0 + 2 * S, 2000.0))
+    assert (state.vision.quality, state.vision_age_unproven) == (Quality.STALE, False)
+    assert state.reason is Reason.VISION_STALE
 
 
 def test_no_table_of_reasons_has_a_good_value() -> None:

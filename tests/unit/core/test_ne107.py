@@ -11,6 +11,7 @@ from gateway.core.detection import Circle
 from gateway.core.ne107 import MAINTENANCE_NS, NE107_MEANING, ORDER, Ne107, active, restarts, status
 from gateway.core.plc import Handshake
 from gateway.core.readings import (
+    AgeProof,
     PictureFault,
     PictureHealth,
     Quality,
@@ -71,6 +72,7 @@ def test_a_truck_that_arrives_from_beyond_the_rangers_range_is_as_specified() ->
 def test_what_is_no_sensor() -> None:
     assert status(replace(GOOD, plc=Handshake(missed=True))) is F
     assert status(replace(GOOD, memory=FusionMemory(disagree=True))) is S
+    assert status(replace(GOOD, vision=replace(GOOD.vision, age_proof=AgeProof.UNPROVEN))) is S
     assert status(fusion.forced_stop(GOOD, Reason.GATEWAY_FAULT, T0)) is F
     assert status(fusion.forced_stop(GOOD, Reason.SHUTDOWN, T0)) is C
 

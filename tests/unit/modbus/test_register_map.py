@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from gateway.core import events, fusion
 from gateway.core.detection import Circle, Ellipse, Tracking
 from gateway.core.events import EventKind
-from gateway.core.readings import PictureHealth, Quality, RangeReading, RangeStats, VisionReading, VisionStats
+from gateway.core.readings import AgeProof, PictureHealth, Quality, RangeReading, RangeStats, VisionReading, VisionStats
 from gateway.core.shown import withdrawn
 from gateway.core.state import FusionMemory, Moved, Reason, StateVector, Visit, VisitPhase
 from gateway.errors import ProtocolError
@@ -70,7 +70,7 @@ STATE = StateVector(
 BAY = BayIdentity(9, 0x3456789A)
 EXPECTED: dict[int, int] = {
     0: 0x468A,  # 2 * 0x12345 modulo 65536
-    1: 6,
+    1: 7,
     2: 0xABCD,
     3: 0b0000_0000_0111_0101,  # healthy, range good, vision good, D, stop
     4: 1,
@@ -317,6 +317,14 @@ def test_good_without_a_value_is_no_value() -> None:
     broken = replace(STATE, vision=replace(STATE.vision, circle=None), range=replace(STATE.range, distance_mm=None))
     read = values(broken)
     assert [read[name] for name in ("u", "v", "radius", "distance", "z_vision")] == [None] * 5
+
+
+def test_an_age_that_nothing_proves_is_a_bit_and_no_dead_task_shows_it() -> None:
+    unproven = replace(STATE, vision=replace(STATE.vision, age_proof=AgeProof.UNPROVEN))
+    assert bits(unproven) == bits(STATE) | {"vision_age_unproven"}
+    assert encode(unproven, UNIX_NS, "big")[3] >> 15 == 1
+    assert bits(replace(STATE, vision=replace(STATE.vision, age_proof=AgeProof.BUFFER_TIME))) == bits(STATE)
+    assert "vision_age_unproven" not in bits(fusion.forced_stop(unproven, Reason.GATEWAY_FAULT, unproven.t_ns))
 
 
 def test_a_limited_value_is_reported_and_its_mirror_is_true() -> None:

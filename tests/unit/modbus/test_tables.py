@@ -52,7 +52,7 @@ def test_json_rows(capsys: pytest.CaptureFixture[str]) -> None:
     for name in ("vision_quality", "range_quality"):
         assert {c["code"]: c["meaning"] for c in by_name[name]["codes"]} == QUALITY_MEANING
     bits = "stop may_move d d_unknowable vision_good range_good healthy starting fault vision_fault range_fault"
-    bits += " disagree gateway_fault shutdown clamped"
+    bits += " disagree gateway_fault shutdown clamped vision_age_unproven"
     assert {b["bit"]: b["name"] for b in by_name["status"]["bits"]} == dict(enumerate(bits.split()))
 
 

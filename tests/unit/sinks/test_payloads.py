@@ -150,7 +150,7 @@ def test_a_good_state() -> None:
         "radius_px": 181.25,
         "distance_mm": 300.0,
         "z_vision_mm": 301.0,
-        "vision": {"quality": {"name": "GOOD", "code": 0}, "age_ms": 21.0, "detail": ""},
+        "vision": {"quality": {"name": "GOOD", "code": 0}, "age_ms": 21.0, "detail": "", "age_proof": None},
         "range": {"quality": {"name": "GOOD", "code": 0}, "age_ms": 44.4, "detail": ""},
         "frame_id": 9,
         "x_n": 0.012346,

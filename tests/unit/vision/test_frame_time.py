@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 import pytest
 
+from gateway.core.readings import AgeProof
 from gateway.vision.source.frame_time import ArrivalTime, BufferTime, PresentationTime
 
 MS = 1_000_000
@@ -129,3 +130,35 @@ def test_a_buffer_stamped_with_another_clock_is_timed_by_its_fastest(epoch_ns: i
 def test_a_driver_without_stamps_is_timed_by_arrival() -> None:
     time = BufferTime(lambda: 0)
     assert [time.taken_ns(n * S, 0.0) for n in range(1, 9)] == [n * S for n in range(1, 9)]
+
+
+def proofs(time: PresentationTime, frames: list[tuple[int, float]]) -> list[bool]:
+    """Of each frame: is its age proven?"""
+    return [(time.taken_ns(arrival, stamp), time.proof is not AgeProof.UNPROVEN)[1] for arrival, stamp in frames]
+
+
+@pytest.mark.failure_mode("C11")
+def test_an_age_is_proven_once_no_frame_has_been_faster_for_a_second() -> None:
+    """A backlog that waited for the opening is sent in half the time: until it is gone, each frame is the fastest."""
+    at_once = proofs(PresentationTime(), delays([30 * MS] * 60))
+    assert at_once == [False] * 25 + [True] * 35
+    drained = proofs(PresentationTime(), delays([2 * S - n * FRAME // 2 for n in range(100)] + [0] * 60))
+    assert drained == [False] * 125 + [True] * 35
+
+
+@pytest.mark.failure_mode("C11")
+def test_stamps_that_stand_still_prove_nothing() -> None:
+    time = PresentationTime()
+    assert not any(proofs(time, [(ZERO + n * FRAME, 40.0) for n in range(100)]))
+    time = PresentationTime()
+    assert proofs(time, delays([0] * 60))[-1]
+    stuck = [(ZERO + n * FRAME, 59 * 40.0) for n in range(60, 120)]
+    assert proofs(time, stuck).index(False) == 24  # 1 s after they last went on
+
+
+def test_a_buffer_proves_its_age_and_a_driver_without_stamps_does_not() -> None:
+    time = BufferTime(lambda: 0)
+    stamps = [(100 * S, 99_990.0), *((200 * S + n * FRAME, 0.0) for n in range(100))]
+    found = [(time.taken_ns(arrival, stamp), time.proof)[1] for arrival, stamp in stamps]
+    assert found == [AgeProof.BUFFER_TIME] + [AgeProof.UNPROVEN] * 100
+    assert ArrivalTime.proof is AgeProof.UNPROVEN

@@ -11,7 +11,7 @@ from msgspec import structs
 
 from gateway.config import CameraConfig, Reconnect, VisionConfig
 from gateway.core.detection import Circle, Detection
-from gateway.core.readings import PictureFault, PictureHealth, Quality, VisionReading
+from gateway.core.readings import AgeProof, PictureFault, PictureHealth, Quality, VisionReading
 from gateway.vision.process.monitor import Action, Emit, GiveUp, Kill, ProcessMonitor, Start
 from gateway.vision.transport.messages import FrameResult
 from gateway.vision.transport.progress import FrameProgress
@@ -965,3 +965,31 @@ class Chaos(RuleBasedStateMachine):
 
 TestChaos = Chaos.TestCase
 TestChaos.settings = settings(max_examples=examples(60), stateful_step_count=40, deadline=None)
+
+
+@pytest.mark.failure_mode("C11")
+@pytest.mark.parametrize(
+    ("camera", "quality"),
+    [
+        (CameraConfig(url="rtsp://h/"), Quality.STALE),
+        (CameraConfig(url="HTTP://h/"), Quality.STALE),
+        (CameraConfig(url="/dev/video0"), Quality.GOOD),
+        (CameraConfig(url="pattern://"), Quality.GOOD),
+        (CameraConfig(url="rtsp://h/", unproven_age="accept"), Quality.GOOD),
+        (CameraConfig(url="/dev/video0", unproven_age="refuse"), Quality.STALE),
+    ],
+)
+def test_frames_whose_age_nothing_proves_are_refused_or_accepted(camera: CameraConfig, quality: Quality) -> None:
+    """A stream's are refused unless told otherwise; of proven ones nothing changes."""
+    for proof, expected in ((AgeProof.UNPROVEN, quality), (AgeProof.PRESENTATION_TIME, Quality.GOOD)):
+        bench = Bench()
+        bench.monitor.camera = camera
+        bench.ready()
+        bench.open()
+        bench.frame()
+        message = FrameResult(1, bench.ns - 2 * MS, SEEN, bench.ns - 2 * MS, age_proof=proof)
+        bench.monitor.result(bench.token, message, bench.ns)
+        bench.settle()
+        reading = bench.readings[-1]
+        assert (reading.quality, reading.age_proof) == (expected, proof)
+        assert (reading.detail == "") == (expected is Quality.GOOD)

@@ -12,6 +12,7 @@ export const REASONS = {
   NO_TARGET: ['no marker in sight', 'The camera sees no marker: no truck, or the marker is covered.'],
   VISION_FAULT: ['picture not evaluated', 'The program that looks for the marker has failed; it is started again by itself.'],
   TARGET_COASTED: ['marker hidden', 'The marker is hidden for the moment: only guessed, not seen.'],
+  VISION_AGE_UNPROVEN: ['age of picture unknown', 'Nothing proves how old the camera’s pictures are: they are not used.'],
   RANGE_STALE: ['no new distance', 'The distance sensor has stopped sending.'],
   RANGER_DOWN: ['no distance sensor', 'The distance sensor is not connected, or its port cannot be opened.'],
   NO_ECHO: ['nothing in front', 'The distance sensor hears no echo: nothing stands before it, or the echo does not come back.'],

@@ -74,6 +74,11 @@ function exposure(set) {
   return [['exposure', set.time_ms === null ? 'cannot be set' : state ? text(state, time) : time], ...(set.gain_db === null ? [] : [['gain', number(set.gain_db, 1, 'dB')]])];
 }
 
+const PROOFS = {
+  unproven: 'not proven', idle_link: 'idle link', presentation_time: 'times of the stream', sender_report: 'clock of the camera',
+  buffer_time: 'time stamp of the driver', device_time: 'time stamp of the camera', own_clock: 'clock of the gateway',
+};
+
 export function Health({ state, links }) {
   const [open, setOpen] = useKept('operator.counters', false);
   const [mqtt, reads, gateway] = [broker(links), modbus(links), tasks(links)];
@@ -83,7 +88,7 @@ export function Health({ state, links }) {
     <ul class="parts">
       <${Part} name="Camera" detail=${state ? saidText(state.vision) : ''}
         sign=${state ? html`<${Sign} state=${visionHealth(state)} text=${words(state.vision.quality.name)} />` : unknown}
-        facts=${[['age', age(state?.vision.age_ms)], ['rate', hz(state?.rates.vision_hz)], ['delay', age(state?.rates.vision_latency_ms)], ...(state?.frames_summed > 1 ? [['frames summed', count(state.frames_summed)]] : []), ...exposure(state?.exposure)]} />
+        facts=${[['age', age(state?.vision.age_ms)], ['rate', hz(state?.rates.vision_hz)], ['age proven by', state?.vision.age_proof ? PROOFS[state.vision.age_proof] ?? words(state.vision.age_proof) : NONE], ['delay', age(state?.rates.vision_latency_ms)], ...(state?.frames_summed > 1 ? [['frames summed', count(state.frames_summed)]] : []), ...exposure(state?.exposure)]} />
       <${Part} name="Picture"
         sign=${state ? html`<${Sign} ...${pictureHealth(state)} />` : unknown}
         facts=${[['brightness', percent(state?.picture?.brightness)], ['contrast', percent(state?.picture?.contrast)], ['sharpness', percent(state?.picture?.sharpness)], ['veil', percent(state?.picture?.veil)], ['proven to', percent(state?.picture?.veil_proven)], ['shift', px(state?.picture?.shift_px, 0)]]} />
