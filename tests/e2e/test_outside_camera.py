@@ -76,7 +76,7 @@ def test_its_configuration_errors_name_the_line_and_an_unknown_scheme_lists_it(t
     file = tmp_path / "gateway.toml"
     for url, words in (
         ("pattern://x", "needs a number of frames"),
-        ("patern://4", "rtsp, rtsps, http, https, gige, usb3, pattern"),
+        ("patern://4", "rtsp, rtsps, http, https, gige, usb3, gst, pattern"),
     ):
         file.write_text(f'[[bays]]\nname = "bay1"\nunit_id = 1\n[bays.camera]\nurl = "{url}"\n')
         with pytest.raises(ConfigError, match=rf":5: bays\.0\.camera\.url.*{words}"):

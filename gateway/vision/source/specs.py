@@ -28,7 +28,8 @@ CAMERA_TYPES = Registry(
     "camera type",
     "gateway.cameras",
     dict.fromkeys(("rtsp", "rtsps", "http", "https"), "gateway.vision.source.specs:stream_spec")
-    | dict.fromkeys(MACHINE_VISION, "gateway.vision.source.gige:gige_spec"),
+    | dict.fromkeys(MACHINE_VISION, "gateway.vision.source.gige:gige_spec")
+    | {"gst": "gateway.vision.source.gst:gst_spec"},
 )
 """By the scheme of `camera.url`: a function from `CameraConfig` to a `SourceSpec`. Raises ConfigError."""
 LOGIN_KEYS = "camera.username and camera.password_file"
@@ -130,9 +131,10 @@ def _with_login(config: "CameraConfig") -> str:
 
 def check_exposure(config: "CameraConfig") -> None:
     """Raises ConfigError where the exposure is to be controlled and the source is none that could be."""
-    if config.exposure == "marker" and (config.streams or names_file(config)):
-        scheme = config.url.strip().partition("://")[0].lower()
-        what = f"a stream ({scheme}://)" if config.streams else "a file"
+    scheme = config.url.strip().partition("://")[0].lower()
+    stream = config.streams or scheme == "gst"
+    if config.exposure == "marker" and (stream or names_file(config)):
+        what = f"a stream ({scheme}://)" if stream else "a file"
         raise ConfigError(f'camera.exposure = "marker": {what} has no exposure time that the gateway could set')
 
 

@@ -107,7 +107,7 @@ def test_where_the_stamps_come_from(url: str, frame_time: Any, by_arrival: bool)
     [
         (
             "ftp://secret:word@host/x",
-            r"scheme ftp:// is unknown; known: rtsp, rtsps, http, https, gige, usb3, or a path",
+            r"scheme ftp:// is unknown; known: rtsp, rtsps, http, https, gige, usb3, gst, or a path",
         ),
         ("rtps://cam/1", "scheme rtps:// is unknown"),
         ("://", "scheme :// is unknown"),
