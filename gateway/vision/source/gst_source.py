@@ -9,7 +9,7 @@ import re
 import struct
 import subprocess
 from dataclasses import dataclass
-from typing import BinaryIO
+from typing import IO
 
 import numpy as np
 
@@ -39,7 +39,7 @@ class Packet:
     stamp_ms: float
 
 
-def packet(stream: BinaryIO) -> Packet | None:
+def packet(stream: IO[bytes]) -> Packet | None:
     """The next one; None: the stream has ended. Raises ValueError for what is none."""
     header = stream.read(HEADER.size)
     if len(header) < HEADER.size:
