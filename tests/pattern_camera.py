@@ -8,6 +8,7 @@ import numpy as np
 
 from gateway.clock import Clock
 from gateway.config import CameraConfig
+from gateway.core.readings import AgeProof
 from gateway.errors import ConfigError
 from gateway.vision.source.contract import Frame, Source
 
@@ -39,7 +40,7 @@ class Pattern(Source):
         v, u = np.mgrid[: self._spec.height_px, : self._spec.width_px]
         disc = (u - 80) ** 2 + (v - 60) ** 2 < 30**2
         picture = np.where(disc[..., None], (30, 30, 200), (120, 120, 120)) + noise.normal(0, 2, (*disc.shape, 3))
-        return Frame(np.clip(picture, 0, 255).astype(np.uint8), self._clock.now_ns())
+        return Frame(np.clip(picture, 0, 255).astype(np.uint8), self._clock.now_ns(), age_proof=AgeProof.OWN_CLOCK)
 
     def close(self) -> None:
         pass

@@ -12,7 +12,15 @@ from dataclasses import dataclass, field
 
 from gateway.clock import Clock
 from gateway.config import BayConfig, RangerConfig
-from gateway.core.readings import FRESH_FRAME, QUALITY_MEANING, RANGE_FINE, Quality, RangeReading
+from gateway.core.readings import (
+    AGE_PROOF_MEANING,
+    FRESH_FRAME,
+    QUALITY_MEANING,
+    RANGE_FINE,
+    AgeProof,
+    Quality,
+    RangeReading,
+)
 from gateway.doctor import settings
 from gateway.doctor.finding import Finding, Verdict
 from gateway.durations import NS_PER_MS, NS_PER_S
@@ -79,6 +87,7 @@ class CameraLook:
     fresh: int = 0  # frames that have proved to be new
     read: int = 0
     damaged: int = 0  # frames beside these that could not be decoded
+    age_proof: AgeProof = AgeProof.UNPROVEN  # of the newest frame
     radius_px: list[float] = field(default_factory=list)
     detector_s: list[float] = field(default_factory=list)  # processor time
     finite: bool = False
@@ -159,6 +168,7 @@ def read(
         look.arrived_ns.append(now_ns)
         look.read += 1
         look.damaged += frame.damaged
+        look.age_proof = frame.age_proof
         look.late_ns.append(max(0, now_ns - frame.t_capture_ns))
         if (passed := checks.passed(frame)) is not None:
             look.fresh += 1
@@ -183,9 +193,14 @@ def _judged(bay: BayConfig, look: CameraLook, tried: str) -> Iterator[Finding]:
     used = "" if used_px == look.delivered_px else f" ({used_px[0]} x {used_px[1]} px after crop and rotation)"
     result = (
         f"{width_px} x {height_px} px{used}, {rate_hz:.1f} frames/s, the first after {first_s:.1f} s, "
-        f"{late_ms:.0f} ms old when they arrive; {look.fresh} of {frames} proved to be new"
+        f"{late_ms:.0f} ms old when they arrive (by: {AGE_PROOF_MEANING[look.age_proof]}); "
+        f"{look.fresh} of {frames} proved to be new"
     )
     problem, remedy = frames_advice(look, bay.camera.fps)
+    if not problem and look.age_proof is AgeProof.UNPROVEN:
+        refused = "the bay stops" if bay.camera.refuses_unproven_age else "they are accepted"
+        problem = f"nothing proves that age: {refused} (camera.unproven_age)"
+        remedy = "the camera's RTSP address; else docs/vision-processes.md#what-every-frame-must-pass"
     verdict = Verdict.WARNING if problem else Verdict.OK
     yield Finding("camera", bay.name, verdict, tried, f"{result}; {problem}" if problem else result, remedy)
     for line in settings.of_picture(bay, *used_px):

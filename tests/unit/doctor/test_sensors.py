@@ -10,7 +10,7 @@ import pytest
 
 from gateway.clock import Clock, SystemClock
 from gateway.config import BayConfig
-from gateway.core.readings import Quality
+from gateway.core.readings import AgeProof, Quality
 from gateway.core.state import Moved, Reason
 from gateway.doctor import sensors
 from gateway.doctor.finding import Finding, Verdict
@@ -47,7 +47,9 @@ class Camera(Source):
         frozen: bool = False,
         frames: int = 10**9,
         damaged: int = 0,  # before each frame
+        age_proof: AgeProof = AgeProof.BUFFER_TIME,
     ) -> None:
+        self._age_proof = age_proof
         self._period_s, self._late_ns, self._frozen = period_s, round(late_ms * NS_PER_MS), frozen
         self._left, self._damaged = frames, damaged
         self._noise = np.random.default_rng(1)
@@ -64,7 +66,7 @@ class Camera(Source):
         self._clock.block(self._period_s)
         noise = np.random.default_rng(1) if self._frozen else self._noise
         image = noise.integers(90, 110, (120, 160, 3), dtype=np.uint8)
-        return Frame(image, self._clock.now_ns() - self._late_ns, damaged=self._damaged)
+        return Frame(image, self._clock.now_ns() - self._late_ns, damaged=self._damaged, age_proof=self._age_proof)
 
     def close(self) -> None:
         self._left = 0
@@ -118,6 +120,7 @@ def test_a_camera_that_is_well(monkeypatch: pytest.MonkeyPatch) -> None:
         (Camera(frozen=True), {}, WARNING, "0 of ", "repeats one picture"),
         (Camera(0.1), {"fps": 30}, WARNING, "camera.fps asks for 30", "shorter exposure"),
         (Camera(late_ms=300), {}, WARNING, "late", "less delay"),
+        (Camera(age_proof=AgeProof.UNPROVEN), {}, WARNING, "(by: not proven)", "RTSP address"),
         (Camera(damaged=1), {}, WARNING, " frames damaged", "cable and connectors"),
     ],
 )
