@@ -12,7 +12,7 @@ import pytest
 
 from gateway.clock import SystemClock
 from gateway.config import CameraConfig
-from gateway.core.readings import Quality
+from gateway.core.readings import AgeProof, Quality
 from gateway.errors import ConfigError, LinkError
 from gateway.vision.source.gst_source import BUFFER, CAPS, Packet, packet, size_px
 from gateway.vision.source.specs import source_spec
@@ -40,6 +40,7 @@ def test_frames_have_the_pipelines_size_and_times_and_its_end_is_a_lost_camera(t
     times_ns = [frame.t_capture_ns for frame in frames]
     assert times_ns == sorted(set(times_ns))
     assert times_ns[-1] <= clock.now_ns()
+    assert frames[-1].age_proof is AgeProof.PRESENTATION_TIME
 
 
 def test_what_is_wrong_with_the_pipeline_is_said_in_gstreamers_words(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.durations import NS_PER_S
 from gateway.errors import LinkError
 
 LIBRARY = "libaravis-0.8.so.0"
@@ -24,6 +25,11 @@ FIXED = 0  # ArvGvStreamSocketBuffer
 OFF, CONTINUOUS = 0, 2  # ArvAuto; 0 is also ARV_ACQUISITION_MODE_CONTINUOUS
 SUCCESS, MISSING_PACKETS = 0, 3  # ArvBufferStatus
 STATUS = MappingProxyType({2: "did not end in time", MISSING_PACKETS: "packets were lost", 5: "of another size"})
+CLOCKS = (
+    ("TimestampLatch", "TimestampLatchValue", ""),
+    ("GevTimestampControlLatch", "GevTimestampValue", "GevTimestampTickFrequency"),
+)
+"""Command, value and, where that is not ns, ticks a second; GenICam's names, and those of GigE Vision 1."""
 _INT, _DOUBLE = POINTER(c_int), POINTER(c_double)
 # fmt: off
 _PLAIN: dict[str, tuple[Any, ...]] = {  # name: result, arguments
@@ -131,6 +137,16 @@ class AravisCamera:
 
     def has(self, feature: str) -> bool:
         return bool(self.ask("is_feature_available", feature.encode()))
+
+    def clock_ns(self) -> int | None:
+        """The camera's clock, now; None: it can't be read."""
+        for latch, value, rate in CLOCKS:
+            with suppress(LinkError):
+                if self.has(latch) and self.has(value):
+                    self.ask("execute_command", latch.encode())
+                    ticks: int = self.ask("get_integer", value.encode())
+                    return ticks * NS_PER_S // self.ask("get_integer", rate.encode()) if rate else ticks
+        return None
 
     def set_region(self, x_px: int, y_px: int, width_px: int | None, height_px: int | None) -> None:
         """Without a size it stays what it is."""

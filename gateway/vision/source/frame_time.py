@@ -14,6 +14,7 @@ from gateway.durations import NS_PER_MS, NS_PER_S
 SAME_CLOCK_NS = 10 * NS_PER_S  # a buffer's stamp that lies so near before its arrival is of CLOCK_MONOTONIC
 CLOCK_SET_NS = NS_PER_S  # arriving so much earlier than ever before: its clock was set, or its film began again
 DRIFT_WINDOW_NS = 20 * NS_PER_S
+LATCH_NS = 10 * NS_PER_S  # between two looks at a camera's clock: 50 ppm are 0.5 ms
 MOST_DRIFT = 500e-6  # between two clocks; what grows faster is a backlog
 SETTLED_NS = NS_PER_S  # from the opening on: for this time no frame has been faster than those before it,
 FASTER_NS = 20 * NS_PER_MS  # by more than this. A backlog that waited for the opening has been sent by then
@@ -99,6 +100,48 @@ class PresentationTime:
     def _begin_window(self, arrival_ns: int, least_before_ns: float) -> None:
         self._window_end_ns = arrival_ns + DRIFT_WINDOW_NS
         self._least_ns, self._least_before_ns = math.inf, least_before_ns
+
+
+class LatchedTime:
+    """Stamps of a camera's clock that can be read, so that a delay is seen which is there from the opening on.
+
+    `latch` returns that clock, ns, or None where it can't be read; what it returns was true at some moment of the call.
+    The narrowest of three calls counts, every 10 s anew. A frame is as old as this or `PresentationTime` says,
+    whichever is more. Without such a clock, and for a stamp that does not fit it, the latter alone.
+    """
+
+    def __init__(self, latch: Callable[[], int | None], now_ns: Callable[[], int]) -> None:
+        self._latch = latch
+        self._now_ns = now_ns
+        self._by_arrival = PresentationTime()
+        self._shift_ns: int | None = None  # from the camera's clock to ours
+        self._due_ns: int | None = None
+        self.proof = AgeProof.UNPROVEN
+
+    def taken_ns(self, arrival_ns: int, stamp_ms: float) -> int:
+        if self._due_ns is None or arrival_ns >= self._due_ns:
+            self._due_ns = arrival_ns + LATCH_NS
+            self._shift_ns = self._read()
+        latest_ns = self._by_arrival.taken_ns(arrival_ns, stamp_ms)
+        self.proof = self._by_arrival.proof
+        if self._shift_ns is None or not math.isfinite(stamp_ms):
+            return latest_ns
+        taken_ns = round(stamp_ms * NS_PER_MS) + self._shift_ns
+        if not -FASTER_NS <= arrival_ns - taken_ns <= SAME_CLOCK_NS:
+            return latest_ns
+        self.proof = AgeProof.DEVICE_TIME
+        return min(taken_ns, latest_ns)
+
+    def _read(self) -> int | None:
+        found: list[tuple[int, int]] = []
+        for _ in range(3):
+            before_ns = self._now_ns()
+            value_ns = self._latch()
+            after_ns = self._now_ns()
+            if value_ns is None:
+                return None
+            found.append((after_ns - before_ns, (before_ns + after_ns) // 2 - value_ns))
+        return min(found)[1]
 
 
 class BufferTime:

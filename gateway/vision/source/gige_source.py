@@ -20,7 +20,7 @@ from gateway.vision.source import v4l2_device as v4l2
 from gateway.vision.source.aravis import CONTINUOUS, OFF, AravisCamera, Buffer
 from gateway.vision.source.capture import LiveSource
 from gateway.vision.source.contract import Frame
-from gateway.vision.source.frame_time import PresentationTime
+from gateway.vision.source.frame_time import LatchedTime
 from gateway.vision.source.gige import COLOURS, GigeSpec, SampleFormat, sample_format
 from gateway.vision.source.raw_format import RawFormat
 from gateway.vision.source.v4l2_controls import CameraControls
@@ -146,7 +146,7 @@ class GigeSource(LiveSource):
     """`camera`: set and started. A picture whose packets were lost is skipped and counted."""
 
     def __init__(self, camera: AravisCamera, spec: GigeSpec, clock: Clock, controls: CameraControls) -> None:
-        super().__init__(spec, clock, PresentationTime())
+        super().__init__(spec, clock, LatchedTime(camera.clock_ns, clock.now_ns))
         self._spec = spec
         self._camera = camera
         self._controls = controls
@@ -176,7 +176,9 @@ class GigeSource(LiveSource):
         if buffer is None:
             raise LinkError(f"{self._label}: it has sent no picture for {self._spec.late_s:g} s")
         t_capture_ns = self._taken_ns(self._clock.now_ns(), buffer.stamp_ns / NS_PER_MS)
-        return Frame(picture(buffer, self._pixel_format, self._spec.raw), t_capture_ns)
+        return Frame(
+            picture(buffer, self._pixel_format, self._spec.raw), t_capture_ns, age_proof=self._frame_time.proof
+        )
 
     def exposure_controls(self, rules: ExposureRules) -> V4l2Exposure | None:
         device = GigeControls(self._camera)

@@ -93,7 +93,8 @@ class GstSource(LiveSource):
         if not found.payload or len(found.payload) != pitch * height:
             raise ValueError(f"{len(found.payload)} bytes are no {width} x {height} px")
         rows = np.frombuffer(found.payload, np.uint8).reshape(height, pitch)[:, : 3 * width]
-        return Frame(np.ascontiguousarray(rows).reshape(height, width, 3), t_capture_ns)
+        pixels = np.ascontiguousarray(rows).reshape(height, width, 3)
+        return Frame(pixels, t_capture_ns, age_proof=self._frame_time.proof)
 
     def _listen(self) -> None:
         """To the child's errors, the newest of which is kept: a full pipe would stop it."""

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import pytest
 
 from gateway.core.readings import AgeProof
-from gateway.vision.source.frame_time import ArrivalTime, BufferTime, PresentationTime
+from gateway.vision.source.frame_time import ArrivalTime, BufferTime, LatchedTime, PresentationTime
 
 MS = 1_000_000
 S = 1000 * MS
@@ -162,3 +162,46 @@ def test_a_buffer_proves_its_age_and_a_driver_without_stamps_does_not() -> None:
     found = [(time.taken_ns(arrival, stamp), time.proof)[1] for arrival, stamp in stamps]
     assert found == [AgeProof.BUFFER_TIME] + [AgeProof.UNPROVEN] * 100
     assert ArrivalTime.proof is AgeProof.UNPROVEN
+
+
+class CameraClock:
+    """250 s ahead of ours. A call takes 2 ms; the second one 40 ms, of which 39 are on the way back."""
+
+    def __init__(self) -> None:
+        self.now_ns = 10 * S
+        self.calls = 0
+        self.readable = True
+
+    def now(self) -> int:
+        return self.now_ns
+
+    def latch(self) -> int | None:
+        self.calls += 1
+        self.now_ns += 1 * MS
+        value_ns = self.now_ns + 250 * S
+        self.now_ns += 39 * MS if self.calls == 2 else 1 * MS
+        return value_ns if self.readable else None
+
+
+def test_a_delay_from_the_opening_on_is_seen_where_the_cameras_clock_can_be_read() -> None:
+    camera = CameraClock()
+    stamps = LatchedTime(camera.latch, camera.now)
+    for n in range(30):
+        arrival_ns = 20 * S + n * S
+        camera.now_ns = arrival_ns
+        taken_ns = arrival_ns - (80 + 5 * (n % 2)) * MS
+        assert stamps.taken_ns(arrival_ns, (taken_ns + 250 * S) / MS) == pytest.approx(taken_ns, abs=1000)
+        assert stamps.proof is AgeProof.DEVICE_TIME
+    assert camera.calls == 9  # three at the first frame, and every 10 s
+
+
+def test_a_clock_that_cant_be_read_or_is_not_that_of_the_stamps_changes_nothing() -> None:
+    for readable, ahead_s in ((False, 250), (True, 3), (True, 300)):
+        camera = CameraClock()
+        camera.readable = readable
+        stamps, plain = LatchedTime(camera.latch, camera.now), PresentationTime()
+        for n in range(40):
+            arrival_ns = 20 * S + 100 * MS * n
+            stamp_ms = (arrival_ns + ahead_s * S - 7 * (n % 3) * MS) / MS
+            assert stamps.taken_ns(arrival_ns, stamp_ms) == plain.taken_ns(arrival_ns, stamp_ms)
+            assert stamps.proof is plain.proof
