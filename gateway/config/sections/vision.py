@@ -204,7 +204,8 @@ class CameraConfig(Section):
     unproven_age: Literal["refuse", "accept"] | None = Field(
         None,
         description="frames of which nothing proves how old they are; refuse: stop is on, as with stale ones; "
-        "accept: they count from their arrival, with a warning; default: refuse for rtsp:// and http://, else accept",
+        "accept: they count from their arrival, with a warning; default: refuse for rtsp://, http://, gige://, usb3:// "
+        "and gst://, else accept",
     )
     exposure: Literal["camera", "marker"] = Field(
         "camera",
@@ -241,7 +242,9 @@ class CameraConfig(Section):
 
     @property
     def refuses_unproven_age(self) -> bool:
-        return self.unproven_age == "refuse" or (self.unproven_age is None and self.streams)
+        scheme = self.url.strip().partition("://")[0].lower()
+        by_default = self.streams or scheme in ("gige", "usb3", "gst")
+        return self.unproven_age == "refuse" or (self.unproven_age is None and by_default)
 
     @property
     def picture_px(self) -> tuple[int | None, int | None]:

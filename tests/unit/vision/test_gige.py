@@ -83,6 +83,7 @@ def test_the_url_and_its_section() -> None:
     spec = source_spec(config)
     assert spec == GigeSpec("gige", "10.0.0.7", "BayerRG10Packed")
     assert (spec.label, spec.needs) == ("gige://10.0.0.7", Needs.DEVICE)
+    assert config.refuses_unproven_age
 
 
 @pytest.mark.parametrize(
