@@ -4,9 +4,9 @@ A real sensor has noise: no part of two frames of it is equal to the last bit. W
 moment. The picture is compared in tiles, for a clock that is burnt into a dead picture continues: a place in it (the
 marker, or all of it) is as new as the moment since which at least half of its tiles have changed.
 
-It is compared with the one of the frames before that has the most tiles in common with it, not only with the last: an
-encoder that varies its quality, and a film in a loop, show other pictures in between. Tiles that are equal to those of
-different frames do not count together: a few values of each tile come again by chance in a compressed live picture.
+It is compared with the last frame and with that earlier one that has the most tiles in common with it: an encoder that
+varies its quality, and a film in a loop, show other pictures in between. Tiles that are equal to those of different
+frames do not count together: a few values of each tile come again by chance in a compressed live picture.
 """
 
 from enum import Enum, auto
@@ -33,7 +33,7 @@ Changes = NDArray[np.int64]
 
 class Freshness(Enum):
     LIVE = auto()
-    UNPROVEN = auto()  # nothing has changed since the source was opened: not to be shown yet
+    UNPROVEN = auto()  # too few frames were new since the source was opened: not to be shown yet
     FROZEN = auto()
 
 
@@ -55,12 +55,14 @@ class FrozenFrameDetector:
         sample = _sampled(image)
         tiles = _hashed(sample)
         same = np.equal(self._seen[:, : self._frames], tiles.reshape(-1, 1))
+        last = (self._frames - 1) % MEMORY
         self._seen[:, self._frames % MEMORY] = tiles.ravel()
         self._frames += 1
         if self._frames == 1:
             self.changed_ns = np.full(TILES, t_ns, np.int64)
             return Freshness.UNPROVEN
-        changed = ~same[:, same.sum(axis=0, dtype=np.uint8).argmax()].reshape(TILES)
+        likest = same.sum(axis=0, dtype=np.uint8).argmax()
+        changed = ~(same[:, likest] | same[:, last]).reshape(TILES)
         if 2 * np.count_nonzero(changed) < changed.size:
             changed = _with_flat(changed, sample, image.shape[1])
         self.changed_ns = np.where(changed, t_ns, self.changed_ns)

@@ -174,6 +174,21 @@ def test_a_dead_picture_is_found_though_it_never_equals_the_one_before(kind: str
     assert looks[-1] is Freshness.FROZEN
 
 
+def test_what_equals_the_last_frame_is_old_though_another_frame_has_more_in_common() -> None:
+    """The upper part shows three pictures in turn, the lower each of its pictures twice."""
+    camera = Camera()
+    detector = watched(camera, frames=6)
+    upper, lower = [camera.frame()[0][:70] for _ in range(3)], camera.first[70:]
+    for n in range(30):
+        image, t_ns = camera.frame()
+        image[:70] = upper[n % 3]
+        if n % 2:
+            image[70:] = lower
+        lower = image[70:]
+        detector.judge(image, t_ns)
+        assert set(detector.changed_ns[7:].flat) == {t_ns - n % 2 * S // 25}
+
+
 def test_a_dead_picture_that_is_encoded_anew_is_not_believed_when_the_source_is_opened_again() -> None:
     camera, detector = Camera(4.0), FrozenFrameDetector(2.0)
     pictures = dead_pictures("encoded anew", camera)
