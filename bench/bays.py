@@ -55,7 +55,8 @@ port = {hmi_port}
 width_px = 640
 height_px = 480
 fps = {fps}
-frozen_s = 0  # the stand-ins show a film in a loop
+frozen_s = 0  # the stand-ins show a film in a loop,
+unproven_age = "accept"  # by HTTP
 """
 BAY = """
 [[bays]]

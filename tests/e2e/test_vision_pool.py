@@ -549,7 +549,7 @@ def test_an_http_stream_that_freezes_breaks_off_and_refuses(mjpeg: MjpegServer) 
 
     async def story() -> None:
         url = f"http://joe:secret@127.0.0.1:{port}/mjpg?password=secret"
-        async with Bay(url, detector=None, deadline_s=2.0, frozen_s=1.5) as bay:
+        async with Bay(url, detector=None, deadline_s=2.0, frozen_s=1.5, unproven_age="accept") as bay:
             good = await bay.quality(Quality.GOOD)
             circle = bay.readings[good].circle
             assert circle is not None
@@ -598,7 +598,7 @@ def test_a_picture_of_another_size_is_a_lost_camera_until_it_has_its_size_again(
     camera = f"http://127.0.0.1:{mjpeg.server_address[1]}/mjpg"
 
     async def story() -> None:
-        async with Bay(camera, detector=None, deadline_s=0.5) as bay:
+        async with Bay(camera, detector=None, deadline_s=0.5, unproven_age="accept") as bay:
             good = await bay.quality(Quality.GOOD)
             mjpeg.frozen.set()  # within one connection FFmpeg scales every picture to the size of the first
             silent = await bay.quality(Quality.LINK_DOWN, after=good)
@@ -616,7 +616,7 @@ def test_a_picture_of_another_size_is_a_lost_camera_until_it_has_its_size_again(
             assert circle is not None
             assert circle.radius_px == pytest.approx(50, abs=2)
 
-        async with Bay(camera, detector=None, width_px=640, height_px=480) as bay:
+        async with Bay(camera, detector=None, width_px=640, height_px=480, unproven_age="accept") as bay:
             down = await bay.quality(Quality.LINK_DOWN)
             assert bay.readings[down].detail == (
                 f"{camera}: its frames are 320 x 240 px; camera.width_px and height_px require 640 x 480 px"
