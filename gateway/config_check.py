@@ -39,6 +39,8 @@ def check(config: GatewayConfig, *, source: str, text: str) -> None:
         look(("bays", n, "camera", "url"), partial(source_spec, bay.camera))
         look(("bays", n, "camera", "exposure"), partial(check_exposure, bay.camera))
         look(("bays", n, "ranger", "port"), partial(check_port, bay.ranger))
+        for m, ranger in enumerate(bay.ranger.more):
+            look(("bays", n, "ranger", "more", m, "port"), partial(check_port, ranger))
         look(("bays", n, "vision", "proposals"), partial(detection_methods.method(bay.vision.method).check, bay.vision))
         for place, what in _beyond_range(n, bay, config):
             faults.append(located(place, what, source=source, text=text, shared=SHARED_SECTIONS))
@@ -100,14 +102,17 @@ def _shared(config: GatewayConfig) -> Iterator[tuple[tuple[str | int, ...], str]
     """What two bays or two servers would have to share: place and fault. A bay on another one's sensor would report
     the wrong truck."""
     for key, devices in (
-        ("camera.url", [str(bay.camera.url) for bay in config.bays]),
-        ("ranger.port", [bay.ranger.port for bay in config.bays]),
+        ("camera.url", [(n, str(bay.camera.url)) for n, bay in enumerate(config.bays)]),
+        ("ranger.port", [(n, one.port) for n, bay in enumerate(config.bays) for one in bay.ranger.sensors]),
     ):
-        places = [device_at(device) for device in devices]
-        for n, device in enumerate(devices):
-            if (first := places.index(places[n])) != n:
-                owner = config.bays[first].name
-                yield ("bays", n, "name"), f"its {key}, {device}, is that of bay {owner!r}, too: each bay needs its own"
+        places = [device_at(device) for _, device in devices]
+        for index, (n, device) in enumerate(devices):
+            if (first := places.index(places[index])) != index:
+                owner = config.bays[devices[first][0]].name
+                what = f"is that of bay {owner!r}, too: each bay needs its own"
+                if owner == config.bays[n].name:
+                    what = "is that of two of its rangers: each needs its own"
+                yield ("bays", n, "name"), f"its {key}, {device}, {what}"
     modbus, tls_port = config.modbus, None if config.modbus.tls is None else config.modbus.tls.port
     if config.hmi.enabled and config.hmi.port:
         if modbus.plain and config.hmi.port == modbus.port:

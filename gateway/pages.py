@@ -74,7 +74,7 @@ def build_pages(
             partial(in_force.of, bay.name),
             partial(_signed_keys, in_force, bay.name),
             lambda: [user.name for user in in_force.config.hmi.users if user.role == "technician"],
-            sensors.rangers[bay.name].released,
+            sensors.rangers[bay.name][0].released,
         )
         for bay in config.bays
     }
@@ -83,7 +83,7 @@ def build_pages(
             bays.controls[bay.name],
             bays.units[bay.unit_id].read,
             sensors.visions[bay.name],
-            sensors.rangers[bay.name],
+            sensors.rangers[bay.name][0],
             releases[bay.name],
             partial(outputs.files.untried, bay.name),
         )

@@ -12,13 +12,14 @@ from gateway.alarms.records import AlarmChange
 from gateway.bay import BayControl
 from gateway.bay_file import BayFiles
 from gateway.clock import SystemClock
-from gateway.config import GatewayConfig
+from gateway.config import BayConfig, GatewayConfig
 from gateway.core.readings import RangeReading, VisionReading
 from gateway.hub import Hub
 from gateway.modbus.protocol.answers import Unit
 from gateway.modbus.registers.bay_unit import unit_of
 from gateway.processes.template import ProcessTemplate
 from gateway.ranger.ranger_service import RangerService
+from gateway.ranger.vote import Voter
 from gateway.records.recorder_service import RecorderService
 from gateway.reload import InForce
 from gateway.shared_state import SharedStateWriter
@@ -40,7 +41,7 @@ class Ports:
     """The sources of each bay's frames and distances, by bay name."""
 
     camera: Mapping[str, SourceSpec]
-    ranger: Mapping[str, str]  # pyserial URLs
+    ranger: Mapping[str, Sequence[str]]  # pyserial URLs, of each of its rangers
 
     @staticmethod
     def of(config: GatewayConfig) -> "Ports":
@@ -49,7 +50,7 @@ class Ports:
             check_exposure(bay.camera)
         return Ports(
             camera={bay.name: source_spec(bay.camera) for bay in config.bays},
-            ranger={bay.name: bay.ranger.port for bay in config.bays},
+            ranger={bay.name: [one.port for one in bay.ranger.sensors] for bay in config.bays},
         )
 
 
@@ -72,7 +73,7 @@ class Sensors:
     frames: dict[str, RingSpec]
     template: ProcessTemplate
     visions: Mapping[str, VisionService]
-    rangers: Mapping[str, RangerService]
+    rangers: Mapping[str, Sequence[RangerService]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,10 +117,29 @@ def build_sensors(shared: Shared, ports: Ports) -> Sensors:
         for bay in config.bays
     }
     rangers = {
-        bay.name: RangerService(bay.ranger, clock, partial(hub.offer, bay.name), port=ports.ranger[bay.name])
-        for bay in config.bays
+        bay.name: build_rangers(bay, clock, partial(hub.offer, bay.name), ports.ranger[bay.name]) for bay in config.bays
     }
     return Sensors(frames, template, visions, rangers)
+
+
+def build_rangers(
+    bay: BayConfig, clock: SystemClock, emit: Callable[[RangeReading], None], ports: Sequence[str]
+) -> list[RangerService]:
+    """Of several, `emit` gets what they agree on."""
+    takes = [emit]
+    if len(bay.ranger.sensors) > 1:
+        voter = Voter(bay, clock.now_ns())
+        takes = [partial(_vote, voter, clock, emit, n) for n in range(len(ports))]
+    return [
+        RangerService(sensor, clock, take, port=port)
+        for sensor, take, port in zip(bay.ranger.sensors, takes, ports, strict=True)
+    ]
+
+
+def _vote(
+    voter: Voter, clock: SystemClock, emit: Callable[[RangeReading], None], n: int, reading: RangeReading
+) -> None:
+    emit(voter.take(n, reading, clock.now_ns()))
 
 
 def build_outputs(shared: Shared, sensors: Sensors, in_force: InForce) -> BayOutputs:
@@ -167,7 +187,10 @@ def build_bays(shared: Shared, sensors: Sensors, outputs: BayOutputs, ticked: Ca
         tasks += [
             Task(f"{bay.name}.control", control.run, vital=True),
             Task(f"{bay.name}.vision", vision.run, bay.camera.reconnect),
-            Task(f"{bay.name}.ranger", sensors.rangers[bay.name].run, bay.ranger.reconnect),
+            *(
+                Task(f"{bay.name}.ranger{n if n > 1 else ''}", ranger.run, sensor.reconnect)
+                for n, (sensor, ranger) in enumerate(zip(bay.ranger.sensors, sensors.rangers[bay.name], strict=True), 1)
+            ),
         ]
     units = {bay.unit_id: unit_of(controls[bay.name], config, shared.clock) for bay in config.bays}
     return BayTasks(controls, units, tasks)

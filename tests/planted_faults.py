@@ -121,7 +121,7 @@ def _doubt_is_no_cause(_: Callable[..., bool]) -> Callable[..., bool]:
 PLANTED: Mapping[str, Planted] = {
     each.what: each
     for each in (
-        Planted("an old distance counts", fusion, "_aged_range", _first),
+        Planted("an old distance counts", fusion, "aged_range", _first),
         Planted("an old picture counts", fusion, "_aged_vision", _first),
         Planted("stop ends without clear_hold_s", fusion, "_no_cause_for_long", _constant(True)),
         Planted("a contradiction is no cause", agreement, "_contradicted", _first),

@@ -164,6 +164,8 @@ MODES: Mapping[str, tuple[FailureMode, ...]] = {
         FailureMode("R14", "another baud rate, or not a ranger at all", "random bytes are taken for distances",
                     "no line is whole; the log names the baud rate", None, stop(Reason.RANGE_STALE), None,
                     "ranger_stale"),
+        _stops("R15", "one of two rangers is wrong, or two of three", "a wrong distance",
+               "too few agree within `ranger.agree_mm`", 1300, Reason.RANGERS_DISAGREE, "ranger_unstable"),
     ),
     "Truck": (
         FailureMode("T1", "rolls while in place, marker seen or covered", "the spout is torn, material is spilled",

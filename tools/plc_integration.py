@@ -32,6 +32,7 @@ REMEDY: dict[Reason, str] = {
     Reason.RANGER_STUCK: "wire of ECHO, 5 V at the sensor; then replace the sensor",
     Reason.RANGE_UNSTABLE: "something moves in the cone; fasten the sensor; look for a second ultrasonic source",
     Reason.RANGER_VERSION: "flash the firmware that came with this gateway; firmware.md",
+    Reason.RANGERS_DISAGREE: "one of the bay's rangers sees something else, or is loose; sensors.md",
     Reason.SENSORS_DISAGREE: "an obstacle in front of one of them, or another marker, lens or camera; visit.md",
     Reason.GATEWAY_FAULT: "restart the gateway; keep its log",
     Reason.SHUTDOWN: "the gateway was stopped; start it again",

@@ -9,7 +9,15 @@ from collections.abc import Callable
 from gateway.alarms.definition import MINUTE_S, AlarmDefinition, BayInputs, Priority, Suppression
 from gateway.core import details
 from gateway.core.ne107 import degraded
-from gateway.core.readings import DEAD, EXPOSURE_MEANING, FRESH_FRAME, UNCONTROLLED, PictureFault, Quality
+from gateway.core.readings import (
+    BEYOND_RANGE,
+    DEAD,
+    EXPOSURE_MEANING,
+    FRESH_FRAME,
+    UNCONTROLLED,
+    PictureFault,
+    Quality,
+)
 from gateway.core.state import MOVED_MEANING, FunctionCheck, Moved, Reason
 
 ECHO_DUE_SHARE = 0.625  # of the ranger's range: a truck whose marker looks nearer must give an echo
@@ -39,7 +47,7 @@ def expected_mm(inputs: BayInputs) -> float | None:
 
 
 def _no_echo(inputs: BayInputs) -> bool:
-    if inputs.state.range.quality not in (Quality.NO_ECHO, Quality.TOO_FAR):
+    if inputs.state.range.quality not in BEYOND_RANGE:
         return False
     far_mm, max_range_mm = expected_mm(inputs), inputs.config.ranger.max_range_mm
     due_mm = ECHO_DUE_MM if max_range_mm is None else ECHO_DUE_SHARE * max_range_mm

@@ -97,7 +97,8 @@ def main(args: argparse.Namespace) -> int:
         print(f"  pages on {hmi.host}:{hmi.port}, {'with' if hmi.tls else 'without'} TLS, {_access(hmi)}")
     for bay in settings.bays:
         camera = without_password(bay.camera.url)
-        print(f"  bay {bay.name}: unit id {bay.unit_id}, camera {camera}, ranger {bay.ranger.port}")
+        rangers = ", ".join(f"ranger {sensor.port}" for sensor in bay.ranger.sensors)
+        print(f"  bay {bay.name}: unit id {bay.unit_id}, camera {camera}, {rangers}")
         if idle := registry.method(bay.vision.method).without_effect(bay.vision):
             print(f'  bay {bay.name}: no effect with vision.method = "{bay.vision.method}": {", ".join(idle)}')
     return 0

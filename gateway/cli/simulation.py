@@ -10,6 +10,7 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import AsyncExitStack
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -246,8 +247,9 @@ class _Simulation:
     async def run(self) -> int:
         self._loop = asyncio.get_running_loop()
         async with AsyncExitStack() as stack:
-            rangers = {bay.name: self._ranger(bay) for bay in self._bays}
-            for ranger in rangers.values():
+            sensors = {bay.name: bay.ranger.sensors for bay in self._settings.bays}
+            rangers = {bay.name: [self._ranger(bay, n) for n, _ in enumerate(sensors[bay.name])] for bay in self._bays}
+            for ranger in chain(*rangers.values()):
                 await stack.enter_async_context(ranger)
             fixed = {bay.name: settings_of(bay.camera.controls) for bay in self._settings.bays}
             ports = Ports(
@@ -261,11 +263,15 @@ class _Simulation:
                     )
                     for bay in self._bays
                 },
-                ranger={name: ranger.port for name, ranger in rangers.items()},
+                ranger={name: [ranger.port for ranger in several] for name, several in rangers.items()},
             )
 
             def extra_tasks(hub: Hub) -> Sequence[Task]:
-                far_ends = [Task(f"{name}.simulated-ranger", ranger.run) for name, ranger in rangers.items()]
+                far_ends = [
+                    Task(f"{name}.simulated-ranger{n if n > 1 else ''}", ranger.run)
+                    for name, several in rangers.items()
+                    for n, ranger in enumerate(several, 1)
+                ]
                 return [*far_ends, *self._watchers(hub)]
 
             await run_loop.serve(
@@ -293,12 +299,13 @@ class _Simulation:
         with contextlib.suppress(RuntimeError):  # the loop has ended meanwhile
             self._loop.call_soon_threadsafe(self._stop.set)
 
-    def _ranger(self, bay: Bay) -> SimulatedRanger | EmulatedRanger:
+    def _ranger(self, bay: Bay, n: int) -> SimulatedRanger | EmulatedRanger:
         options = options_of(bay.scenario, bay.world, bay.origin_ns)
         if self._args.ranger == "simulated":
             return SimulatedRanger(clock=self._clock, **options)
         log = self._args.ranger_log
         log = log.with_name(f"{log.name}.{bay.name}") if log and len(self._bays) > 1 else log
+        log = log.with_name(f"{log.name}.{n + 1}") if log and n else log
         return EmulatedRanger(clock=self._clock, log=log, **options)
 
     def _watchers(self, hub: Hub) -> list[Task]:

@@ -24,7 +24,7 @@ from gateway.config.sections.fusion import (
 from gateway.config.sections.hmi import HmiConfig, HmiUser
 from gateway.config.sections.modbus import HandshakeConfig, ModbusConfig, TlsConfig
 from gateway.config.sections.mqtt import MqttConfig, MqttTls, SparkplugConfig
-from gateway.config.sections.ranger import RangerConfig, with_own_sections
+from gateway.config.sections.ranger import BayRangerConfig, RangerConfig, with_own_sections
 from gateway.config.sections.records import RecordsConfig
 from gateway.config.sections.vision import CameraConfig, CropConfig, GigeConfig, Intrinsics, PictureConfig, VisionConfig
 from gateway.config.strict import forms
@@ -35,6 +35,7 @@ from gateway.config.strict.toml_file import merge, read_toml
 __all__ = [
     "SHARED_SECTIONS",
     "BayConfig",
+    "BayRangerConfig",
     "CameraConfig",
     "ControlsConfig",
     "CropConfig",
@@ -75,7 +76,7 @@ class BayConfig(Section):
     unit_id: int = Field(1, ge=1, le=247, description="Modbus unit id")
     camera: CameraConfig = Field(default_factory=CameraConfig)
     vision: VisionConfig = Field(default_factory=VisionConfig)
-    ranger: RangerConfig = Field(default_factory=RangerConfig)
+    ranger: BayRangerConfig = Field(default_factory=BayRangerConfig)
     fusion: FusionConfig = Field(default_factory=FusionConfig)
     guidance: GuidanceConfig = Field(default_factory=GuidanceConfig)
     visit: VisitConfig = Field(default_factory=VisitConfig)
@@ -88,6 +89,17 @@ class BayConfig(Section):
                 f"must be at least {least_mm:g} mm: Z_th, its hysteresis and visit.band_mm",
                 "visit",
                 "leave_distance_mm",
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _rangers_notice_what_moves(self) -> Self:
+        if self.ranger.more and self.ranger.agree_mm > self.visit.band_mm:
+            raise FieldError(
+                f"must be at most visit.band_mm, {self.visit.band_mm:g}: else a truck could leave its place by one of "
+                "them and stand by another",
+                "ranger",
+                "agree_mm",
             )
         return self
 

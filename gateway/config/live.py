@@ -150,7 +150,8 @@ def _named(value: Any) -> dict[str, BaseModel] | None:
     """The tables of a list of tables by what identifies them; None: it is no such list."""
     if not isinstance(value, tuple) or not all(isinstance(item, BaseModel) for item in value):
         return None
-    return {str(getattr(item, "id", None) or getattr(item, "name", "")): item for item in value}
+    identities = ("id", "name", "port")
+    return {str(next((getattr(item, key) for key in identities if hasattr(item, key)), "")): item for item in value}
 
 
 def _shown(value: Any) -> str:

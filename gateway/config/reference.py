@@ -22,7 +22,7 @@ def key_table(model: type[BaseModel]) -> list[str]:
     rows = [
         f"| `{name}` | {_default(info)} | {_allowed(info)} | {info.description or ''} |"
         for name, info in model.model_fields.items()
-        if inner_model(info.annotation) is None
+        if (below := inner_model(info.annotation)) is None or issubclass(model, below)
     ]
     return ["| key | default | allowed | meaning |", "|---|---|---|---|", *rows]
 
@@ -45,7 +45,7 @@ def _nested(title: str, model: type[BaseModel]) -> Iterator[tuple[str, type[Base
     yield title, model
     for name, info in model.model_fields.items():
         below = inner_model(info.annotation)
-        if below is not None:
+        if below is not None and not issubclass(model, below):  # further ones of the same kind have the same keys
             path = f"{title.strip('[]')}.{name}"
             yield from _nested(f"[[{path}]]" if get_origin(info.annotation) is tuple else f"[{path}]", below)
 

@@ -24,7 +24,16 @@ from gateway.core import agreement, details
 from gateway.core.agreement import FAR_SHARE, in_range
 from gateway.core.detection import Circle
 from gateway.core.plc import PlcConnection, PlcWrite
-from gateway.core.readings import DEAD, FRESH_FRAME, VISION_FINE, AgeProof, Quality, RangeReading, VisionReading
+from gateway.core.readings import (
+    BEYOND_RANGE,
+    DEAD,
+    FRESH_FRAME,
+    VISION_FINE,
+    AgeProof,
+    Quality,
+    RangeReading,
+    VisionReading,
+)
 from gateway.core.scale import distance_of
 from gateway.core.state import (
     Failure,
@@ -87,11 +96,11 @@ def step(
         case VisionReading():
             vision = _newest_vision(vision, _checked_vision(observation, now_ns))
         case RangeReading():
-            rng = _newest_range(rng, _checked_range(observation, now_ns))
+            rng = newest_range(rng, checked_range(observation, now_ns))
         case Tick() | PlcWrite() | PlcConnection() | FunctionCheck():
             pass  # requests of people and of the PLC: core/interlock.py
     vision = _aged_vision(vision, now_ns, config)
-    rng = _aged_range(rng, now_ns, config)
+    rng = aged_range(rng, now_ns, config)
     memory, vision, rng = _recovering(state, vision, rng, now_ns, config)
     new = vision is not state.vision or rng is not state.range
     memory, z_vision_mm = agreement.checked(memory, vision, rng, now_ns, config, new=new)
@@ -136,7 +145,7 @@ def forced_stop(state: StateVector, reason: Reason, now_ns: int) -> StateVector:
         t_ns=now_ns,
         seq=state.seq + 1,
         vision=_without_circle(state.vision, not_good(state.vision.quality)),
-        range=replace(state.range, quality=not_good(state.range.quality), distance_mm=None, echo_mm=None),
+        range=replace(_without_distance(state.range, not_good(state.range.quality)), rangers=()),
         d=None,
         stop=True,
         may_move=False,
@@ -189,24 +198,30 @@ def _checked_vision(reading: VisionReading, now_ns: int) -> VisionReading:
     return replace(reading, x_n=None, y_n=None)
 
 
-def _checked_range(reading: RangeReading, now_ns: int) -> RangeReading:
+def checked_range(reading: RangeReading, now_ns: int) -> RangeReading:
+    """No stamp from the future, and no GOOD without a distance that can exist."""
     if reading.t_ns > now_ns:
         reading = replace(reading, t_ns=now_ns)
     z, echo_mm = reading.distance_mm, reading.echo_mm
     if echo_mm is not None and not (reading.quality is Quality.GOOD and in_range(echo_mm) and echo_mm > 0):
         reading = replace(reading, echo_mm=None)
     if reading.quality is not Quality.GOOD:
-        return replace(reading, distance_mm=None) if z is not None else reading
+        return _without_distance(reading, reading.quality) if z is not None else reading
     if z is not None and in_range(z) and z > 0:
         return reading
-    return replace(reading, quality=Quality.UNSTABLE, distance_mm=None, echo_mm=None, detail=details.NO_DISTANCE())
+    return replace(_without_distance(reading, Quality.UNSTABLE), detail=details.NO_DISTANCE())
+
+
+def _without_distance(reading: RangeReading, quality: Quality) -> RangeReading:
+    return replace(reading, quality=quality, distance_mm=None, echo_mm=None, farthest_mm=None)
 
 
 def _newest_vision(held: VisionReading, new: VisionReading) -> VisionReading:
     return new if new.t_ns >= held.t_ns else replace(held, stats=new.stats)
 
 
-def _newest_range(held: RangeReading, new: RangeReading) -> RangeReading:
+def newest_range(held: RangeReading, new: RangeReading) -> RangeReading:
+    """Of one ranger. An older reading counts only by its counters."""
     # A reopened port without data has not cleared the fault: it remains until a reading arrives.
     lifts_a_fault = new.quality is Quality.WAITING and held.quality not in (Quality.GOOD, Quality.WAITING)
     return new if new.t_ns >= held.t_ns and not lifts_a_fault else replace(held, stats=new.stats)
@@ -220,13 +235,14 @@ def _aged_vision(reading: VisionReading, now_ns: int, config: FusionConfig) -> V
     return reading
 
 
-def _aged_range(reading: RangeReading, now_ns: int, config: FusionConfig) -> RangeReading:
+def aged_range(reading: RangeReading, now_ns: int, config: FusionConfig) -> RangeReading:
+    """What is older than its deadline is STALE and has no value."""
     # A fault of a live sensor (no echo, too far) ages like a value: silence after it makes it stale.
     ages = reading.quality not in (Quality.LINK_DOWN, Quality.WRONG_VERSION, Quality.STALE)
     deadline_s = config.start_grace_s if reading.quality is Quality.WAITING else config.range_deadline_s
     if ages and now_ns - reading.t_ns > deadline_s * NS_PER_S:
         late = details.NO_READING(f"{deadline_s:g}")
-        return replace(reading, quality=Quality.STALE, distance_mm=None, echo_mm=None, detail=late)
+        return replace(_without_distance(reading, Quality.STALE), detail=late, rangers=())
     return reading
 
 
@@ -243,7 +259,7 @@ def _recovering(
     if of_vision.quality is not None and vision.quality in FRESH_FRAME:
         vision = replace(_without_circle(vision, of_vision.quality), detail=details.RECOVERING())
     if of_range.quality is not None and rng.quality not in DEAD and rng.quality is not Quality.WAITING:
-        rng = replace(rng, quality=of_range.quality, distance_mm=None, echo_mm=None, detail=details.RECOVERING())
+        rng = replace(_without_distance(rng, of_range.quality), detail=details.RECOVERING())
     return memory, vision, rng
 
 
@@ -331,7 +347,7 @@ def _arrives(
     if not config.arrive_by_camera or max_range_mm is None or memory.d or memory.disagree or vision.circle is None:
         return False
     radius_px = vision.circle.radius_px
-    beyond = rng.quality in (Quality.NO_ECHO, Quality.TOO_FAR)
+    beyond = rng.quality in BEYOND_RANGE
     small = 0 < radius_px <= FAR_SHARE * config.radius_threshold_px
     return beyond and small and _distance_mm(memory, radius_px, config) >= BEYOND_SHARE * max_range_mm
 
@@ -362,7 +378,8 @@ def _fault(vision: VisionReading, rng: RangeReading, memory: FusionMemory) -> Re
     elif vision.quality is not Quality.GOOD:
         reasons.append(VISION_REASON.get(vision.quality, Reason.VISION_FAULT))
     if rng.quality is not Quality.GOOD:
-        reasons.append(RANGE_REASON.get(rng.quality, Reason.RANGER_DOWN))
+        own = RANGE_REASON.get(rng.quality, Reason.RANGER_DOWN)
+        reasons.append(Reason.RANGERS_DISAGREE if rng.rangers_disagree else own)
     if memory.disagree:
         reasons.append(Reason.SENSORS_DISAGREE)
     return min(reasons, key=lambda reason: _REPAIR_FIRST.get(reason, 0), default=Reason.NONE)

@@ -6,7 +6,7 @@ maintenance required (M). Several may hold at once; the register names the one t
 
 from enum import IntEnum
 
-from gateway.core.readings import DEAD, Quality
+from gateway.core.readings import BEYOND_RANGE, DEAD, MEASURED, Quality
 from gateway.core.state import FunctionCheck, Reason, Sensed, StateVector
 
 MAINTENANCE_NS = 600 * 1_000_000_000  # after something was restarted by itself it is reported for this time
@@ -28,13 +28,12 @@ NE107_MEANING: dict[Ne107, str] = {
     Ne107.FUNCTION_CHECK: "C: not valid for the moment, on purpose: starting, shutting down, a technician at work",
     Ne107.OUT_OF_SPECIFICATION: "S: beyond what it can measure: out of the ranger's range, jumping distances, marker "
     "hidden, sensors contradict, age not proven",
-    Ne107.MAINTENANCE_REQUIRED: "M: valid, but the picture needs somebody (picture_status), something was restarted "
-    "within 10 min, or 1 line in 100 is damaged",
+    Ne107.MAINTENANCE_REQUIRED: "M: valid, but picture_status, a restart within 10 min, 1 damaged line in 100 or one "
+    "of several rangers needs somebody",
 }
 # A technician at work explains whatever else is seen; only a dead gateway is worse.
 ORDER = (Ne107.FAILURE, Ne107.FUNCTION_CHECK, Ne107.OUT_OF_SPECIFICATION, Ne107.MAINTENANCE_REQUIRED)
 
-_BEYOND_RANGE = frozenset({Quality.NO_ECHO, Quality.TOO_FAR})
 _OUT = frozenset({Quality.TOO_NEAR, Quality.UNSTABLE, Quality.COASTED})
 
 
@@ -43,7 +42,7 @@ def active(state: StateVector) -> frozenset[Ne107]:
     vision, rng = state.vision.quality, state.range.quality
     qualities = {vision, rng}
     # An ultrasonic ranger that hears nothing is right where no marker is in sight, or where the marker is far off.
-    beyond = rng in _BEYOND_RANGE and vision is not Quality.NO_TARGET and not state.may_move
+    beyond = rng in BEYOND_RANGE and vision is not Quality.NO_TARGET and not state.may_move
     holds = {
         Ne107.FAILURE: bool(qualities & DEAD) or state.plc.missed or state.reason is Reason.GATEWAY_FAULT,
         Ne107.FUNCTION_CHECK: state.function_check is not FunctionCheck.OFF
@@ -75,7 +74,9 @@ def restarts(state: Sensed) -> int:
 
 
 def degraded(state: StateVector) -> bool:
-    """Was something restarted lately, or do many damaged lines arrive?"""
+    """Was something restarted lately, do many damaged lines arrive, or does one of several rangers not agree?"""
+    if state.range.quality in MEASURED and not all(one.agrees for one in state.range.rangers):
+        return True
     since_ns = state.memory.restarted_ns
     if since_ns is not None and state.t_ns - since_ns < MAINTENANCE_NS:
         return True

@@ -30,6 +30,10 @@ VISION_FINE = FRESH_FRAME | {Quality.WAITING}
 """Of a camera's reading: no fault. Every other quality is one."""
 RANGE_FINE = frozenset({Quality.GOOD, Quality.WAITING})
 """Of a ranger's reading: no fault. Every other quality is one."""
+BEYOND_RANGE = frozenset({Quality.NO_ECHO, Quality.TOO_FAR})
+"""Of a ranger: it works, and nothing is within its range."""
+MEASURED = BEYOND_RANGE | {Quality.GOOD}
+"""Of a ranger: it says where the truck is, or is not."""
 DEAD = frozenset({Quality.STALE, Quality.LINK_DOWN, Quality.PROCESS_FAULT, Quality.STUCK, Quality.WRONG_VERSION})
 """Of either sensor: it is broken, or its link is. Every other quality but WAITING is that of a live sensor."""
 
@@ -201,6 +205,15 @@ class VisionReading:
 
 
 @dataclass(frozen=True, slots=True)
+class RangerVote:
+    """One of several rangers at a bay, at the time of their vote. `distance_mm` is set if and only if it is GOOD."""
+
+    quality: Quality
+    distance_mm: float | None = None
+    agrees: bool = False  # it is one of those that the result rests on
+
+
+@dataclass(frozen=True, slots=True)
 class RangeReading:
     """One observation from the ranger side. `distance_mm` is set if and only if quality is GOOD."""
 
@@ -212,3 +225,10 @@ class RangeReading:
     stats: RangeStats = field(default_factory=RangeStats)
     oldest_ns: int | None = None  # time of the oldest echo that counts in the distance; None: t_ns
     echo_mm: float | None = None  # the newest of these echoes by itself; None: the ranger does not report it
+    rangers: tuple[RangerVote, ...] = ()  # of a bay with several, each in the order of the configuration
+    farthest_mm: float | None = None  # what the farthest of two that agree has; None: it is distance_mm
+
+    @property
+    def rangers_disagree(self) -> bool:
+        """Enough of a bay's rangers are good, and too few of them agree."""
+        return self.quality is Quality.UNSTABLE and sum(one.quality in MEASURED for one in self.rangers) > 1

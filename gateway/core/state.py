@@ -40,6 +40,7 @@ class Reason(IntEnum):
     RANGER_STUCK = 25
     RANGE_UNSTABLE = 26
     RANGER_VERSION = 27
+    RANGERS_DISAGREE = 28
     SENSORS_DISAGREE = 30
     GATEWAY_FAULT = 40
     SHUTDOWN = 41
@@ -67,6 +68,7 @@ REASON_MEANING: dict[Reason, str] = {
     Reason.RANGER_STUCK: "the ranger's ECHO pin does not move",
     Reason.RANGE_UNSTABLE: "distance readings jump",
     Reason.RANGER_VERSION: "the ranger's firmware speaks another protocol version",
+    Reason.RANGERS_DISAGREE: "the rangers of this bay contradict each other: too few of them agree",
     Reason.SENSORS_DISAGREE: "camera and ranger contradict each other: R and Z do not fit",
     Reason.GATEWAY_FAULT: "the gateway's own control task does not run",
     Reason.SHUTDOWN: "the gateway is shutting down",

@@ -17,7 +17,7 @@ from gateway.core import details, rolling
 from gateway.core.agreement import FAR_SHARE
 from gateway.core.detection import Circle
 from gateway.core.guidance import to_go_mm
-from gateway.core.readings import DEAD, Quality
+from gateway.core.readings import BEYOND_RANGE, DEAD, Quality
 from gateway.core.state import (
     Fused,
     Moved,
@@ -31,7 +31,6 @@ from gateway.durations import NS_PER_S
 
 NEARER_SHARE = 1.2  # R grows by more only when a truck comes nearer, or another one is seen
 LEFT_BEYOND_MM = 700.0  # beyond Z_th, where leave_distance_mm is not configured
-NO_TRUCK_RANGE = frozenset({Quality.NO_ECHO, Quality.TOO_FAR})
 NOT_MEASURING = DEAD | {Quality.WAITING}
 
 
@@ -133,7 +132,7 @@ def clear(fused: Fused, limits: VisitLimits) -> bool:
     """Do both sensors show that no truck is at the spout? A broken sensor proves nothing."""
     vision, distance_mm = fused.vision, fused.range.distance_mm
     if vision.quality is Quality.NO_TARGET and vision.wrong_size is None:
-        return fused.range.quality in NO_TRUCK_RANGE or (distance_mm is not None and distance_mm > limits.leave_mm)
+        return fused.range.quality in BEYOND_RANGE or (distance_mm is not None and distance_mm > limits.leave_mm)
     small = vision.circle is not None and vision.circle.radius_px < FAR_SHARE * limits.fusion.radius_threshold_px
     return small and distance_mm is not None and distance_mm > limits.leave_mm
 
@@ -164,7 +163,7 @@ def _way_out(visit: Visit, fused: Fused, limits: VisitLimits) -> tuple[WayOut | 
     if distance_mm is not None:
         nearer = distance_mm < way.farthest_mm - limits.visit.band_mm
         return (None if nearer else WayOut(max(distance_mm, way.farthest_mm))), None
-    none = fused.vision.quality is Quality.NO_TARGET and fused.range.quality in NO_TRUCK_RANGE
+    none = fused.vision.quality is Quality.NO_TARGET and fused.range.quality in BEYOND_RANGE
     unseen_since_ns = _since(visit.unseen_since_ns, fused, on=none)
     if _lasts(unseen_since_ns, fused, limits.visit.leave_s):
         return None, None
@@ -243,7 +242,8 @@ def _stands_at_mark(
     fusion, guidance = limits.fusion, limits.guidance
     # D may be held at a circle that is not the marker, so that both values must be those of a truck at the mark.
     large = circle.radius_px >= fusion.radius_threshold_px - max(fusion.radius_hysteresis_px, fusion.away_px)
-    near = distance_mm <= fusion.distance_threshold_mm + max(fusion.distance_hysteresis_mm, fusion.away_mm)
+    farthest_mm = fused.range.farthest_mm or distance_mm  # of two rangers both must have it at the mark
+    near = farthest_mm <= fusion.distance_threshold_mm + max(fusion.distance_hysteresis_mm, fusion.away_mm)
     still = speed_mm_s is not None and abs(speed_mm_s) < guidance.still_mm_s
     aligned = guidance.aim_u_px is None or abs(circle.u_px - guidance.aim_u_px) <= guidance.tolerance_px
     not_past = to_go_mm(circle.radius_px, distance_mm, fusion) >= -guidance.overshoot_mm
@@ -339,7 +339,7 @@ def _phase(visit: Visit, fused: Fused, limits: VisitLimits) -> VisitPhase:
         phase = VisitPhase.AT_MARK
     elif visit.way_out is not None and (fused.d is False or fused.vision.circle is not None):
         phase = VisitPhase.LEAVING
-    elif fused.vision.circle is not None and fused.range.quality in NO_TRUCK_RANGE and not visit.monitored:
+    elif fused.vision.circle is not None and fused.range.quality in BEYOND_RANGE and not visit.monitored:
         phase = VisitPhase.ARRIVING
     elif fused.d is False:
         phase = VisitPhase.LEAVING if visit.monitored else VisitPhase.APPROACHING

@@ -73,7 +73,7 @@ def _camera(node: Path, ask: Ask) -> tuple[Capabilities | None, str]:
 
 
 def _ports(config: GatewayConfig, devices: Path, ports: Ports) -> Iterator[FoundPort]:
-    users = {device_at(bay.ranger.port, devices): bay.name for bay in config.bays}
+    users = {device_at(port, devices): bay for bay, port in _ports_of(config)}
     links = _links(devices, PORT_LINKS)
     names = {Path(device).resolve(): name for device, name in ports()}
     for real in sorted({*names, *links})[:MOST]:
@@ -111,7 +111,12 @@ def user_of_camera(config: GatewayConfig, url: str, devices: Path) -> str:
 
 def user_of_port(config: GatewayConfig, url: str, devices: Path) -> str:
     """The bay that has this port; empty: none."""
-    return _user(url, ((bay.name, bay.ranger.port) for bay in config.bays), devices)
+    return _user(url, _ports_of(config), devices)
+
+
+def _ports_of(config: GatewayConfig) -> Iterator[tuple[str, str]]:
+    """Each bay's name with the port of each of its rangers."""
+    return ((bay.name, sensor.port) for bay in config.bays for sensor in bay.ranger.sensors)
 
 
 def _user(url: str, taken: Iterable[tuple[str, str]], devices: Path) -> str:

@@ -71,7 +71,8 @@ def _bay(
     else:
         yield from sensors.camera(bay, clock, seconds)
         yield from exposure(bay)
-        yield from sensors.ranger(bay, clock, max(seconds, sensors.HELLO_S))
+        for sensor in bay.ranger.sensors:
+            yield from sensors.ranger(bay.name, sensor, clock, max(seconds, sensors.HELLO_S))
 
 
 def _running(config: GatewayConfig) -> dict[str, SharedVector]:

@@ -32,7 +32,8 @@ def permissions(config: GatewayConfig) -> Iterator[Finding]:
 def _places(config: GatewayConfig) -> Iterator[tuple[str, Path, int]]:
     """Key, path and what is needed, of those that exist."""
     for bay in config.bays:
-        for key, address in (("camera.url", bay.camera.url), ("ranger.port", bay.ranger.port)):
+        ports = [("ranger.port", sensor.port) for sensor in bay.ranger.sensors]
+        for key, address in (("camera.url", bay.camera.url), *ports):
             device = device_at(address)
             if isinstance(device, Path) and device.is_relative_to("/dev") and device.exists():
                 yield f"{bay.name} {key}", device, os.R_OK | os.W_OK

@@ -260,8 +260,8 @@ class RangerLook:
     readings: list[RangeReading] = field(default_factory=list)
 
 
-def ranger(bay: BayConfig, clock: Clock, seconds: float) -> Iterator[Finding]:
-    config, look = bay.ranger, RangerLook()
+def ranger(bay: str, config: RangerConfig, clock: Clock, seconds: float) -> Iterator[Finding]:
+    look = RangerLook()
     tried = f"open {config.port}, listen for {seconds:g} s"
 
     def work() -> None:
@@ -271,11 +271,11 @@ def ranger(bay: BayConfig, clock: Clock, seconds: float) -> Iterator[Finding]:
             look.error = str(error).removeprefix(f"ranger port {config.port}: ")
 
     if not in_time(work, seconds + 2 * HANG_S):
-        yield Finding("ranger", bay.name, Verdict.FAULT, tried, "no answer", "check cable, power and address")
+        yield Finding("ranger", bay, Verdict.FAULT, tried, "no answer", "check cable, power and address")
     elif look.error:
-        yield Finding("ranger", bay.name, Verdict.FAULT, tried, look.error, port_remedy(look.error))
+        yield Finding("ranger", bay, Verdict.FAULT, tried, look.error, port_remedy(look.error))
     else:
-        yield ranger_judged(bay.name, look, tried, seconds)
+        yield ranger_judged(bay, look, tried, seconds)
 
 
 def port_remedy(error: str) -> str:

@@ -89,9 +89,11 @@ def of_picture(bay: BayConfig, width_px: int, height_px: int) -> Iterator[str]:
 
 
 def _frozen_number(bay: BayConfig) -> Iterator[str]:
-    number = bay.ranger.number
-    faults = number.unchanged_s or number.fault_below is not None or number.fault_above is not None
-    if bay.ranger.type in ("modbus", "ascii") and not faults:
+    for sensor in bay.ranger.sensors:
+        number = sensor.number
+        faults = number.unchanged_s or number.fault_below is not None or number.fault_above is not None
+        if sensor.type not in ("modbus", "ascii") or faults:
+            continue
         yield (
             "ranger.number: unchanged_s, fault_below and fault_above are not set: what goes on sending the last number "
             "of a sensor that is gone looks like a truck that stands"

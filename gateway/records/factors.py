@@ -97,9 +97,8 @@ def _rank(factor: Factor, state: StateVector) -> int:
         Reason.SENSORS_DISAGREE: Factor.CONTRADICTION,
         Reason.PLC_LOST: Factor.PLC_LOST,
     } | dict.fromkeys(VISION_REASON.values(), Factor.CAMERA)
-    of_reason |= dict.fromkeys(RANGE_REASON.values(), Factor.RANGER) | dict.fromkeys(
-        (Reason.VISION_FAULT, Reason.VISION_AGE_UNPROVEN), Factor.CAMERA
-    )
+    of_reason |= dict.fromkeys((*RANGE_REASON.values(), Reason.RANGERS_DISAGREE), Factor.RANGER)
+    of_reason |= dict.fromkeys((Reason.VISION_FAULT, Reason.VISION_AGE_UNPROVEN), Factor.CAMERA)
     if state.reason is Reason.STARTING:
         of_reason[Reason.STARTING] = Factor.CAMERA if state.vision.quality is Quality.WAITING else Factor.RANGER
     if factor is Factor.NO_TRUCK or (factor is Factor.MOVED and state.reason is not Reason.PLC_LOST):

@@ -11,7 +11,15 @@ from gateway.core import ne107
 from gateway.core.detection import Tracking
 from gateway.core.ne107 import Ne107
 from gateway.core.plc import PlcLink, TriggerPhase
-from gateway.core.readings import FRESH_FRAME, AgeProof, ExposureState, Quality, RangeReading, VisionReading
+from gateway.core.readings import (
+    FRESH_FRAME,
+    AgeProof,
+    ExposureState,
+    Quality,
+    RangeReading,
+    RangerVote,
+    VisionReading,
+)
 from gateway.core.state import (
     GUIDANCE_MEANING,
     REASON_MEANING,
@@ -81,6 +89,26 @@ def _ranger(state: StateVector) -> Quality:
     return state.range.quality
 
 
+def _rangers_status(state: StateVector) -> int | None:
+    """Bits 0 to 2: good, 4 to 6: agrees. None: one ranger, or none of them can be judged."""
+    return (
+        None
+        if not state.range.rangers
+        else sum((one.quality is Quality.GOOD) << n | one.agrees << n + 4 for n, one in enumerate(state.range.rangers))
+    )
+
+
+def _ranger_rows(n: int) -> tuple[Value[StateVector], ...]:
+    def of(state: StateVector) -> RangerVote | None:
+        return state.range.rangers[n] if n < len(state.range.rangers) else None
+
+    read, null = _part(of), "not one of several"
+    return (
+        Value(f"rangers.quality_{n + 1}", Quality, "of this ranger by itself", read(lambda r: r.quality), null),
+        Value(f"rangers.distance_{n + 1}_mm", float, "its distance", read(lambda r: r.distance_mm), null),
+    )
+
+
 _UNLESS_GOOD = "vision is not GOOD"
 _NOT_KNOWN = "not known"
 
@@ -113,6 +141,9 @@ ROWS: tuple[Value[StateVector], ...] = (
           "no frame, or a stale one"),
     Value("range.quality", Quality, "may the distance be used; else why not", lambda s: s.range.quality),
     Value("range.age_ms", float, "of the newest distance or fault", lambda s: _age_ms(s, s.range), "nothing received"),
+    *(row for n in range(3) for row in _ranger_rows(n)),
+    Value("rangers.status", int, "of several rangers, one bit each (register rangers)", _rangers_status,
+          "one ranger"),
     Value("heartbeat", int, "+1 with every tick of fusion", lambda s: s.heartbeat),
     Value("frame_id", int, "of the newest observation of the camera", lambda s: s.vision.frame_id),
     Value("x_n", float, "normalised coordinate, equation 11", lambda s: s.vision.x_n, "without intrinsics", _marker),

@@ -102,7 +102,7 @@ def test_sinks_publish_the_final_state_whatever_ends_the_gateway(
 
             return [Task("ends_all", ends_all)]
 
-        ports = parts.Ports(camera={"bay1": FileSpec("nothing")}, ranger={"bay1": ""})
+        ports = parts.Ports(camera={"bay1": FileSpec("nothing")}, ranger={"bay1": [""]})
         await app.run(config, ports, SystemClock(), stop=stop, extra_tasks=extra_tasks)
 
     if past_help:
@@ -147,7 +147,7 @@ async def test_alarms_are_raised_and_logged_without_pages(
             if record.getMessage() == raised:
                 stop.set()
 
-    ports = parts.Ports(camera={"bay1": FileSpec("nothing")}, ranger={"bay1": ""})
+    ports = parts.Ports(camera={"bay1": FileSpec("nothing")}, ranger={"bay1": [""]})
     app.log.addHandler(handler := StopWhenRaised())
     try:
         await app.run(config, ports, SystemClock(speed=10.0), stop=stop)

@@ -213,7 +213,7 @@ async def _a_taken_port(manager: socket.socket, monkeypatch: pytest.MonkeyPatch)
             state_dir="",
             modbus=ModbusConfig(port=port),
         )
-        ports = parts.Ports(camera={"bay1": FileSpec("nothing")}, ranger={"bay1": ""})
+        ports = parts.Ports(camera={"bay1": FileSpec("nothing")}, ranger={"bay1": [""]})
         running = asyncio.create_task(
             app.run(
                 config,

@@ -1,6 +1,6 @@
 """`[ranger]`: the distance sensor on its port. Pure."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, field_validator, model_validator
@@ -148,7 +148,7 @@ def _moved(ranger: Any) -> Any:
 
 
 class RangerConfig(Section):
-    """What every type has, and a section for each type that has keys of its own."""
+    """One sensor. What every type has, and a section for each type that has keys of its own."""
 
     type: Annotated[str, NameIn(RANGERS)] = Field("hcsr04", description="the kind of sensor and board")
     port: str = Field(
@@ -207,3 +207,35 @@ class RangerConfig(Section):
         if value % 2 == 0:
             raise ValueError("must be odd")
         return value
+
+
+class BayRangerConfig(RangerConfig):
+    """The rangers of a bay: by default one. Two must agree, of three two (gateway/ranger/vote.py)."""
+
+    more: tuple[RangerConfig, ...] = Field(
+        (),
+        max_length=2,
+        description="further sensors that measure the same truck: tables [[ranger.more]] with the keys of [ranger]",
+    )
+    agree_mm: float = Field(
+        40.0, ge=1, le=1000, description="with [[ranger.more]]: distances that differ by more contradict each other"
+    )
+
+    @property
+    def sensors(self) -> tuple[RangerConfig, ...]:
+        return (self, *self.more)
+
+    @property
+    def period_s(self) -> float | None:
+        """Of the slowest."""
+        return _if_all(max, (super().period_s, *(one.period_s for one in self.more)))
+
+    @property
+    def max_range_mm(self) -> float | None:
+        """Of the one that measures least far."""
+        return _if_all(min, (super().max_range_mm, *(one.max_range_mm for one in self.more)))
+
+
+def _if_all(choose: Callable[[Iterable[float]], float], values: tuple[float | None, ...]) -> float | None:
+    known = [value for value in values if value is not None]
+    return choose(known) if len(known) == len(values) else None

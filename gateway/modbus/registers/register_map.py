@@ -88,6 +88,9 @@ def _age_ms(state: StateVector, t_ns: int, quality: Quality) -> Value:
 _QUALITY = named(QUALITY_MEANING)
 _REASON = named(REASON_MEANING)
 _TRACKING = named(TRACKING_MEANING)
+_RANGER_BITS = {n: (f"ranger{n + 1}_good", f"ranger {n + 1} has a fresh, valid distance") for n in range(3)} | {
+    n + 4: (f"ranger{n + 1}_agrees", f"ranger {n + 1} is one of those that the distance rests on") for n in range(3)
+}
 _NEVER_DECIDE = "while coasted; never decide on it"
 
 REGISTERS: tuple[Register, ...] = (
@@ -165,9 +168,14 @@ REGISTERS: tuple[Register, ...] = (
              lambda s, _: 0),
     Register(102, "bay_identity", UINT32, 1, "", "made of site, instance and bay name; never 0: "
              "compare it with the exported one", lambda s, _: 0),
+    shown(107, "rangers", UINT16, 1, "rangers.status", "of several rangers, one bit each; 0: one, or none is judged",
+          bits=_RANGER_BITS),
 )  # fmt: skip
 
-RESERVED: tuple[Reserved, ...] = (Reserved(104, 6, "for later map versions"),)
+RESERVED: tuple[Reserved, ...] = (
+    Reserved(104, 3, "for later map versions"),
+    Reserved(108, 2, "for later map versions"),
+)
 
 _ADDRESS = {register.name: register.address for register in REGISTERS}
 STATUS_ADDRESS = _ADDRESS["status"]

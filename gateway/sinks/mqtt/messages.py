@@ -227,6 +227,19 @@ class ExposurePayload(ShownModel):
     gain_db: float | None
 
 
+class RangersPayload(ShownModel):
+    """What each of a bay's rangers measures by itself (docs/sensors.md)."""
+
+    level = "rangers."
+    status: Count
+    quality_1: str
+    distance_1_mm: float | None
+    quality_2: str
+    distance_2_mm: float | None
+    quality_3: str | None
+    distance_3_mm: float | None
+
+
 class StatePayload(Measured):
     """`<root>/<site>/<bay>/state`, retained. Valid only while the status topic is online and it keeps arriving."""
 
@@ -250,6 +263,7 @@ class StatePayload(Measured):
     exposure: ExposurePayload | None = Field(
         description="exposure time and gain; null: left to the camera, or no fresh frame"
     )
+    rangers: RangersPayload | None = Field(description="of a bay with several; null: one, or none can be judged")
     ne107: Ne107Payload
     guidance: GuidancePayload
     plc: PlcPayload

@@ -82,7 +82,9 @@ def plainly(value: Mapping[str, Any], fields: Fields) -> dict[str, Any]:
 
 def _inside(info: FieldInfo) -> Fields:
     model = inner_model(info.annotation)
-    former = Hcsr04Config.model_fields if model is RangerConfig else {}  # where they stood in 0.1.0
+    former = (
+        Hcsr04Config.model_fields if model is not None and issubclass(model, RangerConfig) else {}
+    )  # where they stood in 0.1.0
     return {} if model is None else {**model.model_fields, **former}
 
 

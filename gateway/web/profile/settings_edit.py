@@ -19,7 +19,7 @@ from gateway.web.profile.toml_edit import with_item, with_keys, without
 
 MAX_CHANGES = 200
 MAX_DEPTH = 12
-IDENTITY = {"bays": "name", "users": "name", "recipes": "id"}  # of a list's items, by the list's key
+IDENTITY = {"bays": "name", "users": "name", "recipes": "id", "more": "port"}  # of a list's items, by the list's key
 FIRST_BAY = {"name": "bay1", "unit_id": 1}  # of a file without [[bays]]
 
 KeyPath = tuple[str, ...]

@@ -16,10 +16,10 @@ from pydantic.fields import FieldInfo
 from gateway.config import (
     SHARED_SECTIONS,
     BayConfig,
+    BayRangerConfig,
     FusionConfig,
     GatewayConfig,
     ModbusConfig,
-    RangerConfig,
     Reconnect,
     VisionConfig,
     load,
@@ -342,7 +342,7 @@ def _bays(section: str, count: int) -> str:
         (
             "[ranger]\nbaud = 9600\n[[bays]]\nranger = { bauds = 1 }\n",
             "g.toml:4: bays.0.ranger.bauds = 1: unknown key (misspelt?); known here: "
-            + ", ".join(RangerConfig.model_fields),
+            + ", ".join(BayRangerConfig.model_fields),
         ),
         (
             "# x\nbays = [{ fusion = { period_s = 9 } }]\n",
@@ -593,6 +593,8 @@ def test_the_values_in_force_show_no_password_of_a_list_of_brokers() -> None:
 def _fields(model: type[Section], prefix: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], FieldInfo]]:
     for name, info in model.model_fields.items():
         below = inner_model(info.annotation)
+        if below is not None and issubclass(model, below):
+            continue
         if below is None:
             yield (*prefix, name), info
         elif issubclass(below, Section) and below is not BayConfig:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gateway.clock import Clock, SystemClock
-from gateway.config import BayConfig
+from gateway.config import BayConfig, RangerConfig
 from gateway.core.readings import AgeProof, Quality
 from gateway.core.state import Moved, Reason
 from gateway.doctor import sensors
@@ -207,7 +207,7 @@ def test_what_a_ranger_says_is_judged(
     remedy: str,
 ) -> None:  # fmt: skip
     monkeypatch.setattr(RangerService, "connect", lambda _: Board(measured, hello))
-    found = next(sensors.ranger(BayConfig(), SystemClock(), SECONDS))
+    found = next(sensors.ranger("bay1", RangerConfig(), SystemClock(), SECONDS))
     assert found.verdict is verdict, found
     assert result in found.result
     assert (remedy in found.remedy) if remedy else not found.remedy
@@ -222,7 +222,7 @@ def test_a_port_that_cannot_be_opened(monkeypatch: pytest.MonkeyPatch, error: st
         raise LinkError(f"ranger port /dev/ttyACM0: {error}")
 
     monkeypatch.setattr(RangerService, "connect", connect)
-    found = next(sensors.ranger(BayConfig(), SystemClock(), SECONDS))
+    found = next(sensors.ranger("bay1", RangerConfig(), SystemClock(), SECONDS))
     assert (found.verdict, found.result) == (FAULT, error)
     assert remedy in found.remedy
 
@@ -236,7 +236,7 @@ def test_a_port_that_hangs(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(sensors, "HANG_S", 0.1)
     monkeypatch.setattr(RangerService, "connect", connect)
-    assert next(sensors.ranger(BayConfig(), SystemClock(), 0.1)).result == "no answer"
+    assert next(sensors.ranger("bay1", RangerConfig(), SystemClock(), 0.1)).result == "no answer"
     ended.set()
 
 

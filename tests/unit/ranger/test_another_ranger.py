@@ -12,7 +12,7 @@ from gateway.alarms.bay_alarms import BAY_ALARMS
 from gateway.alarms.definition import BayInputs
 from gateway.bay import BayControl
 from gateway.clock import SystemClock
-from gateway.config import BayConfig, GatewayConfig, RangerConfig, parse
+from gateway.config import BayConfig, BayRangerConfig, GatewayConfig, RangerConfig, parse
 from gateway.config.sections.ranger import RANGERS
 from gateway.core import interlock
 from gateway.core.detection import Circle
@@ -156,7 +156,7 @@ def test_its_readings_arrive_in_the_fused_state_and_its_loss_withdraws_them() ->
 @pytest.mark.parametrize(("radius_px", "moves"), [(6.0, True), (6.01, False)])
 def test_a_truck_arrives_by_the_camera_beyond_its_own_range(radius_px: float, moves: bool) -> None:
     """At 9 m by R Z = 54,000; an HC-SR04's range would let a truck move from 3.6 m on."""
-    rules = interlock.Rules.of(BayConfig(ranger=RangerConfig(type="laser", port="laser:1")))
+    rules = interlock.Rules.of(BayConfig(ranger=BayRangerConfig(type="laser", port="laser:1")))
     state = interlock.initial("bay1", 0, rules)
     for now_ns in range(20 * MS, 2000 * MS, 20 * MS):
         seen = VisionReading(now_ns, Quality.GOOD, Circle(320, 240, radius_px))
@@ -167,7 +167,7 @@ def test_a_truck_arrives_by_the_camera_beyond_its_own_range(radius_px: float, mo
 
 def test_where_its_range_is_not_known_an_echo_is_due_as_with_an_hcsr04(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(RANGERS._loaded, "laser", RangerType(LaserSession, LaserPort, check_laser))
-    bay = BayConfig(ranger=RangerConfig(type="laser", port="laser:1"))
+    bay = BayConfig(ranger=BayRangerConfig(type="laser", port="laser:1"))
     rules = interlock.Rules.of(bay)
     state = interlock.initial("bay1", 0, rules)
     for reading in (VisionReading(1, Quality.GOOD, Circle(320, 240, 22.0)), RangeReading(1, Quality.NO_ECHO)):

@@ -167,6 +167,7 @@ def test_a_good_state() -> None:
         "scale": None,
         "picture": None,
         "exposure": None,
+        "rangers": None,
         "ne107": {"name": "GOOD", "code": 0, "active": []},
         "guidance": {
             "name": "WAIT",

@@ -69,7 +69,7 @@ def test_a_sink_of_another_distribution_gets_states_and_events_of_the_real_app(m
 
             return [Task("ends", ends)]
 
-        ports = parts.Ports(camera={"bay1": FileSpec("nothing")}, ranger={"bay1": ""})
+        ports = parts.Ports(camera={"bay1": FileSpec("nothing")}, ranger={"bay1": [""]})
         await app.run(config, ports, SystemClock(), stop=stop, extra_tasks=extra_tasks)
 
     asyncio.run(asyncio.wait_for(main(), 60))

@@ -21,6 +21,7 @@ export const REASONS = {
   RANGER_STUCK: ['sensor broken', 'The distance sensor does not react: its wires or the sensor itself are broken.'],
   RANGE_UNSTABLE: ['distance jumps', 'The measured distance jumps, so that none can be trusted.'],
   RANGER_VERSION: ['wrong firmware', 'The distance sensor has the firmware of another version: flash the one of this gateway.'],
+  RANGERS_DISAGREE: ['rangers disagree', 'The distance sensors of this bay contradict each other, so that none can be trusted.'],
   SENSORS_DISAGREE: ['sensors disagree', 'Camera and distance sensor contradict each other: one of them sees something that is not the truck.'],
   GATEWAY_FAULT: ['gateway fault', 'The gateway itself does not decide any more. Restart it, and report its log.'],
   SHUTDOWN: ['shutting down', 'The gateway is being shut down.'],

@@ -79,6 +79,15 @@ const PROOFS = {
   buffer_time: 'time stamp of the driver', device_time: 'time stamp of the camera', own_clock: 'clock of the gateway',
 };
 
+/// What each of several rangers measures by itself; `=` where it is one of those that the distance rests on.
+function rangers(shown) {
+  const used = [1, 2, 3].filter((n) => shown?.[`quality_${n}`] != null);
+  return used.map((n) => {
+    const [quality, distance] = [shown[`quality_${n}`], shown[`distance_${n}_mm`]];
+    return [String(n), `${distance == null ? words(quality) : `${number(distance, 0)} mm`}${shown.status & (8 << n) ? ' =' : ''}`];
+  });
+}
+
 export function Health({ state, links }) {
   const [open, setOpen] = useKept('operator.counters', false);
   const [mqtt, reads, gateway] = [broker(links), modbus(links), tasks(links)];
@@ -94,7 +103,7 @@ export function Health({ state, links }) {
         facts=${[['brightness', percent(state?.picture?.brightness)], ['contrast', percent(state?.picture?.contrast)], ['sharpness', percent(state?.picture?.sharpness)], ['veil', percent(state?.picture?.veil)], ['proven to', percent(state?.picture?.veil_proven)], ['shift', px(state?.picture?.shift_px, 0)]]} />
       <${Part} name="Ranger" detail=${state ? saidText(state.range) : ''}
         sign=${state ? html`<${Sign} state=${rangeHealth(state)} text=${words(state.range.quality.name)} />` : unknown}
-        facts=${[['age', age(state?.range.age_ms)], ['rate', hz(state?.rates.range_hz)], ['damaged', count(state?.counters.range_damaged)]]} />
+        facts=${[['age', age(state?.range.age_ms)], ['rate', hz(state?.rates.range_hz)], ['damaged', count(state?.counters.range_damaged)], ...rangers(state?.rangers)]} />
       <${Part} name="PLC"
         sign=${state ? html`<${Sign} state=${plcHealth(state)} text=${{ UNUSED: 'reads only', WAITING: 'no heartbeat yet', ALIVE: 'heartbeat alive', LOST: 'heartbeat lost' }[state.plc.link] ?? words(state.plc.link)} />` : unknown}
         facts=${[['heartbeat', state?.plc.age_ms == null ? NONE : age(state.plc.age_ms)], ['recipe', count(state?.plc.recipe)], ['writes', count(state?.plc.writes)], ['conflicts', count(state?.plc.write_conflicts)]]} />
