@@ -77,6 +77,7 @@ SENSOR_OTHER_REQUEST = Detail("sensor_other_request", "answers to another reques
 SENSOR_TOO_SOON = Detail("sensor_too_soon", "answers sooner than the line carries them: late ones, or ranger.baud")
 SENSOR_OTHER_LENGTH = Detail("sensor_other_length", "answers of another length")
 SENSOR_EXCEPTION = Detail("sensor_exception", "exception {0}", words=(0,))
+SENSOR_STATUS = Detail("sensor_status", "its status register holds 0x{0}", words=(0,))
 SENSOR_FOR = Detail("sensor_for", "{0} for {1} s", words=(0,))
 SENSOR_SENDS = Detail("sensor_sends", "the sensor sends {0}", words=(0,))
 SENSOR_STUCK = Detail("sensor_stuck", "the sensor has sent {0} for {1} s", words=(0,))

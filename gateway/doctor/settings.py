@@ -92,6 +92,7 @@ def _frozen_number(bay: BayConfig) -> Iterator[str]:
     for sensor in bay.ranger.sensors:
         number = sensor.number
         faults = number.unchanged_s or number.fault_below is not None or number.fault_above is not None
+        faults = faults or (sensor.type == "modbus" and sensor.modbus.status_mask)
         if sensor.type not in ("modbus", "ascii") or faults:
             continue
         yield (

@@ -1,6 +1,6 @@
 """A distance in a register of a Modbus RTU or TCP server: a sensor on RS-485, a remote IO, an IO-Link master. Sans-IO.
 
-Frames and messages are pymodbus's. One request at a time, each for the register alone.
+Frames and messages are pymodbus's. One request at a time, each for the number and the status before it, if it has one.
 
 **How old is an answer?** It is dated back to its request: nothing in it can be older than that but by the sensor's own
 `delay_ms`. That needs certainty that it is the answer to this request. Modbus TCP has transaction ids. On RTU nothing
@@ -54,7 +54,8 @@ class ModbusSensorSession(NumberSession):
         self._framer = (FramerRTU if self._rtu else FramerSocket)(DecodePDU(False))
         self._byte_ns = config.byte_ns
         self._timeout_ns = round(sensor.timeout_ms * NS_PER_MS)
-        self._count = DATA_TYPE[sensor.data_type.upper()].value[1]
+        self._before = int(sensor.status_mask != 0)
+        self._count = self._before + DATA_TYPE[sensor.data_type.upper()].value[1]
 
     def _start(self, now_ns: int) -> None:
         super()._start(now_ns)
@@ -78,7 +79,7 @@ class ModbusSensorSession(NumberSession):
         message: ModbusPDU = REQUESTS[self._sensor.table](
             dev_id=self._sensor.unit_id,
             transaction_id=self._transaction_id,
-            address=self._sensor.address,
+            address=self._sensor.address - self._before,
             count=self._count,
         )
         frame = bytes(self._framer.buildFrame(message))
@@ -142,7 +143,10 @@ class ModbusSensorSession(NumberSession):
         if answer is None or len(answer.registers) != self._count:
             self._unusable(details.SENSOR_OTHER_LENGTH(), damaged=1)
             return []
-        return self._received(self._decoded(answer.registers), asked.sent_ns, arrived_ns)
+        status, invalid = answer.registers[0], ""
+        if status & self._sensor.status_mask != self._sensor.status_valid:
+            invalid = details.SENSOR_STATUS(f"{status:04X}")
+        return self._received(self._decoded(answer.registers[self._before :]), asked.sent_ns, arrived_ns, invalid)
 
     def _decoded(self, registers: Sequence[int]) -> float:
         data_type, order = DATA_TYPE[self._sensor.data_type.upper()], WORD_ORDER[self._sensor.word_order]

@@ -72,8 +72,8 @@ class NumberSession:
         if gaps:
             self._conditioner.gap()
 
-    def _received(self, number: float, sent_ns: int, arrived_ns: int) -> list[RangeReading]:
-        """A number, as sent at `sent_ns` or later."""
+    def _received(self, number: float, sent_ns: int, arrived_ns: int, invalid: str = "") -> list[RangeReading]:
+        """A number, as sent at `sent_ns` or later. `invalid`: why the device itself calls it so."""
         self._seq = (self._seq + 1) & 0xFFFF
         self._heard_ns, self._measured, self._trouble = arrived_ns, True, ""
         if number != self._last:
@@ -81,8 +81,8 @@ class NumberSession:
         self._conditioner.arrived(arrived_ns)
         self._conditioner.count(lines=1)
         distance_mm = number * self._number.mm_per_unit + self._number.offset_mm
-        quality = self._quality(number, distance_mm)
-        detail = "" if quality is Quality.GOOD else details.SENSOR_SENDS(f"{number:g}")
+        quality = Quality.LINK_DOWN if invalid else self._quality(number, distance_mm)
+        detail = invalid or ("" if quality is Quality.GOOD else details.SENSOR_SENDS(f"{number:g}"))
         unchanged_ns, limit_s = arrived_ns - self._changed_ns, self._number.unchanged_s
         if quality is Quality.GOOD and limit_s and unchanged_ns > limit_s * NS_PER_S:
             quality, detail = Quality.STUCK, details.SENSOR_STUCK(f"{number:g}", f"{unchanged_ns / NS_PER_S:.0f}")

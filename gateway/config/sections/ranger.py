@@ -89,6 +89,13 @@ class ModbusSensorConfig(Section):
     word_order: Literal["high_first", "low_first"] = Field("high_first", description="of two registers")
     shift_bits: int = Field(0, ge=0, le=16, description="so many low bits do not belong to the number: status bits")
     timeout_ms: float = Field(100.0, ge=10, le=1000, description="an answer that is later is lost")
+    status_mask: int = Field(
+        0,
+        ge=0,
+        le=65535,
+        description="bits of the register before address, read with it, that show whether the number is valid; 0: none",
+    )
+    status_valid: int = Field(0, ge=0, le=65535, description="with status_mask: these bits while it is valid")
 
     @model_validator(mode="after")
     def _possible(self) -> "ModbusSensorConfig":
@@ -96,6 +103,10 @@ class ModbusSensorConfig(Section):
             raise FieldError('must be from 1 to 247 with framing = "rtu"', "unit_id")
         if self.shift_bits and self.data_type == "float32":
             raise FieldError("a float32 has no bits that could be left out", "shift_bits")
+        if self.status_mask and not self.address:
+            raise FieldError("there is no register before address 0", "status_mask")
+        if self.status_valid & ~self.status_mask:
+            raise FieldError("has bits that are not in status_mask", "status_valid")
         return self
 
 

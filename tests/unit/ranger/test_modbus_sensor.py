@@ -97,6 +97,19 @@ def test_what_is_no_distance_has_none(number: int, quality: Quality) -> None:
     assert (reading.quality, reading.distance_mm) == (quality, None)
 
 
+def test_a_number_counts_only_while_the_status_before_it_says_so_and_both_are_one_request() -> None:
+    line = Line(port="socket://10.0.0.9:502", framing="tcp", address=1002, status_mask=0x7F, status_valid=3)
+    readings = []
+    for n, status in enumerate((0x0003, 0xFF03, 0x0007, 0x0001, 0x0000, 0x0003)):  # IOL mode, connected, invalid data
+        asked = line.ask(60 * n)
+        assert asked[7:] == bytes.fromhex("03 03E9 0002")
+        readings += line.hear(60 * n + 50, asked[:2] + bytes.fromhex(f"0000 0007 01 03 04 {status:04X} 00FA"))
+    gone = Quality.LINK_DOWN
+    assert [one.quality for one in readings] == [Quality.GOOD, Quality.GOOD, gone, gone, gone, Quality.GOOD]
+    assert [one.distance_mm for one in readings] == [250, 250, None, None, None, 250]
+    assert readings[2].detail == "its status register holds 0x0007"
+
+
 @pytest.mark.parametrize("registers", ["7FC00000", "7F800000", "FF800000"])
 def test_nan_and_infinity_are_no_distance(registers: str) -> None:
     line = Line(data_type="float32")
