@@ -300,7 +300,10 @@ class _Simulation:
             self._loop.call_soon_threadsafe(self._stop.set)
 
     def _ranger(self, bay: Bay, n: int) -> SimulatedRanger | EmulatedRanger:
-        options = options_of(bay.scenario, bay.world, bay.origin_ns)
+        scenario = bay.scenario
+        if n:  # of several rangers the first has the scenario's faults
+            scenario = scenario.model_copy(update={"faults": (), "seed": scenario.seed + n})
+        options = options_of(scenario, bay.world, bay.origin_ns)
         if self._args.ranger == "simulated":
             return SimulatedRanger(clock=self._clock, **options)
         log = self._args.ranger_log
