@@ -4,6 +4,7 @@ that board and gateway cannot disagree.
 `./dev docs` writes firmware/ranger/src/protocol_constants.h from here; a test fails where the file differs. Pure.
 """
 
+from gateway.core.readings import RelayOutput
 from gateway.ranger.hcsr04.protocol import (
     ALL_FLAGS,
     BURST_NS,
@@ -21,12 +22,16 @@ from gateway.ranger.hcsr04.protocol import (
     PERIOD_MS,
     PROTOCOL_VERSION,
     QUESTION,
+    RELAY_HOLD_MS,
     RESET_CAUSES,
     TENTHS_PER_TICK,
     TICK_NS,
     Flags,
     Hello,
     Measurement,
+    RelayCommand,
+    RelayReport,
+    encode_command,
     encode_hello,
     encode_measurement,
 )
@@ -54,6 +59,7 @@ def header() -> str:
         ("MAX_TICKS", MAX_TICKS, ""),
         ("MIN_TEMPERATURE_DC", MIN_TEMPERATURE_DC, "0.1 degrees C"),
         ("MAX_TEMPERATURE_DC", MAX_TEMPERATURE_DC, ""),
+        ("RELAY_HOLD_MS", RELAY_HOLD_MS, "a relay command holds so long from the measurement whose number it bears"),
         ("MAX_LINE", MAX_LINE, "bytes between $ and line feed"),
         ("TENTHS_PER_TICK_ABOVE", above, "0.1 mm at 20 degrees C for one tick, a fraction"),
         ("TENTHS_PER_TICK_BELOW", below, ""),
@@ -82,6 +88,7 @@ def wire() -> str:
     warm = encode_measurement(Measurement(1235, 2912, NO_FLAGS, 215))
     no_echo = encode_measurement(Measurement(1236, 0, Flags.NO_ECHO))
     longest = encode_measurement(Measurement(MAX_SEQ, 46_590, ALL_FLAGS, MIN_TEMPERATURE_DC))
+    on = RelayReport(0xA1B2, RelayOutput.IN_PLACE, 1)
     hello = encode_hello(Hello("hcsr04", PROTOCOL_VERSION, PERIOD_MS, 2))
     fields = (
         ("`$HCM`", "measurement, one a cycle", ""),
@@ -90,11 +97,25 @@ def wire() -> str:
         ("3", "distance at 20 °C, 0.1 mm; for people, and must agree with field 2 within 1", ""),
         ("4", "flags, a sum; 0: valid", f"0-{ALL_FLAGS.value}"),
         ("5", "optional: air temperature, 0.1 °C", f"{MIN_TEMPERATURE_DC} to {MAX_TEMPERATURE_DC}"),
+        ("6 on", "optional, each begins with its small letter, in the alphabet's order; unknown ones are ignored", ""),
+        (
+            "`r`",
+            "number of the run, four hex digits; what the board has [on](#the-relay), one hex digit",
+            "`r00000`-`rFFFFB`",
+        ),
         ("`$HCI`", f"hello: after a reset, every {HELLO_PERIOD_S} s, and when asked with `{QUESTION.decode()}`", ""),
         ("1", "name", "1-16 of `A-Z a-z 0-9 _ . -`"),
         ("2", f"protocol version, now {PROTOCOL_VERSION}", ""),
         ("3", f"cycle, ms; {PERIOD_MS} as shipped", f"{MIN_PERIOD_MS}-{MAX_PERIOD_MS}"),
         ("4", "reset cause (MCUSR): " + ", ".join(f"{bit} {name}" for bit, name in RESET_CAUSES), f"0-{MAX_MCUSR}"),
+        ("`$HCR`", "from the gateway: command for the [relay](#the-relay)", ""),
+        (
+            "1, 2",
+            "number of the run and sequence number of the measurement that it replies to",
+            f"`0000`-`FFFF`, 0-{MAX_SEQ}",
+        ),
+        ("3", ", ".join(f"{output.value} {output.name}" for output in RelayOutput), "0-2"),
+        ("4, 5", "shortest and longest ECHO pulse of the band, 0.5 us", f"0-{MAX_TICKS}"),
     )
     rows = ["| field | meaning | range |", "|---|---|---|", *(f"| {a} | {b} | {c} |" for a, b, c in fields)]
     flags = ["| flag | name | meaning |", "|---|---|---|"]
@@ -105,6 +126,8 @@ def wire() -> str:
         ("no echo", no_echo),
         ("longest the sensor can cause", longest),
         ("hello", hello),
+        ("with the relay", encode_measurement(Measurement(1234, 2912, relay=on))),
+        ("relay command", encode_command(RelayCommand(on.run, 1234, on.output, 2562, 3262))),
     )
     examples = ["| example | line | bytes | ms at 9600 baud |", "|---|---|---|---|"]
     examples += [f"| {n} | `{b.decode().strip()}` | {len(b)} | {wire_ms(len(b), 9600):.1f} |" for n, b in lines]

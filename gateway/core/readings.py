@@ -204,6 +204,23 @@ class VisionReading:
     age_proof: AgeProof | None = None  # of `t_ns`; None: of no frame, or of one whose value has ended since
 
 
+class RelayOutput(IntEnum):
+    """The outputs of the ranger's board, never two at once. The numbers are on the wire: never renumber, only add."""
+
+    NONE = 0
+    IN_PLACE = 1
+    MAY_MOVE = 2
+
+
+@dataclass(frozen=True, slots=True)
+class RelayStatus:
+    """The outputs of the ranger's board as its newest measurement has them."""
+
+    commanded: RelayOutput  # by the gateway
+    pins: int  # sum of the RelayOutput whose pins are high, read back
+    fault: bool  # pins and command differ for too long
+
+
 @dataclass(frozen=True, slots=True)
 class RangerVote:
     """One of several rangers at a bay, at the time of their vote. `distance_mm` is set if and only if it is GOOD."""
@@ -225,6 +242,7 @@ class RangeReading:
     stats: RangeStats = field(default_factory=RangeStats)
     oldest_ns: int | None = None  # time of the oldest echo that counts in the distance; None: t_ns
     echo_mm: float | None = None  # the newest of these echoes by itself; None: the ranger does not report it
+    relay: RelayStatus | None = None  # None: not used, or not known now
     rangers: tuple[RangerVote, ...] = ()  # of a bay with several, each in the order of the configuration
     farthest_mm: float | None = None  # what the farthest of two that agree has; None: it is distance_mm
 

@@ -12,6 +12,7 @@
 #define PROTOCOL_MAX_TICKS 999999
 #define PROTOCOL_MIN_TEMPERATURE_DC (-400) /* 0.1 degrees C */
 #define PROTOCOL_MAX_TEMPERATURE_DC 850
+#define PROTOCOL_RELAY_HOLD_MS 280 /* a relay command holds so long from the measurement whose number it bears */
 #define PROTOCOL_MAX_LINE 64 /* bytes between $ and line feed */
 #define PROTOCOL_TENTHS_PER_TICK_ABOVE 17171 /* 0.1 mm at 20 degrees C for one tick, a fraction */
 #define PROTOCOL_TENTHS_PER_TICK_BELOW 20000

@@ -14,11 +14,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import IntFlag, StrEnum
 
+from gateway.core.readings import RelayOutput
+
 PROTOCOL_VERSION = 1
 """Carried by the hello. A further optional field at a line's end keeps the version; anything else raises it."""
 
 QUESTION = b"?"
-"""The host's only message: the request for a hello."""
+"""The request for a hello. The host's only other message is the command for the relay."""
 
 TICK_NS = 500  # Timer1 of the Uno at 16 MHz / 8
 BURST_NS = 450_000  # from the trigger to ECHO's rising edge: the module sends its eight pulses
@@ -29,6 +31,8 @@ MAX_SEQ = 0xFFFF
 MAX_TICKS = 999_999
 MAX_MCUSR = 0xFF
 MIN_TEMPERATURE_DC, MAX_TEMPERATURE_DC = -400, 850  # 0.1 °C
+RELAY_HOLD_MS = 280
+"""So long after the measurement whose number it bore a command keeps an output on, at most."""
 MAX_LINE = 64
 """Bytes between `$` and line feed. Longer is damage: the decoder never keeps more."""
 NOISE_RUN = 64
@@ -83,6 +87,28 @@ class Hello:
 
 
 @dataclass(frozen=True, slots=True)
+class RelayReport:
+    """The relay's field of a measurement, from the first command on. With the measurement's number, `run` is the
+    number that a command must bear to be obeyed."""
+
+    run: int  # 16 bit, another one after each reset and each wrap of the sequence number
+    output: RelayOutput  # what the board switches on
+    pins: int  # RelayOutput of the pins that are high, read back; a sum
+
+
+@dataclass(frozen=True, slots=True)
+class RelayCommand:
+    """The host's message: an output is to be on, while the measured pulse stays within the band. It bears the number of
+    a measurement, is obeyed once, and holds for RELAY_HOLD_MS from that measurement on. NONE is obeyed always."""
+
+    run: int = 0
+    seq: int = 0
+    output: RelayOutput = RelayOutput.NONE
+    nearest_ticks: int = 0
+    farthest_ticks: int = 0
+
+
+@dataclass(frozen=True, slots=True)
 class Measurement:
     """One cycle of the sensor. With any flag set, `ticks` is not a distance."""
 
@@ -90,6 +116,7 @@ class Measurement:
     ticks: int  # width of the ECHO pulse, 0.5 us
     flags: Flags = NO_FLAGS
     temperature_dc: int | None = None  # of the air, 0.1 °C; None: the ranger has no thermometer
+    relay: RelayReport | None = None  # None: the board was not asked for its relay since its reset
     size: int = field(default=0, compare=False)  # bytes on the wire, `$` to line feed; set by the decoder
 
 
@@ -104,7 +131,9 @@ class Damaged:
 Event = Hello | Measurement | Damaged
 
 _NUMBER = rb"(0|[1-9][0-9]{0,5})"
-_MEASUREMENT = re.compile(rb"HCM,%b,%b,%b,%b(?:,(0|-?[1-9][0-9]{0,2}))?" % ((_NUMBER,) * 4))
+_TAGGED = rb",([a-z])([0-9A-F]+)"
+_MEASUREMENT = re.compile(rb"HCM,%b,%b,%b,%b(?:,(0|-?[1-9][0-9]{0,2}))?((?:,[a-z][0-9A-F]+)*)" % ((_NUMBER,) * 4))
+_COMMAND = re.compile(rb"\$(HCR,([0-9A-F]{4}),%b,([0-2]),%b,%b)\*([0-9A-F]{4})\r\n" % ((_NUMBER,) * 3))
 _HELLO = re.compile(rb"HCI,([A-Za-z0-9_.-]{1,16}),%b((?:,.*)?)" % _NUMBER)
 _HELLO_REST = re.compile(rb",%b,%b" % ((_NUMBER,) * 2))
 _CHECKSUM = re.compile(rb"[0-9A-F]{4}")
@@ -137,7 +166,26 @@ def encode_measurement(measurement: Measurement) -> bytes:
     """The measurement's line. Raises ValueError for what no decoder would take."""
     m = measurement
     body = b"HCM,%d,%d,%d,%d" % (m.seq, m.ticks, tenths_at_20c(m.ticks), m.flags)
-    return _checked(frame(body if m.temperature_dc is None else b"%b,%d" % (body, m.temperature_dc)), m)
+    if m.temperature_dc is not None:
+        body += b",%d" % m.temperature_dc
+    if m.relay is not None:
+        body += b",r%04X%X" % (m.relay.run, m.relay.output << 2 | m.relay.pins)
+    return _checked(frame(body), m)
+
+
+def encode_command(command: RelayCommand) -> bytes:
+    """The relay command's line."""
+    c = command
+    return frame(b"HCR,%04X,%d,%d,%d,%d" % (c.run, c.seq, c.output, c.nearest_ticks, c.farthest_ticks))
+
+
+def commands_in(data: bytes) -> list[RelayCommand]:
+    """The undamaged relay commands among bytes from the host: what a board hears."""
+    return [
+        RelayCommand(int(found[2], 16), int(found[3]), RelayOutput(int(found[4])), int(found[5]), int(found[6]))
+        for found in _COMMAND.finditer(data)
+        if int(found[7], 16) == binascii.crc_hqx(found[1], 0)
+    ]
 
 
 def _checked(line: bytes, message: Hello | Measurement) -> bytes:
@@ -223,6 +271,19 @@ def _measurement(found: re.Match[bytes], size: int) -> Event:
         return Damaged(Damage.CONTENT, size)
     if temperature_dc is not None and not MIN_TEMPERATURE_DC <= temperature_dc <= MAX_TEMPERATURE_DC:
         return Damaged(Damage.CONTENT, size)
+    tagged = re.findall(_TAGGED, found[6])
+    if [tag for tag, _ in tagged] != sorted({tag for tag, _ in tagged}):
+        return Damaged(Damage.CONTENT, size)
+    relay = dict(tagged).get(b"r")
+    if relay is not None and (len(relay) != 5 or relay[4:] > b"B"):
+        return Damaged(Damage.CONTENT, size)
     if abs(tenths - tenths_at_20c(ticks)) > 1:  # firmware may round otherwise
         return Damaged(Damage.MISMATCH, size)
-    return Measurement(seq, ticks, Flags(flags), temperature_dc, size)
+    return Measurement(seq, ticks, Flags(flags), temperature_dc, _relay(relay), size)
+
+
+def _relay(field: bytes | None) -> RelayReport | None:
+    if field is None:
+        return None
+    state = int(field[4:], 16)
+    return RelayReport(int(field[:4], 16), RelayOutput(state >> 2), state & 3)

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gateway.core.readings import RelayOutput
 from gateway.ranger.hcsr04.protocol import (
     ALL_FLAGS,
     FLAG_MEANING,
@@ -20,6 +21,10 @@ from gateway.ranger.hcsr04.protocol import (
     Flags,
     Hello,
     Measurement,
+    RelayCommand,
+    RelayReport,
+    commands_in,
+    encode_command,
     encode_hello,
     encode_measurement,
     frame,
@@ -37,6 +42,8 @@ measurements = st.builds(
     ticks=st.integers(0, 999_999),
     flags=st.integers(0, 31).map(Flags),
     temperature_dc=st.none() | st.integers(-400, 850),
+    relay=st.none()
+    | st.builds(RelayReport, run=st.integers(0, 0xFFFF), output=st.sampled_from(RelayOutput), pins=st.integers(0, 3)),
 )
 hellos = st.builds(
     Hello,
@@ -305,3 +312,27 @@ def test_twenty_thousand_lines_with_random_damage() -> None:
                 wrong += event != message
     assert wrong == 0
     assert 4_000 < right < 6_000  # a fifth was left whole; a few hits repeat what was there
+
+
+def test_the_relays_field_and_command_have_one_spelling() -> None:
+    on = RelayReport(0xA1B2, RelayOutput.MAY_MOVE, 2)
+    line = encode_measurement(Measurement(7, 2912, temperature_dc=215, relay=on))
+    assert line == frame(b"HCM,7,2912,2500,0,215,rA1B2A")
+    command = RelayCommand(0xA1B2, 7, RelayOutput.MAY_MOVE, 2562, 3262)
+    assert encode_command(command) == frame(b"HCR,A1B2,7,2,2562,3262")
+    assert commands_in(b"?$HCR" + encode_command(command) + encode_command(RelayCommand()) + b"$HCR,1") == [
+        command,
+        RelayCommand(),
+    ]
+    assert commands_in(encode_command(command).replace(b",7,", b",8,")) == []
+
+
+def test_an_unknown_optional_field_is_ignored_and_a_wrong_one_is_damage() -> None:
+    """Each field once, in the alphabet's order."""
+    assert fed(frame(b"HCM,7,2912,2500,0,b1,rA1B20,z0F")) == [
+        Measurement(7, 2912, relay=RelayReport(0xA1B2, RelayOutput.NONE, 0))
+    ]
+    for wrong in (b"rA1B2", b"rA1B2C", b"rA1B200", b"rA1B20,b1", b"rA1B20,rA1B20", b"r", b"b1,215", b"B1"):
+        assert [event.kind for event in fed(frame(b"HCM,7,2912,2500,0," + wrong)) if isinstance(event, Damaged)] == [
+            Damage.CONTENT
+        ]
