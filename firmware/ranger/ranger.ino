@@ -2,6 +2,7 @@
  * the port, press Upload. In the Serial Monitor at 9600 baud you can read along; send ? to get a hello.
  *
  *     HC-SR04   VCC -> 5V    GND -> GND    TRIG -> D7    ECHO -> D8
+ *     Relays, if wanted (docs/wiring.md): in place -> D4    may move -> D5
  *
  * Wiring, flashing and what the LED says: docs/firmware.md. The lines: docs/ranger.md. The logic: src/ranger.h. */
 
@@ -20,7 +21,8 @@ static struct ranger ranger;
 void setup()
 {
     board_begin();
-    ranger_begin(&ranger, &board_uno, "hcsr04", PROTOCOL_PERIOD_MS, board_reset_cause(), board_now());
+    ranger_begin(&ranger, &board_uno, "hcsr04", PROTOCOL_PERIOD_MS, board_reset_cause(), board_seed(),
+                 board_now());
 }
 
 void loop()
@@ -47,5 +49,9 @@ void loop()
     if (ranger_poll(&ranger, now, board_echo_is_high())) {
         board_feed_watchdog();
         board_light(ranger.light);
+    }
+    relay_poll(&ranger.relay, now, board_relay_pins());
+    if (ranger.relay.asked) {
+        board_relay(ranger.relay.output);
     }
 }

@@ -35,7 +35,7 @@ def library() -> ctypes.CDLL:
     lib.harness_free.argtypes = [ctypes.c_void_p]
     lib.harness_command.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_char_p]
     lib.harness_measurement.argtypes = [
-        ctypes.c_uint16, ctypes.c_uint32, ctypes.c_uint8, ctypes.c_int16, ctypes.c_char_p,
+        ctypes.c_uint16, ctypes.c_uint32, ctypes.c_uint8, ctypes.c_int16, ctypes.c_int32, ctypes.c_char_p,
     ]  # fmt: skip
     lib.harness_hello.argtypes = [ctypes.c_char_p, ctypes.c_uint16, ctypes.c_uint8, ctypes.c_char_p]
     lib.ranger_tenths_at_20c.argtypes = [ctypes.c_uint32]
@@ -58,6 +58,7 @@ class Answer:
     lost_lines: int
     late_cycles: int
     sent: bytes
+    output: int = 0  # of the relay
 
     @property
     def said(self) -> list[Event]:
@@ -66,10 +67,9 @@ class Answer:
 
 
 def parse(answer: str) -> Answer:
-    began, pulses, light, flags, lost, late, *sent = answer.split()
-    return Answer(
-        began == "1", int(pulses), light == "1", int(flags), int(lost), int(late), bytes.fromhex("".join(sent))
-    )
+    began, pulses, light, flags, lost, late, output, *sent = answer.split()
+    counts = (int(flags), int(lost), int(late))
+    return Answer(began == "1", int(pulses), light == "1", *counts, bytes.fromhex("".join(sent)), int(output))
 
 
 class Core:
@@ -101,6 +101,10 @@ class Core:
 
     def temperature(self, tenths: int) -> None:
         self._do(f"temperature {tenths}")
+
+    def pins(self, high: int) -> None:
+        """Pins of the relay that something else holds high, as a sum."""
+        self._do(f"pins {high}")
 
     def space(self, count: int) -> None:
         self._do(f"space {count}")

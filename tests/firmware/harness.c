@@ -1,9 +1,11 @@
 /* The ranger's core with a board of memory instead of hardware, driven by one line of text a call, so that the shared
  * library (ctypes) and the executable (stdin, stdout; address sanitizer) take the very same commands:
  *
- *     begin NAME PERIOD_MS MCUSR NOW | poll NOW HIGH | edge TICKS HIGH | receive BYTE | temperature DC | space BYTES
+ *     begin NAME PERIOD_MS MCUSR NOW | poll NOW HIGH | edge TICKS HIGH | receive BYTE | temperature DC | space BYTES |
+ *     pins SUM
  *
- * The answer: what poll returned, pulses of TRIG, light, flags, lost_lines, late_cycles, and the sent bytes in hex. */
+ * The answer: what poll returned, pulses of TRIG, light, flags, lost_lines, late_cycles, output of the relay, and the sent
+ * bytes in hex. The relay's pins follow its output; `pins` are held high from elsewhere. */
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -18,6 +20,8 @@ struct harness {
     struct ranger_board board;
     char name[17];
     uint8_t space;
+    uint8_t pins;   /* held high */
+    uint8_t driven; /* as by the newest relay_poll */
     unsigned pulses;
     size_t sent_length;
     uint8_t sent[SENT_MAX];
@@ -72,9 +76,12 @@ int harness_command(struct harness *harness, const char *line, char *answer)
     if (sscanf(line, "begin %16s %" SCNu32 " %" SCNu32 " %" SCNu32, name, &a, &b, &c) == 4) {
         memcpy(harness->name, name, sizeof name);
         memset(ranger, 0xA5, sizeof *ranger); /* the core may not count on zeros */
-        ranger_begin(ranger, &harness->board, harness->name, (uint16_t)a, (uint8_t)b, c);
+        ranger_begin(ranger, &harness->board, harness->name, (uint16_t)a, (uint8_t)b, 0x1234, c);
+        harness->driven = 0;
     } else if (sscanf(line, "poll %" SCNu32 " %" SCNu32, &a, &b) == 2) {
         began = ranger_poll(ranger, a, b != 0);
+        relay_poll(&ranger->relay, a, harness->pins | harness->driven);
+        harness->driven = ranger->relay.output;
     } else if (sscanf(line, "edge %" SCNu32 " %" SCNu32, &a, &b) == 2) {
         ranger_edge(ranger, a, b != 0);
     } else if (sscanf(line, "receive %" SCNu32, &a) == 1) {
@@ -83,11 +90,13 @@ int harness_command(struct harness *harness, const char *line, char *answer)
         ranger_temperature(ranger, (int16_t)dc);
     } else if (sscanf(line, "space %" SCNu32, &a) == 1) {
         harness->space = (uint8_t)a;
+    } else if (sscanf(line, "pins %" SCNu32, &a) == 1) {
+        harness->pins = (uint8_t)a;
     } else {
         return 0;
     }
-    char *end = answer + sprintf(answer, "%d %u %d %u %u %u ", began, harness->pulses, ranger->light, ranger->flags,
-                                 ranger->lost_lines, ranger->late_cycles);
+    char *end = answer + sprintf(answer, "%d %u %d %u %u %u %u ", began, harness->pulses, ranger->light, ranger->flags,
+                                 ranger->lost_lines, ranger->late_cycles, ranger->relay.output);
     for (size_t at = 0; at < harness->sent_length; at++) {
         end += sprintf(end, "%02x", harness->sent[at]);
     }
@@ -96,10 +105,16 @@ int harness_command(struct harness *harness, const char *line, char *answer)
     return 1;
 }
 
-/* For codec tests. */
-int harness_measurement(uint16_t seq, uint32_t ticks, uint8_t flags, int16_t temperature_dc, char *line)
+/* For codec tests. `relay`: run * 16 + state; below 0: without. */
+int harness_measurement(uint16_t seq, uint32_t ticks, uint8_t flags, int16_t temperature_dc, int32_t relay, char *line)
 {
-    const struct ranger_measurement measurement = {seq, ticks, flags, temperature_dc};
+    const struct ranger_measurement measurement = {.seq = seq,
+                                                   .ticks = ticks,
+                                                   .flags = flags,
+                                                   .temperature_dc = temperature_dc,
+                                                   .has_relay = relay >= 0,
+                                                   .run = (uint16_t)(relay >> 4),
+                                                   .relay_state = (uint8_t)(relay & 15)};
     return ranger_write_measurement(line, &measurement);
 }
 

@@ -4,6 +4,7 @@ import binascii
 import ctypes
 import random
 
+from gateway.core.readings import RelayOutput
 from gateway.ranger.hcsr04.protocol import (
     ALL_FLAGS,
     MAX_PERIOD_MS,
@@ -16,6 +17,7 @@ from gateway.ranger.hcsr04.protocol import (
     Flags,
     Hello,
     Measurement,
+    RelayReport,
     encode_hello,
     encode_measurement,
     tenths_at_20c,
@@ -37,7 +39,15 @@ def random_message(draw: random.Random) -> Hello | Measurement:
         draw.randint(0, MAX_TICKS) >> draw.randrange(20),
         Flags(draw.randint(0, ALL_FLAGS.value)),
         draw.choice((None, draw.randint(-400, 850), draw.randint(-20, 20))),
+        draw.choice(
+            (None, RelayReport(draw.randint(0, 0xFFFF), RelayOutput(draw.randrange(3)), draw.randrange(4)))
+        ),
     )
+
+
+def relay_number(report: RelayReport | None) -> int:
+    """As the harness takes it."""
+    return -1 if report is None else report.run << 4 | report.output << 2 | report.pins
 
 
 class Board:
@@ -45,19 +55,19 @@ class Board:
 
     def __init__(self) -> None:
         self._library = library()
-        self._line = ctypes.create_string_buffer(40 + 8)
+        self._line = ctypes.create_string_buffer(48 + 8)
 
     def encode(self, message: Hello | Measurement) -> bytes:
-        ctypes.memset(self._line, 0xA5, 48)
+        ctypes.memset(self._line, 0xA5, 56)
         if isinstance(message, Hello):
             size = self._library.harness_hello(message.name.encode(), message.period_ms, message.mcusr, self._line)
         else:
             temperature_dc = NO_TEMPERATURE if message.temperature_dc is None else message.temperature_dc
             size = self._library.harness_measurement(
-                message.seq, message.ticks, message.flags.value, temperature_dc, self._line
+                message.seq, message.ticks, message.flags.value, temperature_dc, relay_number(message.relay), self._line
             )
-        assert size <= 40
-        assert self._line.raw[size:] == b"\xa5" * (48 - size)
+        assert size <= 48
+        assert self._line.raw[size:] == b"\xa5" * (56 - size)
         return self._line.raw[:size]
 
 
@@ -78,9 +88,9 @@ def test_the_board_says_a_message_with_the_very_bytes_of_the_gateways_encoder() 
 
 def test_the_longest_lines_fit() -> None:
     board = Board()
-    longest = Measurement(MAX_SEQ, MAX_TICKS, ALL_FLAGS, -400)
+    longest = Measurement(MAX_SEQ, MAX_TICKS, ALL_FLAGS, -400, RelayReport(0xFFFF, RelayOutput.MAY_MOVE, 3))
     hello = Hello("ABCDEFGHIJKLMNOP", 1, 500, 255)
-    assert len(board.encode(longest)) == len(encode_measurement(longest)) == 39
+    assert len(board.encode(longest)) == len(encode_measurement(longest)) == 46
     assert len(board.encode(hello)) == len(encode_hello(hello)) == 38
 
 

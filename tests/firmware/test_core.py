@@ -10,7 +10,7 @@ from tests.firmware.core import CYCLE, MS, RISE, Answer, Core
 HELLO = Hello("hcsr04", 1, 60, 1)
 S = 1000 * MS
 NEAREST, FARTHEST = 233, 46_590  # ticks: the first and the last between 2 cm and 4 m
-MEASUREMENT_MAX = 40
+MEASUREMENT_MAX = 48
 MS_STEP = 4
 
 Maker = Callable[..., Core]

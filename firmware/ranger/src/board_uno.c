@@ -14,6 +14,8 @@
 #define TRIG_BIT _BV(PORTD7)
 #define ECHO_BIT _BV(PINB0)
 #define LED_BIT _BV(PORTB5)
+#define RELAY_SHIFT PORTD4 /* RELAY_IN_PLACE is D4, RELAY_MAY_MOVE D5 */
+#define RELAY_BITS ((uint8_t)((RELAY_IN_PLACE | RELAY_MAY_MOVE) << RELAY_SHIFT))
 
 /* -- why we are here ------------------------------------------------------------------------------------------- */
 
@@ -23,6 +25,7 @@
 static uint8_t saved_mcusr __attribute__((section(".noinit")));
 static uint32_t alive_mark __attribute__((section(".noinit")));
 static volatile uint8_t overflows_unfed __attribute__((section(".noinit")));
+static uint16_t resets __attribute__((section(".noinit"))); /* garbage after a power cut, which does as well */
 static uint8_t reset_cause;
 
 /* Before main and before the variables are set up: after a watchdog reset the watchdog is still on, and short. */
@@ -48,6 +51,11 @@ static uint8_t find_reset_cause(void)
 uint8_t board_reset_cause(void)
 {
     return reset_cause;
+}
+
+uint16_t board_seed(void)
+{
+    return (uint16_t)(resets * 0x9E37u); /* odd: no two of 65,536 are alike */
 }
 
 void board_feed_watchdog(void)
@@ -212,6 +220,17 @@ bool board_received(uint8_t *byte)
     return true;
 }
 
+uint8_t board_relay_pins(void)
+{
+    return (uint8_t)((PIND & RELAY_BITS) >> RELAY_SHIFT);
+}
+
+void board_relay(uint8_t output)
+{
+    PORTD = (uint8_t)((PORTD & ~RELAY_BITS) | ((output << RELAY_SHIFT) & RELAY_BITS)); /* no interrupt writes it */
+    DDRD |= RELAY_BITS;
+}
+
 /* -- the rest ---------------------------------------------------------------------------------------------------- */
 
 void board_light(bool on)
@@ -250,6 +269,7 @@ void board_begin(void)
 {
     reset_cause = find_reset_cause();
     alive_mark = ALIVE_MARK;
+    resets++;
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
     {
         PORTD = (uint8_t)(PORTD & ~TRIG_BIT);

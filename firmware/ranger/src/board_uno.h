@@ -4,6 +4,7 @@
  *     ECHO  D8 (PB0, ICP1)    Timer1 copies its count into ICR1 in the cycle in which the pin changes
  *     LED   D13 (PB5)         the Uno's own
  *     A0    TMP36, optional
+ *     D4    relay "in place" (PD4), D5 relay "may move" (PD5), optional: inputs until the host asks for them
  *
  * Timer1 counts 0.5 us. The UART is interrupt-driven on both sides and never waits. Do not use Serial, pulseIn, Servo
  * or Tone beside it: they want the same hardware. Timer0, and with it millis(), is the Arduino core's and free. */
@@ -26,6 +27,9 @@ void board_begin(void);
  * it had not. */
 uint8_t board_reset_cause(void);
 
+/* Another number after each reset. */
+uint16_t board_seed(void);
+
 /* Time since board_begin in 0.5 us ticks. Wraps. */
 uint32_t board_now(void);
 
@@ -35,6 +39,11 @@ bool board_echo_is_high(void);
 
 /* The next byte from the host. False: there is none. */
 bool board_received(uint8_t *byte);
+
+/* The relay's pins that are high, read back, as a sum of enum relay_output. */
+uint8_t board_relay_pins(void);
+/* Make them outputs, with this one high and the other low. */
+void board_relay(uint8_t output);
 
 void board_light(bool on);
 void board_feed_watchdog(void);

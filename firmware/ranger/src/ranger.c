@@ -38,10 +38,19 @@ static void say_hello(struct ranger *ranger, uint32_t now)
     }
 }
 
-static void report(struct ranger *ranger, uint32_t ticks, uint8_t flags)
+/* `at`: when it became known. */
+static void report(struct ranger *ranger, uint32_t ticks, uint8_t flags, uint32_t at)
 {
     char line[RANGER_MEASUREMENT_MAX];
-    const struct ranger_measurement measurement = {ranger->seq, ticks, flags, ranger->temperature_dc};
+    struct relay *relay = &ranger->relay;
+    relay_measured(relay, ranger->seq, ticks, flags, at);
+    const struct ranger_measurement measurement = {.seq = ranger->seq,
+                                                   .ticks = ticks,
+                                                   .flags = flags,
+                                                   .temperature_dc = ranger->temperature_dc,
+                                                   .has_relay = relay->asked,
+                                                   .run = relay->run,
+                                                   .relay_state = (uint8_t)(relay->output << 2 | relay->pins)};
     if (!say(ranger, line, ranger_write_measurement(line, &measurement), 0)) {
         ranger->lost_lines++;
     }
@@ -65,13 +74,13 @@ static void light_up(struct ranger *ranger)
     ranger->light_step++;
 }
 
-static void end_cycle(struct ranger *ranger, bool echo_is_high)
+static void end_cycle(struct ranger *ranger, uint32_t now, bool echo_is_high)
 {
     if (ranger->state == RANGER_WAIT_FALL) {
         /* Low, but nobody saw it fall: the width is not known. */
-        report(ranger, 0, echo_is_high ? PROTOCOL_FLAG_STUCK_HIGH : PROTOCOL_FLAG_NO_ECHO);
+        report(ranger, 0, echo_is_high ? PROTOCOL_FLAG_STUCK_HIGH : PROTOCOL_FLAG_NO_ECHO, now);
     } else if (ranger->state == RANGER_BLOCKED) {
-        report(ranger, 0, PROTOCOL_FLAG_STUCK_HIGH);
+        report(ranger, 0, PROTOCOL_FLAG_STUCK_HIGH, now);
     }
 }
 
@@ -99,9 +108,10 @@ static void begin_cycle(struct ranger *ranger, uint32_t now, bool echo_is_high)
 }
 
 void ranger_begin(struct ranger *ranger, const struct ranger_board *board, const char *name, uint16_t period_ms,
-                  uint8_t mcusr, uint32_t now)
+                  uint8_t mcusr, uint16_t seed, uint32_t now)
 {
     *ranger = (struct ranger){0};
+    relay_begin(&ranger->relay, seed);
     ranger->board = board;
     ranger->hello.name = name;
     ranger->hello.period_ms = period_ms;
@@ -129,7 +139,7 @@ void ranger_edge(struct ranger *ranger, uint32_t ticks, bool is_high)
     }
     const uint32_t width = ticks - ranger->rose;
     if (width >= RANGER_NO_ECHO_TICKS) {
-        report(ranger, 0, PROTOCOL_FLAG_NO_ECHO);
+        report(ranger, 0, PROTOCOL_FLAG_NO_ECHO, ticks);
         return;
     }
     const uint32_t tenths = ranger_tenths_at_20c(width);
@@ -139,7 +149,7 @@ void ranger_edge(struct ranger *ranger, uint32_t ticks, bool is_high)
     } else if (tenths > PROTOCOL_FARTHEST_TENTHS) {
         flags = PROTOCOL_FLAG_TOO_FAR;
     }
-    report(ranger, width, flags);
+    report(ranger, width, flags, ticks);
 }
 
 void ranger_receive(struct ranger *ranger, uint8_t byte)
@@ -147,6 +157,7 @@ void ranger_receive(struct ranger *ranger, uint8_t byte)
     if (byte == PROTOCOL_QUESTION) {
         ranger->asked = true;
     }
+    relay_receive(&ranger->relay, byte);
 }
 
 void ranger_temperature(struct ranger *ranger, int16_t temperature_dc)
@@ -160,10 +171,10 @@ bool ranger_poll(struct ranger *ranger, uint32_t now, bool echo_is_high)
 {
     bool began = false;
     if (ranger->state == RANGER_WAIT_RISE && now - ranger->started >= RANGER_RISE_LIMIT_TICKS) {
-        report(ranger, 0, PROTOCOL_FLAG_NO_RISING_EDGE);
+        report(ranger, 0, PROTOCOL_FLAG_NO_RISING_EDGE, now);
     }
     if (passed(now, ranger->due)) {
-        end_cycle(ranger, echo_is_high);
+        end_cycle(ranger, now, echo_is_high);
         begin_cycle(ranger, now, echo_is_high);
         began = true;
     }

@@ -3,12 +3,13 @@
  * This header is the manual. The caller owns one `struct ranger` and four small functions (`struct ranger_board`), and
  * passes the time in: a 32 bit counter of 0.5 us ticks that may wrap (it does so every 36 minutes).
  *
- *     ranger_begin(&ranger, &board, "hcsr04", PROTOCOL_PERIOD_MS, mcusr, now);      once; says hello
+ *     ranger_begin(&ranger, &board, "hcsr04", PROTOCOL_PERIOD_MS, mcusr, seed, now);      once; says hello
  *     for (;;) {
  *         for every captured edge of ECHO, in order:  ranger_edge(&ranger, ticks, is_high);
  *         for every received byte:                    ranger_receive(&ranger, byte);
  *         when a temperature is known:                ranger_temperature(&ranger, tenths_of_a_degree);
  *         ranger_poll(&ranger, now, echo_is_high);    as often as possible; take `now` before collecting the edges
+ *         relay_poll(&ranger.relay, now, pins);       then, see relay.h
  *     }
  *
  * Nothing here waits. All functions are to be called from one context (the main loop), none from an interrupt: edges
@@ -29,6 +30,7 @@
 #define RANGER_H
 
 #include "ranger_wire.h"
+#include "relay.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -63,6 +65,7 @@ struct ranger {
     uint16_t late_cycles; /* cycles that began later than RANGER_LATE_TICKS */
     uint8_t flags;        /* of the newest measurement */
     bool light;           /* the LED: see ranger_poll */
+    struct relay relay;   /* see relay.h; begun with ranger_begin */
 
     /* The core's own. */
     const struct ranger_board *board;
@@ -83,14 +86,15 @@ struct ranger {
 };
 
 /* Fill the struct and say hello. The first trigger follows one period later, so that an old echo has died away.
- * `board` and `name` must outlive `ranger`; `period_ms` is PROTOCOL_MIN_PERIOD_MS to PROTOCOL_MAX_PERIOD_MS. */
+ * `board` and `name` must outlive `ranger`; `period_ms` is PROTOCOL_MIN_PERIOD_MS to PROTOCOL_MAX_PERIOD_MS; `seed`
+ * differs from one reset to the next. */
 void ranger_begin(struct ranger *ranger, const struct ranger_board *board, const char *name, uint16_t period_ms,
-                  uint8_t mcusr, uint32_t now);
+                  uint8_t mcusr, uint16_t seed, uint32_t now);
 
 /* ECHO changed at `ticks`. Edges that make no sense (a second rise, a fall without a rise) are ignored. */
 void ranger_edge(struct ranger *ranger, uint32_t ticks, bool is_high);
 
-/* A byte from the host. A `?` asks for a hello: at most one is said in a cycle, several questions get one answer. */
+/* A byte from the host, for the relay, too. A `?` asks for a hello: at most one is said in a cycle, several questions get one answer. */
 void ranger_receive(struct ranger *ranger, uint8_t byte);
 
 /* The air's temperature, sent with every measurement from now on. Outside PROTOCOL_MIN/MAX_TEMPERATURE_DC, or

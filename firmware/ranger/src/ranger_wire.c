@@ -49,18 +49,24 @@ static char *put_field(char *end, uint32_t value)
     return put_number(end, value);
 }
 
+static char *put_hex(char *end, uint16_t value)
+{
+    static const char hex[] = "0123456789ABCDEF";
+    for (int8_t shift = 12; shift >= 0; shift = (int8_t)(shift - 4)) {
+        *end++ = hex[((unsigned)value >> shift) & 0xFu];
+    }
+    return end;
+}
+
 /* The line's end behind its body. Returns the whole length. */
 static uint8_t close_line(char *line, char *end)
 {
-    static const char hex[] = "0123456789ABCDEF";
     uint16_t crc = 0;
     for (const char *at = line + 1; at < end; at++) {
         crc = ranger_crc(crc, (uint8_t)*at);
     }
     *end++ = '*';
-    for (int8_t shift = 12; shift >= 0; shift = (int8_t)(shift - 4)) {
-        *end++ = hex[((unsigned)crc >> shift) & 0xFu];
-    }
+    end = put_hex(end, crc);
     *end++ = '\r';
     *end++ = '\n';
     return (uint8_t)(end - line);
@@ -80,6 +86,12 @@ uint8_t ranger_write_measurement(char out[RANGER_MEASUREMENT_MAX], const struct 
             *end++ = '-';
         }
         end = put_number(end, (uint32_t)(value < 0 ? -value : value));
+    }
+    if (measurement->has_relay) {
+        *end++ = ',';
+        *end++ = 'r';
+        end = put_hex(end, measurement->run);
+        *end++ = "0123456789AB"[measurement->relay_state];
     }
     return close_line(out, end);
 }
