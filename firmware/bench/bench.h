@@ -108,6 +108,7 @@ void link_silence(void);                   // reset or power cut in the middle o
 void link_run(uint64_t now);
 size_t link_room(void);                     // bytes that the host may send now
 void link_host(const uint8_t *data, size_t size); // what the host says
+void link_renew(int output, unsigned nearest, unsigned farthest); // reply to each line as the gateway does; below 0: not
 void link_noise(double share);
 void link_burst(uint64_t until);
 void link_mute(bool on);

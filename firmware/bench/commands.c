@@ -37,6 +37,8 @@ const char COMMANDS_HELP[] =
     "  hang                 the processor runs away with interrupts off; only the watchdog can end it\n"
     "  stall                the same with interrupts served, as a main loop that waits for ever\n"
     "  send TEXT            the host says TEXT\n"
+    "  renew OUT NEAR FAR   the host renews output 1 or 2 of the relay with each line, for a band of ECHO in 0.5 us ticks\n"
+    "  renew off            it does not any more\n"
     "  quit                 end now\n";
 
 bool quit;
@@ -123,6 +125,15 @@ static bool version_command(char **rest) {
     return true;
 }
 
+static bool renew_command(char **rest) {
+    double output = -1, near = 0, far = 0;
+    char *const given = *rest + strspn(*rest, " \t");
+    if (!strncmp(given, "off", 3)) *rest = given + 3;
+    else if (!number(rest, 0, 2, &output) || !number(rest, 0, 999999, &near) || !number(rest, 0, 999999, &far)) return false;
+    link_renew((int)output, (unsigned)near, (unsigned)far);
+    return true;
+}
+
 static bool timed(const char *verb, char **rest) {
     double ms = 0, mm = 0;
     if (!number(rest, 0, 1e12, &ms)) return false;
@@ -137,6 +148,7 @@ static bool obeyed(const char *verb, char **rest) {
     bool on = false;
     if (!strcmp(verb, "at") || !strcmp(verb, "track")) return timed(verb, rest);
     if (!strcmp(verb, "sensor")) return sensor_command(rest);
+    if (!strcmp(verb, "renew")) return renew_command(rest);
     if (!strcmp(verb, "version")) return version_command(rest);
     if (!strcmp(verb, "distance")) return distance(rest, &a) ? sensor_distance(a), true : false;
     const struct { const char *verb; double low, high; double *value; } settings[] = {

@@ -96,8 +96,36 @@ void link_silence(void) {
     keeps = false;
 }
 
+static int renewed = -1;
+static unsigned band[2];
+
+void link_renew(int output, unsigned nearest, unsigned farthest) {
+    renewed = output;
+    band[0] = nearest, band[1] = farthest;
+}
+
+// The host's reply to a line: the relay command with its number.
+static void reply(uint8_t value) {
+    static char heard[LINE];
+    static size_t size;
+    if (value == '$') size = 0;
+    if (size < LINE - 1) heard[size++] = (char)value;
+    if (value != '\n' || renewed < 0) return;
+    heard[size] = 0;
+    unsigned seq = 0;
+    char run[5] = "0000", out[LINE], *const field = strstr(heard, ",r");
+    if (sscanf(heard, "$HCM,%u,", &seq) != 1) return;
+    if (field) memcpy(run, field + 2, 4);
+    int length = snprintf(out, LINE, "$HCR,%s,%u,%d,%u,%u", run, seq, field ? renewed : 0, band[0], band[1]);
+    const unsigned crc = crc_xmodem((const uint8_t *)out + 1, (size_t)length - 1);
+    length += snprintf(out + length, LINE - (size_t)length, "*%04X\r\n", crc);
+    link_host((const uint8_t *)out, (size_t)length);
+}
+
 static void deliver(uint8_t value) {
-    if (!muted) port_write(&value, 1);
+    if (muted) return;
+    port_write(&value, 1);
+    reply(value);
 }
 
 // The same mixture as the simulated ranger's: a bit flipped, a byte made up, a byte lost.

@@ -39,9 +39,7 @@ def random_message(draw: random.Random) -> Hello | Measurement:
         draw.randint(0, MAX_TICKS) >> draw.randrange(20),
         Flags(draw.randint(0, ALL_FLAGS.value)),
         draw.choice((None, draw.randint(-400, 850), draw.randint(-20, 20))),
-        draw.choice(
-            (None, RelayReport(draw.randint(0, 0xFFFF), RelayOutput(draw.randrange(3)), draw.randrange(4)))
-        ),
+        draw.choice((None, RelayReport(draw.randint(0, 0xFFFF), RelayOutput(draw.randrange(3)), draw.randrange(4)))),
     )
 
 

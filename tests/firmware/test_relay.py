@@ -1,11 +1,13 @@
 """The board's relay, in the core and in the compiled firmware: what holds an output, and when it drops."""
 
 from collections.abc import Iterator
+from itertools import pairwise
 
 import pytest
 
 from gateway.core.readings import RelayOutput
 from gateway.ranger.hcsr04.protocol import Measurement, RelayCommand, RelayReport, encode_command, frame
+from tests.firmware.bench_runs import run
 from tests.firmware.core import CYCLE, MS, RISE, Core
 
 NONE, IN_PLACE, MAY_MOVE = RelayOutput
@@ -60,7 +62,9 @@ def test_without_a_command_lines_are_as_they_ever_were() -> None:
 
 def test_a_command_holds_for_280_ms_from_its_measurement(relay: Relay) -> None:
     first = relay.on()
-    assert [relay.cycle().relay for _ in range(3)][-1] == RelayReport(first.relay.run if first.relay else 0, IN_PLACE, 1)
+    assert [relay.cycle().relay for _ in range(3)][-1] == RelayReport(
+        first.relay.run if first.relay else 0, IN_PLACE, 1
+    )
     held = relay.core
     known = held.due - 4 * CYCLE + RISE + WIDTH  # of the first one
     for _ in range(1):
@@ -175,3 +179,37 @@ def test_the_run_is_another_one_after_65536_measurements() -> None:
     assert again is not None
     assert again.run != first.run
     relay.core.close()
+
+
+DROPS = (
+    ("renew off", "renew 1 5000 7000"),  # the gateway was killed
+    ("mute on", "mute off"),  # the cable is off
+    ("reset", ""),
+    ("power off", "power on"),
+    ("hang", ""),
+    ("stall", ""),
+    ("distance 700", "distance 520"),  # its own measurement leaves the band
+    ("distance 300", "distance 520"),
+    ("distance none", "distance 520"),
+    ("sensor dead", "sensor ok"),
+    ("sensor stuck", "sensor ok"),
+    ("renew 2 5000 7000", "renew 1 5000 7000"),  # to the other output
+)
+
+
+@pytest.mark.mostly_long
+@pytest.mark.parametrize("place_ms", [1, 13, 25, 37, 49])
+def test_in_the_compiled_firmware_it_drops_within_300_ms_and_both_are_never_on(place_ms: int) -> None:
+    """Each cause somewhere else in the cycle."""
+    causes = [(960 + 1200 * n + (place_ms + 7 * n) % 60, *cause) for n, cause in enumerate(DROPS)]
+    scenario = "".join(f"at {at} {drop}\n" + (f"at {at + 420} {back}\n" if back else "") for at, drop, back in causes)
+    played = run("distance 520\nrenew 1 5000 7000\n" + scenario, 960 + 1200 * len(causes))
+    changes = [(row["t_ns"] / 1e6, row["pins"]) for row in played.of("relay")]
+    assert {pins for _, pins in changes} == {NONE, IN_PLACE, MAY_MOVE}
+    took_ms = {}
+    for at, drop, _ in causes:
+        assert [pins for t, pins in changes if t < at][-1] == IN_PLACE, at
+        took_ms[at, drop] = next(t for t, pins in changes if t >= at and pins == NONE) - at
+    assert [cause for cause, ms in took_ms.items() if ms > 300] == []
+    between = [(a, b) for a, b in pairwise(changes) if b[1] != NONE]
+    assert min(b[0] - a[0] for a, b in between) > 120
