@@ -13,11 +13,15 @@ from gateway.bay import BayControl
 from gateway.bay_file import BayFiles
 from gateway.clock import SystemClock
 from gateway.config import BayConfig, GatewayConfig
+from gateway.core.interlock import Rules
 from gateway.core.readings import RangeReading, VisionReading
+from gateway.core.relay import decided
+from gateway.core.state import StateVector
 from gateway.hub import Hub
 from gateway.modbus.protocol.answers import Unit
 from gateway.modbus.registers.bay_unit import unit_of
 from gateway.processes.template import ProcessTemplate
+from gateway.ranger.contract import RelaySession
 from gateway.ranger.ranger_service import RangerService
 from gateway.ranger.vote import Voter
 from gateway.records.recorder_service import RecorderService
@@ -175,7 +179,7 @@ def build_bays(shared: Shared, sensors: Sensors, outputs: BayOutputs, ticked: Ca
             bay,
             hub,
             shared.clock,
-            (outputs.vectors[bay.name].write, files.note),
+            (outputs.vectors[bay.name].write, files.note, *_relay(bay, config, sensors.rangers[bay.name][0])),
             config,
             files.retained(bay.name),
             files.untried(bay.name),
@@ -194,6 +198,14 @@ def build_bays(shared: Shared, sensors: Sensors, outputs: BayOutputs, ticked: Ca
         ]
     units = {bay.unit_id: unit_of(controls[bay.name], config, shared.clock) for bay in config.bays}
     return BayTasks(controls, units, tasks)
+
+
+def _relay(bay: BayConfig, config: GatewayConfig, ranger: RangerService) -> tuple[Callable[[StateVector], None], ...]:
+    """What tells the board of the first ranger of each state, where its relay is used."""
+    rules, max_range_mm, session = Rules.of(bay, config), bay.ranger.max_range_mm, ranger.session
+    if not bay.ranger.has_relay or max_range_mm is None or not isinstance(session, RelaySession):
+        return ()
+    return (lambda state: session.decided(decided(state, rules.limits(state.plc.recipe), max_range_mm)),)
 
 
 def _rings(config: GatewayConfig, resources: ExitStack) -> tuple[dict[str, RingSpec], dict[str, RingSpec]]:

@@ -257,6 +257,22 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         *_range(Quality.WRONG_VERSION),
     ),
     AlarmDefinition(
+        "relay_fault",
+        "Relay does not follow",
+        Priority.HIGH,
+        "the pins of the ranger's board, read back, have differed from the gateway's command for 0.5 s",
+        "the wire in place or may move is not what the registers say; with both pins high the board switches both off",
+        (
+            "a short circuit or foreign voltage at D4 or D5",
+            "firmware without the relay",
+            "the board measures another distance than the gateway decides with",
+        ),
+        "do not load by the wire; look at register relay_status and at the wires (docs/wiring.md); flash the board",
+        10,
+        lambda inputs: inputs.state.relay_fault,
+        on_delay_s=0.0,  # it lasts for 0.5 s before it is called one
+    ),
+    AlarmDefinition(
         "ranger_no_echo",
         "No echo, though the marker is near",
         Priority.MEDIUM,

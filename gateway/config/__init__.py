@@ -67,6 +67,8 @@ __all__ = [
 ]
 
 Name = Annotated[str, Field(pattern=forms.NAME)]
+RELAY_PERIOD_S = 0.025
+"""The ranger's relay is renewed from a decision of the last 50 ms: two ticks."""
 SHARED_SECTIONS = ("camera", "vision", "ranger", "fusion", "guidance", "visit")
 
 
@@ -101,6 +103,12 @@ class BayConfig(Section):
                 "ranger",
                 "agree_mm",
             )
+        return self
+
+    @model_validator(mode="after")
+    def _decides_in_time(self) -> Self:
+        if self.ranger.has_relay and self.fusion.period_s > RELAY_PERIOD_S:
+            raise FieldError(f"must be {RELAY_PERIOD_S:g} s at most with ranger.hcsr04.relay", "fusion", "period_s")
         return self
 
     @model_validator(mode="after")

@@ -145,7 +145,7 @@ def forced_stop(state: StateVector, reason: Reason, now_ns: int) -> StateVector:
         t_ns=now_ns,
         seq=state.seq + 1,
         vision=_without_circle(state.vision, not_good(state.vision.quality)),
-        range=replace(_without_distance(state.range, not_good(state.range.quality)), rangers=()),
+        range=replace(_without_distance(state.range, not_good(state.range.quality)), rangers=(), relay=None),
         d=None,
         stop=True,
         may_move=False,
@@ -242,7 +242,7 @@ def aged_range(reading: RangeReading, now_ns: int, config: FusionConfig) -> Rang
     deadline_s = config.start_grace_s if reading.quality is Quality.WAITING else config.range_deadline_s
     if ages and now_ns - reading.t_ns > deadline_s * NS_PER_S:
         late = details.NO_READING(f"{deadline_s:g}")
-        return replace(_without_distance(reading, Quality.STALE), detail=late, rangers=())
+        return replace(_without_distance(reading, Quality.STALE), detail=late, rangers=(), relay=None)
     return reading
 
 

@@ -24,7 +24,7 @@ class Ne107(IntEnum):
 
 NE107_MEANING: dict[Ne107, str] = {
     Ne107.GOOD: "in order; an empty bay is in order, too",
-    Ne107.FAILURE: "F: not valid: a sensor, a link, the PLC's heartbeat (where required) or the gateway is broken",
+    Ne107.FAILURE: "F: not valid: a sensor, a link, the PLC's heartbeat (where required), relay or gateway is broken",
     Ne107.FUNCTION_CHECK: "C: not valid for the moment, on purpose: starting, shutting down, a technician at work",
     Ne107.OUT_OF_SPECIFICATION: "S: beyond what it can measure: out of the ranger's range, jumping distances, marker "
     "hidden, sensors contradict, age not proven",
@@ -44,7 +44,10 @@ def active(state: StateVector) -> frozenset[Ne107]:
     # An ultrasonic ranger that hears nothing is right where no marker is in sight, or where the marker is far off.
     beyond = rng in BEYOND_RANGE and vision is not Quality.NO_TARGET and not state.may_move
     holds = {
-        Ne107.FAILURE: bool(qualities & DEAD) or state.plc.missed or state.reason is Reason.GATEWAY_FAULT,
+        Ne107.FAILURE: bool(qualities & DEAD)
+        or state.plc.missed
+        or state.relay_fault
+        or state.reason is Reason.GATEWAY_FAULT,
         Ne107.FUNCTION_CHECK: state.function_check is not FunctionCheck.OFF
         or Quality.WAITING in qualities
         or state.reason is Reason.SHUTDOWN,

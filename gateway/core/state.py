@@ -385,6 +385,11 @@ class StateVector:
         return self.to_stand or reference.covered or reference.nearer
 
     @property
+    def relay_fault(self) -> bool:
+        """The outputs of the ranger's board do not follow their commands."""
+        return self.range.relay is not None and self.range.relay.fault
+
+    @property
     def running(self) -> bool:
         """The control task has made it; else it is what is shown where that does not run, or has ended."""
         return self.reason not in (Reason.GATEWAY_FAULT, Reason.SHUTDOWN)

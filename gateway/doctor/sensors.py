@@ -319,6 +319,8 @@ def ranger_judged(bay: str, look: RangerLook, tried: str, seconds: float) -> Fin
     result += f", {last.stats.damaged} damaged, {len(good)} distances"
     if good:
         result += f", Z {statistics.median(good):.0f} mm ± {noise_mm:.1f}"
+    if last.relay is not None and not last.relay.fault:
+        result += "; its relay is off, by its pins"
     verdict, remedy = Verdict.FAULT, ""
     if not look.identity:
         remedy = "is the firmware on the board (docs/firmware.md), is ranger.baud right, is this the right port?"
@@ -326,6 +328,9 @@ def ranger_judged(bay: str, look: RangerLook, tried: str, seconds: float) -> Fin
         remedy = "put this version's firmware on the board (docs/firmware.md)"
     elif last.quality in (Quality.STUCK, Quality.STALE, Quality.WAITING):
         remedy = "check the sensor's four wires (docs/wiring.md)"
+    elif last.relay is not None and last.relay.fault:
+        result += "; its relay is not reported, or a pin is high that is commanded off"
+        remedy = "put this version's firmware on the board (docs/firmware.md), check D4 and D5 (docs/wiring.md)"
     else:
         verdict, remedy = Verdict.WARNING, _ranger_advice(last, good, noise_mm)
     if not remedy:

@@ -8,10 +8,11 @@ conditioning.py.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from gateway.config import RangerConfig
 from gateway.core.readings import RangeReading, RangeStats
+from gateway.core.relay import RelayDecision
 
 
 class RangerSession(Protocol):
@@ -39,6 +40,14 @@ class RangerSession(Protocol):
 
     def lost(self, now_ns: int, detail: str) -> RangeReading:
         """The port cannot be opened or was lost."""
+
+
+@runtime_checkable
+class RelaySession(Protocol):
+    """A session whose device has a relay."""
+
+    def decided(self, decision: RelayDecision) -> None:
+        """What the relay is to do, after each state of the bay. Called by another thread than the other methods."""
 
 
 class Connection(Protocol):

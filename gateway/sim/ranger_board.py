@@ -10,15 +10,20 @@ from dataclasses import replace
 from enum import StrEnum
 from random import Random
 
+from gateway.core.readings import RelayOutput
 from gateway.ranger.hcsr04.protocol import (
     HELLO_PERIOD_S,
     MAX_SEQ,
     PERIOD_MS,
     PROTOCOL_VERSION,
     QUESTION,
+    RELAY_HOLD_MS,
     Flags,
     Hello,
     Measurement,
+    RelayCommand,
+    RelayReport,
+    commands_in,
     encode_hello,
     encode_measurement,
 )
@@ -33,6 +38,10 @@ SKIP_CYCLES = 20
 """Behind by more than this (a stopped process), cycles pass unheard."""
 WIRE_LINES = 8
 """Lines the board keeps for a busy wire; a further one is lost and counted."""
+
+HOLD_NS = RELAY_HOLD_MS * 1_000_000
+RELAY_NUMBERS, RELAY_ODD, RELAY_PAUSE = 4, 2, 3  # as in firmware/ranger/src/relay.h
+MAX_COMMAND = 64  # bytes of a command that is not complete
 
 POWER_ON, RESET_LINE = 1, 2  # MCUSR
 
@@ -57,6 +66,60 @@ Faults = Mapping[RangerFault, float]
 """The faults that hold now, with their amounts; 0 for those that take none."""
 
 
+class RelayBoard:
+    """The board's relay as in firmware/ranger/src/relay.c, but for one thing: a number may be used twice."""
+
+    def __init__(self, run: int) -> None:
+        self.output = RelayOutput.NONE
+        self._run, self._asked, self._heard = run, False, b""
+        self._issued: dict[int, int] = {}  # the newest numbers, and when they were issued, ns
+        self._band, self._ticks, self._odd, self._pause, self._ends_ns = (0, 0), 0, 0, 0, 0
+
+    def hear(self, data: bytes) -> None:
+        self._heard += data
+        for command in commands_in(self._heard):
+            self._obey(command)
+        self._heard = self._heard.rpartition(b"\n")[2][-MAX_COMMAND:]
+
+    def measured(self, seq: int, echo: Echo, now_ns: int) -> RelayReport | None:
+        """The field of the measurement's line; None: the board was not asked for it."""
+        if not self._asked:
+            return None
+        self._issued = dict([*self._issued.items(), (seq, now_ns)][-RELAY_NUMBERS:])
+        self._ticks = 0 if echo.flags else echo.ticks
+        self._pause = max(0, self._pause - 1)
+        self._odd = 0 if self._inside() else min(RELAY_ODD, self._odd + 1)
+        pins = self.output
+        if self._odd == RELAY_ODD:
+            self._off()
+        return RelayReport(self._run, self.output, pins)
+
+    def poll(self, now_ns: int) -> None:
+        if now_ns >= self._ends_ns:
+            self._off()
+
+    def _obey(self, command: RelayCommand) -> None:
+        self._asked = True
+        if command.output is RelayOutput.NONE:
+            self._off()
+        elif command.run == self._run and (issued_ns := self._issued.get(command.seq)) is not None:
+            if self.output is not command.output:
+                self._off()
+            self._band = (command.nearest_ticks, command.farthest_ticks)
+            if self.output is RelayOutput.NONE:
+                if self._pause or not self._inside():
+                    return
+                self._odd = 0
+            self.output, self._ends_ns = command.output, issued_ns + HOLD_NS
+
+    def _inside(self) -> bool:
+        return self._ticks > 0 and self._band[0] <= self._ticks <= self._band[1]
+
+    def _off(self) -> None:
+        if self.output is not RelayOutput.NONE:
+            self.output, self._pause = RelayOutput.NONE, RELAY_PAUSE
+
+
 class RangerBoard:
     """One board, from power on. `distance_mm(t_ns)` is the truth, None where nothing is in the beam."""
 
@@ -74,6 +137,7 @@ class RangerBoard:
         self._errors = errors or SensorErrors()
         self._air_c, self._boot_ns = air_c, boot_ns
         self._sensor, self._noise = Random(f"{seed}/sensor"), Random(f"{seed}/noise")
+        self._runs = Random(f"{seed}/runs")
         self._wire: deque[tuple[int, bytes]] = deque()  # (time of the first start bit, bytes still to go)
         self._version = PROTOCOL_VERSION
         self.lost_lines = 0
@@ -82,6 +146,7 @@ class RangerBoard:
         """Power on or reset: the boot loader's wait, then hello and sequence number 0."""
         self._mcusr = mcusr
         self._seq = 0
+        self.relay = RelayBoard(self._runs.getrandbits(16))
         self._wire.clear()
         self._up_ns = self._wire_free_ns = self._trigger_ns = now_ns + self._boot_ns
         self._hello(self._up_ns)
@@ -90,6 +155,8 @@ class RangerBoard:
         """Bytes from the host. Several questions at once get one answer."""
         if QUESTION in data and RangerFault.SILENT not in self.faults and now_ns >= self._up_ns:
             self._hello(now_ns)
+        if RangerFault.SILENT not in self.faults and now_ns >= self._up_ns:
+            self.relay.hear(data)
 
     def advance(self, now_ns: int) -> bytes:
         """Run up to `now_ns`; the bytes that were completely sent since the last call."""
@@ -104,6 +171,7 @@ class RangerBoard:
         while self._trigger_ns <= now_ns:
             self._cycle(self._trigger_ns)
             self._trigger_ns += PERIOD_NS
+        self.relay.poll(now_ns)
         sent = bytearray()
         while self._wire:
             start_ns, data = self._wire[0]
@@ -127,8 +195,9 @@ class RangerBoard:
 
     def _cycle(self, trigger_ns: int) -> None:
         echo = self._echo(trigger_ns)
-        line = encode_measurement(Measurement(self._seq, echo.ticks, echo.flags))
-        self._send(line, trigger_ns + min(echo.fell_ns, PERIOD_NS))
+        ready_ns = trigger_ns + min(echo.fell_ns, PERIOD_NS)
+        relay = self.relay.measured(self._seq, echo, ready_ns)
+        self._send(encode_measurement(Measurement(self._seq, echo.ticks, echo.flags, relay=relay)), ready_ns)
         self._seq = (self._seq + 1) & MAX_SEQ
         if trigger_ns - self._hello_ns >= HELLO_NS:
             self._hello(trigger_ns)

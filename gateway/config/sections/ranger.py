@@ -29,6 +29,11 @@ class Hcsr04Config(Section):
     temperature_tolerance_c: float = Field(
         40.0, ge=0, le=200, description="a measured temperature farther than this from temperature_c is not believed"
     )
+    relay: bool = Field(False, description="the board switches the outputs in place and may move (docs/wiring.md)")
+
+
+FORMER_KEYS = ("temperature_c", "temperature_tolerance_c")
+"""Of `[ranger.hcsr04]`: in 0.1.0 they stood in `[ranger]` itself."""
 
 
 MAX_NUMBER = 1e12
@@ -145,7 +150,7 @@ def _moved(ranger: Any) -> Any:
     """Raises FieldError for a key that is given twice, and for a value that is not allowed."""
     if not isinstance(ranger, Mapping) or not isinstance(own := ranger.get("hcsr04", {}), Mapping):
         return ranger
-    former = {key: ranger[key] for key in Hcsr04Config.model_fields if key in ranger}
+    former = {key: ranger[key] for key in FORMER_KEYS if key in ranger}
     if twice := former.keys() & own.keys():
         key = min(twice)
         raise FieldError(f"ranger.hcsr04.{key} is given, too; keep that one", key)
@@ -206,6 +211,10 @@ class RangerConfig(Section):
         """Recordings have them, too."""
         return _moved(given)
 
+    @property
+    def has_relay(self) -> bool:
+        return self.type == "hcsr04" and self.hcsr04.relay
+
     @model_validator(mode="after")
     def _reachable(self) -> "RangerConfig":
         if self.type == "modbus" and self.modbus.framing == "tcp" and not self.port.startswith("socket://"):
@@ -231,6 +240,13 @@ class BayRangerConfig(RangerConfig):
     agree_mm: float = Field(
         40.0, ge=1, le=1000, description="with [[ranger.more]]: distances that differ by more contradict each other"
     )
+
+    @model_validator(mode="after")
+    def _one_relay(self) -> "BayRangerConfig":
+        for n, one in enumerate(self.more):
+            if one.has_relay:
+                raise FieldError("only the first ranger's board may have a relay", "more", n, "hcsr04", "relay")
+        return self
 
     @property
     def sensors(self) -> tuple[RangerConfig, ...]:

@@ -12,7 +12,7 @@ Equal numbers therefore mean one image, however many reads fetched it.
 from collections.abc import Callable, Sequence
 
 from gateway.core.detection import TRACKING_MEANING
-from gateway.core.readings import QUALITY_MEANING, RANGE_FINE, VISION_FINE, Quality
+from gateway.core.readings import QUALITY_MEANING, RANGE_FINE, VISION_FINE, Quality, RelayOutput, RelayStatus
 from gateway.core.state import REASON_MEANING, Reason, StateVector
 from gateway.durations import NS_PER_MS
 from gateway.errors import ProtocolError
@@ -84,6 +84,19 @@ def _sequence(state: StateVector, _: int) -> Value:
 def _age_ms(state: StateVector, t_ns: int, quality: Quality) -> Value:
     return None if quality is Quality.WAITING or not state.running else (state.t_ns - t_ns) // NS_PER_MS
 
+
+def _relay(on: Callable[[RelayStatus], bool]) -> Callable[[StateVector], bool]:
+    return lambda s: s.range.relay is not None and on(s.range.relay)
+
+
+RELAY = StatusWord((
+    ("known", "the ranger's board reports its outputs; else all bits are 0", _relay(lambda r: True)),
+    ("commanded_in_place", "output in place is to be on", _relay(lambda r: r.commanded is RelayOutput.IN_PLACE)),
+    ("commanded_may_move", "output may move is to be on", _relay(lambda r: r.commanded is RelayOutput.MAY_MOVE)),
+    ("pin_in_place", "its pin is high, read back", _relay(lambda r: bool(r.pins & RelayOutput.IN_PLACE))),
+    ("pin_may_move", "its pin is high, read back", _relay(lambda r: bool(r.pins & RelayOutput.MAY_MOVE))),
+    ("relay_fault", "pins and commands differ for more than 0.5 s", _relay(lambda r: r.fault)),
+))  # fmt: skip
 
 _QUALITY = named(QUALITY_MEANING)
 _REASON = named(REASON_MEANING)
@@ -168,12 +181,14 @@ REGISTERS: tuple[Register, ...] = (
              lambda s, _: 0),
     Register(102, "bay_identity", UINT32, 1, "", "made of site, instance and bay name; never 0: "
              "compare it with the exported one", lambda s, _: 0),
+    Register(106, "relay_status", UINT16, 1, "", "outputs of the ranger's board, one bit each; 0: nothing known, too",
+             RELAY.read, bits=RELAY.names),
     shown(107, "rangers", UINT16, 1, "rangers.status", "of several rangers, one bit each; 0: one, or none is judged",
           bits=_RANGER_BITS),
 )  # fmt: skip
 
 RESERVED: tuple[Reserved, ...] = (
-    Reserved(104, 3, "for later map versions"),
+    Reserved(104, 2, "for later map versions"),
     Reserved(108, 2, "for later map versions"),
 )
 

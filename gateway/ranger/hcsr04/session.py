@@ -5,10 +5,12 @@ methods are described in gateway/ranger/contract.py.
 """
 
 from collections import Counter
+from dataclasses import replace
 
 from gateway.config import RangerConfig
 from gateway.core import details
 from gateway.core.readings import Quality, RangeReading, RangeStats
+from gateway.core.relay import RelayDecision
 from gateway.ranger.arrival_times import Arrival, ArrivalTracker
 from gateway.ranger.conditioning import Conditioner
 from gateway.ranger.contract import RangerType
@@ -25,6 +27,7 @@ from gateway.ranger.hcsr04.protocol import (
     Measurement,
     reset_cause,
 )
+from gateway.ranger.hcsr04.relay import RelayRenewal
 
 MS = 1_000_000
 S = 1000 * MS
@@ -64,7 +67,7 @@ class Hcsr04Session:
     """The state of one ranger in the gateway. Counters outlive connections, the rest does not."""
 
     def __init__(self, config: RangerConfig) -> None:
-        self._temperature_c = config.hcsr04.temperature_c
+        self._temperature_c = self._measured_at_c = config.hcsr04.temperature_c
         self._temperature_tolerance_c = config.hcsr04.temperature_tolerance_c
         self._byte_ns = config.byte_ns
         self._conditioner = Conditioner(config, PERIOD_MS * MS)
@@ -74,6 +77,7 @@ class Hcsr04Session:
         """Good lines whose distance was not used."""
         self.implausible_temperatures = 0
         self.reboots = 0
+        self._relay = RelayRenewal() if config.hcsr04.relay else None
         self._start(None)
 
     def _start(self, now_ns: int | None) -> None:
@@ -111,13 +115,27 @@ class Hcsr04Session:
     def opened(self, now_ns: int) -> list[RangeReading]:
         self._start(now_ns)
         self._conditioner.opened()
+        if self._relay is not None:
+            self._relay.opened()
         return self._fault(Quality.WAITING, now_ns, details.PORT_OPEN())
 
     def lost(self, now_ns: int, detail: str) -> RangeReading:
         return self._conditioner.lost(now_ns, detail)
 
+    def decided(self, decision: RelayDecision) -> None:
+        """What the relay is to do; may be called by another thread."""
+        if self._relay is not None:
+            self._relay.decision = decision
+
     def request(self, now_ns: int) -> bytes:
-        """The question for a hello: at once after opening, then once a second while something is missing."""
+        """The question for a hello, and the command for the relay."""
+        command = b""
+        if self._relay is not None:
+            command = self._relay.request(now_ns, 1 / distance_mm(1, self._measured_at_c))
+        return self._question(now_ns) + command
+
+    def _question(self, now_ns: int) -> bytes:
+        """At once after opening, then once a second while something is missing."""
         if self._asked_ns is not None and now_ns - self._asked_ns < ASK_NS:
             return b""
         if self.hello is not None and not self._silent(now_ns):
@@ -127,6 +145,9 @@ class Hcsr04Session:
 
     def feed(self, data: bytes, arrived_ns: int) -> list[RangeReading]:
         """Readings in the order of their lines."""
+        return self._with_relay(self._feed(data, arrived_ns), arrived_ns)
+
+    def _feed(self, data: bytes, arrived_ns: int) -> list[RangeReading]:
         if data:
             self._received_ns = arrived_ns
         readings: list[RangeReading] = []
@@ -147,6 +168,9 @@ class Hcsr04Session:
         return readings
 
     def tick(self, now_ns: int) -> list[RangeReading]:
+        return self._with_relay(self._tick(now_ns), now_ns)
+
+    def _tick(self, now_ns: int) -> list[RangeReading]:
         if self._opened_ns is None:
             self._opened_ns = now_ns
         self._conditioner.update_rate(now_ns)
@@ -158,6 +182,11 @@ class Hcsr04Session:
             waiting = details.WAITING_RANGER if self._measured_ns is None else details.WAITING_HELLO
             return self._fault(Quality.WAITING, now_ns, waiting())
         return []
+
+    def _with_relay(self, readings: list[RangeReading], now_ns: int) -> list[RangeReading]:
+        if self._relay is None:
+            return readings
+        return [replace(reading, relay=self._relay.status(now_ns)) for reading in readings]
 
     # -- lines ---------------------------------------------------------------------------------------------------
 
@@ -190,9 +219,12 @@ class Hcsr04Session:
             self.unused[line.arrival] += 1
             self._conditioner.count(rejected=1)
             return []
+        if self._relay is not None:
+            self._relay.measured(m, arrived_ns)
         # The sound met the target half a flight before ECHO fell, and the line began when ECHO fell.
         t_ns = line.end_ns - m.size * self._byte_ns - LINK_LATENCY_NS - m.ticks * TICK_NS // 2
-        raw_mm = distance_mm(m.ticks, self._air_c(m))
+        self._measured_at_c = self._air_c(m)
+        raw_mm = distance_mm(m.ticks, self._measured_at_c)
         quality = next((q for flag, q in FLAG_QUALITY if m.flags & flag), Quality.GOOD)
         if quality is Quality.GOOD and raw_mm < NEAREST_MM:
             quality = Quality.TOO_NEAR

@@ -34,6 +34,8 @@ from gateway.core.readings import (
     PictureHealth,
     Quality,
     RangeReading,
+    RelayOutput,
+    RelayStatus,
     VisionReading,
 )  # fmt: skip
 from gateway.core.scale import MarkerScale, ScaleSample
@@ -194,6 +196,9 @@ CAUSES = {
     "ranger_stale": ranger(Quality.STALE),
     "ranger_stuck": ranger(Quality.STUCK),
     "ranger_version": ranger(Quality.WRONG_VERSION),
+    "relay_fault": permitted(
+        range=RangeReading(4_980_000_000, Quality.GOOD, 900.0, relay=RelayStatus(RelayOutput.NONE, pins=1, fault=True))
+    ),
     "ranger_no_echo": no_echo(100.0),
     "ranger_unstable": ranger(Quality.UNSTABLE),
     "ranger_too_near": ranger(Quality.TOO_NEAR),
