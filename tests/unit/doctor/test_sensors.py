@@ -10,7 +10,7 @@ import pytest
 
 from gateway.clock import Clock, SystemClock
 from gateway.config import BayConfig, RangerConfig
-from gateway.core.readings import AgeProof, Quality
+from gateway.core.readings import AgeProof, Quality, RangeReading, RelayOutput, RelayStatus
 from gateway.core.state import Moved, Reason
 from gateway.doctor import sensors
 from gateway.doctor.finding import Finding, Verdict
@@ -257,3 +257,15 @@ def test_where_the_gateway_runs_it_is_asked(vision: Quality, rng: Quality, verdi
     assert "frame 33, 20 ms old" in found[0].result
     assert ("R 150.0 px" in found[0].result) == (vision is Quality.GOOD)
     assert "40 ms old" in found[1].result
+
+
+@pytest.mark.parametrize(
+    ("pins", "fault", "verdict", "result"), [(0, False, OK, "its relay is off"), (1, True, FAULT, "a pin is high")]
+)
+def test_the_rangers_relay_is_off_by_its_pins_or_it_is_a_fault(
+    pins: int, fault: bool, verdict: Verdict, result: str
+) -> None:
+    relay = RelayStatus(RelayOutput.NONE, pins, fault)
+    look = sensors.RangerLook(identity="hcsr04", readings=[RangeReading(1, Quality.GOOD, 500.0, relay=relay)])
+    found = sensors.ranger_judged("bay1", look, "open it", 6.0)
+    assert (found.verdict, result in found.result) == (verdict, True)

@@ -16,12 +16,12 @@ from gateway.modbus.registers.register_map import BLOCK_WORDS, STATUS, encode
 
 def test_every_bit_of_the_table() -> None:
     rows = list(bits.table())
-    assert [row.address for row in rows] == [*range(15), *range(16, 22), *range(32, 39), *range(48, 56), 67]
-    assert [(row.name, row.meaning) for row in rows[:15]] == [STATUS.names[n] for n in range(15)]
-    assert [row.name for row in rows[21:28]] == [bit.name.lower() for bit in Control]
+    assert [row.address for row in rows] == [*range(22), *range(32, 39), *range(48, 56), 67]
+    assert [(row.name, row.meaning) for row in rows[:16]] == [STATUS.names[n] for n in range(16)]
+    assert [row.name for row in rows[22:29]] == [bit.name.lower() for bit in Control]
     lamps = ["red", "amber", "green", "forward", "back", "left", "right", "flash"]
-    assert [row.name for row in rows[28:]] == [*lamps, "alive"]
-    assert rows[16] == Bit(17, "in_place", "position_status", 1, POSITION_STATUS.names[1][1])
+    assert [row.name for row in rows[29:]] == [*lamps, "alive"]
+    assert rows[17] == Bit(17, "in_place", "position_status", 1, POSITION_STATUS.names[1][1])
 
 
 def test_the_address_of_a_bit() -> None:
