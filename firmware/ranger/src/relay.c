@@ -22,7 +22,7 @@ static bool inside(const struct relay *relay)
     return relay->ticks != 0 && relay->ticks >= relay->nearest && relay->ticks <= relay->farthest;
 }
 
-/* The number at *at, of 1 to 6 digits, and what must follow it. */
+/* The number at *at, of 1 to 6 digits, hexadecimal of 1 to 4, and what must follow it. */
 static bool take(const char **at, uint32_t base, char end, uint32_t *value)
 {
     uint8_t digits = 0;
@@ -31,7 +31,7 @@ static bool take(const char **at, uint32_t base, char end, uint32_t *value)
         const uint32_t worth = digit >= '0' && digit <= '9'   ? (uint32_t)(digit - '0')
                                : digit >= 'A' && digit <= 'F' ? (uint32_t)(digit - 'A' + 10)
                                                               : base;
-        if (worth >= base || digits == 6) {
+        if (worth >= base || digits == (base == 16 ? 4 : 6)) {
             return false;
         }
         *value = *value * base + worth;

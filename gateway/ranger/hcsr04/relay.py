@@ -36,6 +36,7 @@ class RelayRenewal:
         self._pins: int | None = None
         self._heard_ns: int | None = None
         self._differs_since_ns: int | None = None
+        self._fault = False
 
     def measured(self, measurement: Measurement, now_ns: int) -> None:
         """A line has arrived, whatever its distance is worth."""
@@ -46,12 +47,14 @@ class RelayRenewal:
             self._differs_since_ns = None
         elif self._differs_since_ns is None:
             self._differs_since_ns = now_ns
+        since_ns = self._differs_since_ns
+        self._fault = since_ns is not None and now_ns - since_ns >= FAULT_NS
 
     def request(self, now_ns: int, ticks_per_mm: float) -> bytes:
         """The command to send now; empty: none."""
-        decision, line = self.decision, self._unanswered
-        if decision is None or now_ns - decision.t_ns > DECISION_NS:
-            decision = RelayDecision(now_ns)
+        decision, line = self.decision or RelayDecision(now_ns), self._unanswered
+        if line is not None and line.relay is not None and now_ns - decision.t_ns > DECISION_NS:
+            return b""  # not renewed, the board drops it by itself; a late control task alone need not move contacts
         off = decision.output is RelayOutput.NONE
         if line is None and not (off and self._commanded is not RelayOutput.NONE):
             return b""
@@ -69,12 +72,12 @@ class RelayRenewal:
         return encode_command(RelayCommand(report.run, line.seq, decision.output, nearest, farthest))
 
     def status(self, now_ns: int) -> RelayStatus | None:
-        """None: no line for as long as an output may stay on, so that nothing is known of it."""
-        if self._heard_ns is None or now_ns - self._heard_ns > RELAY_HOLD_MS * NS_PER_MS:
+        """None: no line for as long as an output may stay on, so that nothing is known of it. A fault stands until a
+        line shows the pins in order."""
+        silent = self._heard_ns is None or now_ns - self._heard_ns > RELAY_HOLD_MS * NS_PER_MS
+        if silent and not self._fault:
             return None
-        since_ns = self._differs_since_ns
-        fault = since_ns is not None and now_ns - since_ns >= FAULT_NS
-        return RelayStatus(self._in_force(now_ns), self._pins or 0, fault)
+        return RelayStatus(self._in_force(now_ns), 0 if silent else self._pins or 0, self._fault)
 
     def _command(self, output: RelayOutput, now_ns: int) -> None:
         self._commanded, self._commanded_ns = output, now_ns

@@ -97,6 +97,16 @@ def test_it_drops_within_300_ms(what: str) -> None:
         assert max(line.on_ns, default=since_ns) - since_ns <= 300 * MS
 
 
+def test_a_control_task_that_is_late_by_some_turns_moves_no_contact() -> None:
+    line = holding()
+    for _ in range(5):
+        line.deciding = False
+        line.runs(80)
+        line.deciding = True
+        line.runs(120)
+        assert line.on_ns[-1] - line.on_ns[0] == (len(line.on_ns) - 1) * 2 * MS
+
+
 def test_from_one_output_to_the_other_both_are_off_for_120_ms() -> None:
     line = holding()
     line.output = MAY_MOVE
@@ -169,6 +179,9 @@ def test_pins_that_do_not_follow_are_a_fault_after_half_a_second() -> None:
     state = StateVector(bay="a", range=line.readings[-1])
     assert ne107.Ne107.FAILURE in ne107.active(state)
     assert decode(encode(state, 0, "big"))["relay_status"] == 0b100011
+    assert line.session._relay is not None
+    later_ns = line.now_ns + 600 * MS  # lines that came from a store meanwhile are not judged, and mend nothing
+    assert line.session._relay.status(later_ns) == RelayStatus(NONE, 0, fault=True)
 
 
 def test_a_board_that_does_not_know_the_relay_is_a_fault() -> None:
