@@ -62,6 +62,8 @@ OUTPUTS_ONLY = frozenset(
         "memory.scale_samples", "memory.scale",
         # listed by `_track_key`
         "memory.track",
+        # no bay of the spaces has a beacon
+        "memory.beacon", "vision.beacon", "range.beacon",
     }
 )  # fmt: skip
 

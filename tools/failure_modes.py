@@ -96,6 +96,9 @@ MODES: Mapping[str, tuple[FailureMode, ...]] = {
         _stops("C11", "nothing proves how old its frames are", "a picture that waited on its way counts as a new one",
                "no time in the stream, and its link never idle; where `camera.unproven_age` accepts it, only a warning",
                100, Reason.VISION_AGE_UNPROVEN, "camera_stale"),
+        _stops("C12", "with a beacon: pictures frozen, looped, stored, or of another camera, whatever their times say",
+               "an old or foreign place is taken for the present one", "the code of the beacon's LED in the pictures",
+               2000, Reason.BEACON_LOST, "beacon_lost"),
     ),
     "Vision process": (
         _stops("V1", "dies: killed, out of memory, a crash in a driver", UNSEEN, "the process's end; it is replaced",

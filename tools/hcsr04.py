@@ -7,6 +7,7 @@ that board and gateway cannot disagree.
 from gateway.core.readings import RelayOutput
 from gateway.ranger.hcsr04.protocol import (
     ALL_FLAGS,
+    BEACON_REQUEST,
     BURST_NS,
     FLAG_MEANING,
     HELLO_PERIOD_S,
@@ -51,6 +52,7 @@ def header() -> str:
     values: tuple[tuple[str, int | str, str], ...] = (
         ("VERSION", PROTOCOL_VERSION, "carried by the hello"),
         ("QUESTION", f"'{QUESTION.decode()}'", "the host asks for a hello"),
+        ("BEACON_REQUEST", f"'{BEACON_REQUEST.decode()}'", "the host asks for the beacon's code"),
         ("PERIOD_MS", PERIOD_MS, "cycle as shipped"),
         ("MIN_PERIOD_MS", MIN_PERIOD_MS, ""),
         ("MAX_PERIOD_MS", MAX_PERIOD_MS, ""),
@@ -98,6 +100,7 @@ def wire() -> str:
         ("4", "flags, a sum; 0: valid", f"0-{ALL_FLAGS.value}"),
         ("5", "optional: air temperature, 0.1 °C", f"{MIN_TEMPERATURE_DC} to {MAX_TEMPERATURE_DC}"),
         ("6 on", "optional, each begins with its small letter, in the alphabet's order; unknown ones are ignored", ""),
+        ("`b`", "the [beacon's](beacon.md) LED in the newest eight cycles, bit 0: this one", "`b00`-`bFF`"),
         (
             "`r`",
             "number of the run, four hex digits; what the board has [on](#the-relay), one hex digit",
@@ -126,6 +129,7 @@ def wire() -> str:
         ("no echo", no_echo),
         ("longest the sensor can cause", longest),
         ("hello", hello),
+        ("with the beacon", encode_measurement(Measurement(1234, 2912, beacon=0x5A))),
         ("with the relay", encode_measurement(Measurement(1234, 2912, relay=on))),
         ("relay command", encode_command(RelayCommand(on.run, 1234, on.output, 2562, 3262))),
     )

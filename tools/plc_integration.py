@@ -24,6 +24,7 @@ REMEDY: dict[Reason, str] = {
     Reason.TARGET_COASTED: "wait: it ends in a moment, as a measurement or as no_target",
     Reason.VISION_AGE_UNPROVEN: "`gateway doctor`: what proves the pictures' age; camera.unproven_age;"
     " vision-processes.md",
+    Reason.BEACON_LOST: "does the LED blink, and is it where camera.beacon says; beacon.md",
     Reason.RANGE_STALE: "the ranger's USB cable; the gateway's load",
     Reason.RANGER_DOWN: "the ranger's USB cable and power; `gateway check` shows the configured port",
     Reason.NO_ECHO: "normal without a truck; else the sensor's aim, dirt, steam",

@@ -2,6 +2,7 @@
  * the port, press Upload. In the Serial Monitor at 9600 baud you can read along; send ? to get a hello.
  *
  *     HC-SR04   VCC -> 5V    GND -> GND    TRIG -> D7    ECHO -> D8
+ *     LED of a beacon, if wanted (docs/beacon.md): D6
  *     Relays, if wanted (docs/wiring.md): in place -> D4    may move -> D5
  *
  * Wiring, flashing and what the LED says: docs/firmware.md. The lines: docs/ranger.md. The logic: src/ranger.h. */
@@ -49,6 +50,9 @@ void loop()
     if (ranger_poll(&ranger, now, board_echo_is_high())) {
         board_feed_watchdog();
         board_light(ranger.light);
+        if (ranger.beacon) {
+            board_beacon(ranger.light);
+        }
     }
     relay_poll(&ranger.relay, now, board_relay_pins());
     if (ranger.relay.asked) {

@@ -26,7 +26,15 @@ from gateway.config.sections.modbus import HandshakeConfig, ModbusConfig, TlsCon
 from gateway.config.sections.mqtt import MqttConfig, MqttTls, SparkplugConfig
 from gateway.config.sections.ranger import BayRangerConfig, RangerConfig, with_own_sections
 from gateway.config.sections.records import RecordsConfig
-from gateway.config.sections.vision import CameraConfig, CropConfig, GigeConfig, Intrinsics, PictureConfig, VisionConfig
+from gateway.config.sections.vision import (
+    BeaconConfig,
+    CameraConfig,
+    CropConfig,
+    GigeConfig,
+    Intrinsics,
+    PictureConfig,
+    VisionConfig,
+)
 from gateway.config.strict import forms
 from gateway.config.strict.errors import FaultsError, FieldError, faults_of
 from gateway.config.strict.section import Section
@@ -36,6 +44,7 @@ __all__ = [
     "SHARED_SECTIONS",
     "BayConfig",
     "BayRangerConfig",
+    "BeaconConfig",
     "CameraConfig",
     "ControlsConfig",
     "CropConfig",
@@ -109,6 +118,13 @@ class BayConfig(Section):
     def _decides_in_time(self) -> Self:
         if self.ranger.has_relay and self.fusion.period_s > RELAY_PERIOD_S:
             raise FieldError(f"must be {RELAY_PERIOD_S:g} s at most with ranger.hcsr04.relay", "fusion", "period_s")
+        return self
+
+    @model_validator(mode="after")
+    def _beacon_blinks(self) -> Self:
+        blinks = self.ranger.type == "hcsr04" and self.ranger.hcsr04.beacon
+        if self.camera.beacon is not None and not blinks:
+            raise FieldError('needs ranger.type = "hcsr04" and ranger.hcsr04.beacon = true', "camera", "beacon")
         return self
 
     @model_validator(mode="after")

@@ -20,8 +20,9 @@ A circle that does not fit the ranger's distance is a contradiction, and a cause
 from dataclasses import replace
 
 from gateway.config import FusionConfig
-from gateway.core import agreement, details
+from gateway.core import agreement, beacon, details
 from gateway.core.agreement import FAR_SHARE, in_range
+from gateway.core.beacon import Beacon, BeaconStatus
 from gateway.core.detection import Circle
 from gateway.core.plc import PlcConnection, PlcWrite
 from gateway.core.readings import (
@@ -47,7 +48,7 @@ from gateway.core.state import (
     Tick,
     TruckPosition,
 )
-from gateway.durations import NS_PER_S
+from gateway.durations import NS_PER_MS, NS_PER_S
 
 Observation = VisionReading | RangeReading | Tick | PlcWrite | PlcConnection | FunctionCheck
 BEYOND_SHARE = 0.9  # of the ranger's range: what was learned of the marker may be off by a tenth
@@ -71,7 +72,7 @@ RANGE_REASON: dict[Quality, Reason] = {
     Quality.WRONG_VERSION: Reason.RANGER_VERSION,
 }
 # Where several faults are present, the one that needs a repair is reported first.
-_REPAIR_FIRST = {Reason.STARTING: 1, Reason.NO_TARGET: 2, Reason.TARGET_COASTED: 2}
+_REPAIR_FIRST = {Reason.BEACON_LOST: 1, Reason.STARTING: 1, Reason.NO_TARGET: 2, Reason.TARGET_COASTED: 2}
 
 
 def step(
@@ -83,13 +84,15 @@ def step(
     stopped: bool,
     monitored: bool,
     max_range_mm: float | None,
+    beacon_tolerance_ns: int | None = None,
 ) -> Fused:
     """What the sensors show after `observation`, as of `now_ns` (monotonic, the clock that stamped the observations).
 
     Of `state`, the readings and the memory go on. `stopped`: the truck has had to stand until now, whatever for;
     `monitored`: one is or was in place, so that none arrives. `max_range_mm`: the ranger's; None: not known, and no
-    truck arrives by the camera alone. Readings older than the one held are ignored but for
-    their counters; damaged ones (GOOD without a finite value) become a fault. Never raises on any observation.
+    truck arrives by the camera alone. `beacon_tolerance_ns`: as in core/beacon.py; None: no beacon. Readings older
+    than the one held are ignored but for their counters; damaged ones (GOOD without a finite value) become a fault.
+    Never raises on any observation.
     """
     vision, rng = state.vision, state.range
     match observation:
@@ -101,7 +104,11 @@ def step(
             pass  # requests of people and of the PLC: core/interlock.py
     vision = _aged_vision(vision, now_ns, config)
     rng = aged_range(rng, now_ns, config)
-    memory, vision, rng = _recovering(state, vision, rng, now_ns, config)
+    memory = state.memory
+    if beacon_tolerance_ns is not None:
+        watched = _watched(memory.beacon, observation, now_ns, beacon_tolerance_ns)
+        memory, vision = replace(memory, beacon=watched), _proven(vision, watched)
+    memory, vision, rng = _recovering(memory, state, vision, rng, now_ns, config)
     new = vision is not state.vision or rng is not state.range
     memory, z_vision_mm = agreement.checked(memory, vision, rng, now_ns, config, new=new)
     memory = _decide(memory, vision, rng, now_ns, config, stopped=stopped)
@@ -110,7 +117,9 @@ def step(
         memory = replace(memory, target_seen=seen)
     known = vision.quality is Quality.GOOD and rng.quality is Quality.GOOD
     d = memory.d if known else None
-    fault = _fault(vision, rng, memory)
+    young = now_ns - vision.t_ns <= config.vision_deadline_s * NS_PER_S
+    unproven = beacon_tolerance_ns is not None and young and memory.beacon.status is not BeaconStatus.PROVEN
+    fault = _fault(vision, rng, memory, unproven=unproven)
     if not monitored and _arrives(memory, vision, rng, config, max_range_mm):
         d, fault = False, Reason.NONE
     stop = bool(d) or (config.fail_safe and fault is not Reason.NONE)
@@ -126,6 +135,26 @@ def step(
         if stopped and config.fail_safe:  # what has just gone may be back in a moment: stop must not flicker
             stop, reason = True, Reason.CLEARING
     return Fused(now_ns, vision, rng, d, z_vision_mm, stop, calm, reason, memory)
+
+
+def _watched(seen: Beacon, observation: Observation, now_ns: int, tolerance_ns: int) -> Beacon:
+    if seen.status is BeaconStatus.OFF:
+        seen = replace(seen, status=BeaconStatus.SEARCHING)
+    match observation:
+        case VisionReading():
+            return beacon.seen(seen, observation.beacon, now_ns, tolerance_ns)
+        case RangeReading() if observation.beacon is not None:
+            seen = beacon.told(seen, observation.beacon)
+    return beacon.aged(seen, now_ns)
+
+
+def _proven(vision: VisionReading, watched: Beacon) -> VisionReading:
+    """Pictures that the beacon does not prove are as good as old ones."""
+    if watched.status is BeaconStatus.PROVEN or vision.quality not in FRESH_FRAME:
+        return vision
+    late_ns = watched.lag_ns
+    why = details.BEACON_NOT_SEEN() if late_ns is None else details.BEACON_LATE(f"{late_ns / NS_PER_MS:.0f}")
+    return replace(_without_circle(vision, Quality.STALE), detail=why)
 
 
 def initial(bay: str, now_ns: int) -> StateVector:
@@ -247,10 +276,14 @@ def aged_range(reading: RangeReading, now_ns: int, config: FusionConfig) -> Rang
 
 
 def _recovering(
-    state: StateVector, vision: VisionReading, rng: RangeReading, now_ns: int, config: FusionConfig
+    memory: FusionMemory,
+    state: StateVector,
+    vision: VisionReading,
+    rng: RangeReading,
+    now_ns: int,
+    config: FusionConfig,
 ) -> tuple[FusionMemory, VisionReading, RangeReading]:
     """Of a sensor that was dead, nothing counts until it has been alive for recovery_s: it must not flicker."""
-    memory = state.memory
     new_vision, new_range = vision is not state.vision, rng is not state.range
     of_vision = _failure(memory.vision_failure, vision, now_ns, config.vision_deadline_s, config, new=new_vision)
     of_range = _failure(memory.range_failure, rng, now_ns, config.range_deadline_s, config, new=new_range)
@@ -368,13 +401,15 @@ def _settled(memory: FusionMemory) -> FusionMemory:
     return memory if memory.pending_since_ns is None else replace(memory, pending_since_ns=None)
 
 
-def _fault(vision: VisionReading, rng: RangeReading, memory: FusionMemory) -> Reason:
+def _fault(vision: VisionReading, rng: RangeReading, memory: FusionMemory, *, unproven: bool) -> Reason:
     """The one reason, if any, for which the state must not be trusted."""
     if vision.quality is Quality.GOOD and rng.quality is Quality.GOOD and not memory.disagree:
         return Reason.NONE
     reasons: list[Reason] = []
     if vision.quality is Quality.STALE and vision.age_proof is AgeProof.UNPROVEN:
         reasons.append(Reason.VISION_AGE_UNPROVEN)  # refused when it arrived; what has aged since has no proof
+    elif vision.quality is Quality.STALE and unproven:
+        reasons.append(Reason.BEACON_LOST)
     elif vision.quality is not Quality.GOOD:
         reasons.append(VISION_REASON.get(vision.quality, Reason.VISION_FAULT))
     if rng.quality is not Quality.GOOD:

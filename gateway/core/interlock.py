@@ -25,7 +25,7 @@ from gateway.core.retained import RetainedState
 from gateway.core.scale import ScaleSample
 from gateway.core.state import FunctionCheck, Fused, FusionMemory, Moved, Reason, StateVector, Tick, Visit
 from gateway.core.visit import VisitLimits
-from gateway.durations import NS_PER_S
+from gateway.durations import NS_PER_MS, NS_PER_S
 
 VALID_PERIODS = 2  # fewer than the usual ten: this is the last line, and slow ticks must not stretch it
 VALID_MIN_S = 0.25  # a busy machine may hold the event loop for a moment
@@ -59,6 +59,7 @@ class Rules:
     handshake: HandshakeConfig | None = None
     visit: VisitConfig = field(default_factory=VisitConfig)
     max_range_mm: float | None = None
+    beacon_tolerance_ns: int | None = None  # None: the bay has no beacon
 
     @property
     def latch_stop(self) -> bool:
@@ -76,14 +77,15 @@ class Rules:
     @staticmethod
     def of(bay: BayConfig, gateway: GatewayConfig | None = None) -> "Rules":
         """The rules of `bay`; without the gateway's configuration there are no writes and no recipes."""
-        max_range_mm = bay.ranger.max_range_mm
+        max_range_mm, beacon = bay.ranger.max_range_mm, bay.camera.beacon
+        tolerance_ns = None if beacon is None else round(beacon.tolerance_ms * NS_PER_MS)
         recipes = {0: Recipe(bay.fusion, bay.guidance)}
         if gateway is None:
-            return Rules(recipes, None, bay.visit, max_range_mm)
+            return Rules(recipes, None, bay.visit, max_range_mm, tolerance_ns)
         for recipe in gateway.recipes:
             recipes[recipe.id] = Recipe.of(bay, recipe)
         writes = gateway.modbus.handshake if gateway.modbus.writes else None
-        return Rules(recipes, writes, bay.visit, max_range_mm)
+        return Rules(recipes, writes, bay.visit, max_range_mm, tolerance_ns)
 
 
 def initial(bay: str, now_ns: int, rules: Rules, retained: RetainedState | None = None) -> StateVector:
@@ -135,6 +137,7 @@ def _step(state: StateVector, observation: fusion.Observation, now_ns: int, rule
         stopped=stopped,
         monitored=monitored,
         max_range_mm=rules.max_range_mm,
+        beacon_tolerance_ns=rules.beacon_tolerance_ns,
     )
     if rules.handshake is not None:
         plc = handshake.step(plc, write, fused, rules.handshake)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
 
+from gateway.core.beacon import BeaconCode, BeaconLight
 from gateway.core.detection import Circle, Ellipse, Tracking
 
 
@@ -202,6 +203,7 @@ class VisionReading:
     picture: PictureHealth | None = None  # of a frame at most some seconds old; shown by `StateVector.picture` only
     exposure: CameraExposure | None = None  # when this frame's result was sent; None: the gateway does not control it
     age_proof: AgeProof | None = None  # of `t_ns`; None: of no frame, or of one whose value has ended since
+    beacon: BeaconLight | None = None  # in this frame; None: none configured, or a fault
 
 
 class RelayOutput(IntEnum):
@@ -245,6 +247,7 @@ class RangeReading:
     relay: RelayStatus | None = None  # None: not used, or not known now
     rangers: tuple[RangerVote, ...] = ()  # of a bay with several, each in the order of the configuration
     farthest_mm: float | None = None  # what the farthest of two that agree has; None: it is distance_mm
+    beacon: BeaconCode | None = None  # of the board's newest cycles; None: not used, or not known now
 
     @property
     def rangers_disagree(self) -> bool:

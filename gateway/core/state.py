@@ -1,8 +1,9 @@
 """A bay's state vector and the records that it is made of: frozen, plain, units in the names."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 
+from gateway.core.beacon import EXPIRES_NS, FOUND, Beacon, BeaconStatus
 from gateway.core.detection import Circle
 from gateway.core.plc import Handshake, PlcLink
 from gateway.core.readings import (
@@ -32,6 +33,7 @@ class Reason(IntEnum):
     VISION_FAULT = 14
     TARGET_COASTED = 15
     VISION_AGE_UNPROVEN = 16
+    BEACON_LOST = 17
     RANGE_STALE = 20
     RANGER_DOWN = 21
     NO_ECHO = 22
@@ -60,6 +62,7 @@ REASON_MEANING: dict[Reason, str] = {
     Reason.VISION_FAULT: "the vision process died, hung or failed",
     Reason.TARGET_COASTED: "the marker is hidden for the moment; its place is a prediction, not a measurement",
     Reason.VISION_AGE_UNPROVEN: "nothing proves how old the frames are; camera.unproven_age refuses them",
+    Reason.BEACON_LOST: "the pictures do not show the beacon's code, or show it too late",
     Reason.RANGE_STALE: "the newest distance is older than its deadline",
     Reason.RANGER_DOWN: "the ranger's port cannot be opened or was lost",
     Reason.NO_ECHO: "the ranger hears no echo",
@@ -121,6 +124,7 @@ class FusionMemory:
     scale: MarkerScale | None = None  # learned from them, for the recipe in force
     absent_since_ns: int | None = None  # no truck to be seen since
     track: tuple[tuple[int, float], ...] = ()  # (t_ns, distance_mm) of the newest good distances, for the speed
+    beacon: Beacon = field(default_factory=Beacon)
     restarts: int = 0  # what had to be restarted, reopened or was lost, in all
     restarted_ns: int | None = None  # `restarts` last grew then
 
@@ -408,6 +412,20 @@ class StateVector:
     def exposure(self) -> CameraExposure | None:
         """What the camera is set to, likewise; None: the gateway does not control it."""
         return self.vision.exposure if self._fresh else None
+
+    @property
+    def beacon(self) -> Beacon:
+        """What the beacon proves; nothing where the control task does not run."""
+        beacon = self.memory.beacon
+        if self.running or beacon.status not in FOUND:
+            return beacon
+        return replace(beacon, status=BeaconStatus.LOST, lag_ns=None, latency_ns=None)
+
+    @property
+    def beacon_unproven(self) -> bool:
+        """Frames arrive, but the beacon does not prove them."""
+        found = self.beacon.status not in (BeaconStatus.OFF, BeaconStatus.PROVEN)
+        return found and self.vision.quality is Quality.STALE and self.t_ns - self.vision.t_ns <= EXPIRES_NS
 
     @property
     def _fresh(self) -> bool:

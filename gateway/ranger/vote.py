@@ -107,7 +107,18 @@ def _result(
         echo_mm = _chosen(echoes) if len(echoes) == len(of) else None
     rangers = tuple(RangerVote(one.quality, one.distance_mm, n in counted) for n, one in enumerate(held))
     return RangeReading(
-        t_ns, quality, distance_mm, seq, detail, _summed(held), oldest_ns, echo_mm, held[0].relay, rangers, farthest_mm
+        t_ns,
+        quality,
+        distance_mm,
+        seq,
+        detail,
+        _summed(held),
+        oldest_ns,
+        echo_mm,
+        held[0].relay,
+        rangers,
+        farthest_mm,
+        held[0].beacon,
     )
 
 

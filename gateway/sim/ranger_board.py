@@ -12,6 +12,8 @@ from random import Random
 
 from gateway.core.readings import RelayOutput
 from gateway.ranger.hcsr04.protocol import (
+    BEACON_CYCLES,
+    BEACON_REQUEST,
     HELLO_PERIOD_S,
     MAX_SEQ,
     PERIOD_MS,
@@ -133,11 +135,14 @@ class RangerBoard:
         boot_ns: int = 0,
     ) -> None:
         self.faults: Faults = {}
+        self.show: Callable[[int, bool], None] = lambda _begin_ns, _lit: None
+        """Called with each state of the beacon's LED, and when it begins."""
         self._distance_mm = distance_mm
         self._errors = errors or SensorErrors()
         self._air_c, self._boot_ns = air_c, boot_ns
         self._sensor, self._noise = Random(f"{seed}/sensor"), Random(f"{seed}/noise")
         self._runs = Random(f"{seed}/runs")
+        self._code = Random(f"{seed}/code")
         self._wire: deque[tuple[int, bytes]] = deque()  # (time of the first start bit, bytes still to go)
         self._version = PROTOCOL_VERSION
         self.lost_lines = 0
@@ -147,6 +152,7 @@ class RangerBoard:
         self._mcusr = mcusr
         self._seq = 0
         self.relay = RelayBoard(self._runs.getrandbits(16))
+        self._beacon: int | None = None
         self._wire.clear()
         self._up_ns = self._wire_free_ns = self._trigger_ns = now_ns + self._boot_ns
         self._hello(self._up_ns)
@@ -157,6 +163,8 @@ class RangerBoard:
             self._hello(now_ns)
         if RangerFault.SILENT not in self.faults and now_ns >= self._up_ns:
             self.relay.hear(data)
+        if BEACON_REQUEST in data and self._beacon is None and now_ns >= self._up_ns:
+            self._beacon = 0
 
     def advance(self, now_ns: int) -> bytes:
         """Run up to `now_ns`; the bytes that were completely sent since the last call."""
@@ -195,9 +203,13 @@ class RangerBoard:
 
     def _cycle(self, trigger_ns: int) -> None:
         echo = self._echo(trigger_ns)
+        if self._beacon is not None:
+            self._beacon = (self._beacon << 1 | self._code.getrandbits(1)) % (1 << BEACON_CYCLES)
+            self.show(trigger_ns, bool(self._beacon & 1))
         ready_ns = trigger_ns + min(echo.fell_ns, PERIOD_NS)
         relay = self.relay.measured(self._seq, echo, ready_ns)
-        self._send(encode_measurement(Measurement(self._seq, echo.ticks, echo.flags, relay=relay)), ready_ns)
+        measurement = Measurement(self._seq, echo.ticks, echo.flags, relay=relay, beacon=self._beacon)
+        self._send(encode_measurement(measurement), ready_ns)
         self._seq = (self._seq + 1) & MAX_SEQ
         if trigger_ns - self._hello_ns >= HELLO_NS:
             self._hello(trigger_ns)

@@ -8,6 +8,7 @@ from enum import Enum
 from typing import Any, TypeVar
 
 from gateway.core import ne107
+from gateway.core.beacon import BeaconStatus
 from gateway.core.detection import Tracking
 from gateway.core.ne107 import Ne107
 from gateway.core.plc import PlcLink, TriggerPhase
@@ -195,6 +196,10 @@ ROWS: tuple[Value[StateVector], ...] = (
           _exposure(lambda e: e.state), "left to the camera"),
     Value("exposure.time_ms", float, "exposure time", _exposure(lambda e: e.time_ms), "the camera can't be set"),
     Value("exposure.gain_db", float, "its gain", _exposure(lambda e: e.gain_db), "not controlled"),
+    Value("beacon.status", BeaconStatus, "do the pictures show the beacon's code?", lambda s: s.beacon.status or None,
+          "no beacon is configured"),
+    Value("beacon.latency_ms", float, "from the LED's light to the state, by the beacon",
+          lambda s: None if s.beacon.latency_ns is None else s.beacon.latency_ns / NS_PER_MS, "not found"),
     Value("ne107", Ne107, "NAMUR NE 107: the signal that counts most", ne107.status),
     Value("ne107.active", tuple, "every signal that holds, by name", _signals),
     Value("guidance", GuidanceCode, "instruction for the driver", lambda s: s.guidance.code),

@@ -52,7 +52,7 @@ async def test_whoever_is_none_of_plc_addresses_reads_and_does_not_write() -> No
     bay = bay_with()
 
     async with bay.open() as listening, client(listening.first, STRANGER) as stranger:
-        assert (await image(stranger))["map_version"] == 6
+        assert (await image(stranger))["map_version"] == 7
         tries = [
             await stranger.write_register(80, 1),
             await stranger.write_registers(80, [1, 2, 3]),

@@ -35,7 +35,8 @@ def library() -> ctypes.CDLL:
     lib.harness_free.argtypes = [ctypes.c_void_p]
     lib.harness_command.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_char_p]
     lib.harness_measurement.argtypes = [
-        ctypes.c_uint16, ctypes.c_uint32, ctypes.c_uint8, ctypes.c_int16, ctypes.c_int32, ctypes.c_char_p,
+        ctypes.c_uint16, ctypes.c_uint32, ctypes.c_uint8, ctypes.c_int16, ctypes.c_int32, ctypes.c_int32,
+        ctypes.c_char_p,
     ]  # fmt: skip
     lib.harness_hello.argtypes = [ctypes.c_char_p, ctypes.c_uint16, ctypes.c_uint8, ctypes.c_char_p]
     lib.ranger_tenths_at_20c.argtypes = [ctypes.c_uint32]

@@ -105,13 +105,16 @@ int harness_command(struct harness *harness, const char *line, char *answer)
     return 1;
 }
 
-/* For codec tests. `relay`: run * 16 + state; below 0: without. */
-int harness_measurement(uint16_t seq, uint32_t ticks, uint8_t flags, int16_t temperature_dc, int32_t relay, char *line)
+/* For codec tests. `relay`: run * 16 + state; it and `beacon` below 0: without. */
+int harness_measurement(uint16_t seq, uint32_t ticks, uint8_t flags, int16_t temperature_dc, int32_t relay,
+                        int32_t beacon, char *line)
 {
     const struct ranger_measurement measurement = {.seq = seq,
                                                    .ticks = ticks,
                                                    .flags = flags,
                                                    .temperature_dc = temperature_dc,
+                                                   .has_beacon = beacon >= 0,
+                                                   .lit = (uint8_t)beacon,
                                                    .has_relay = relay >= 0,
                                                    .run = (uint16_t)(relay >> 4),
                                                    .relay_state = (uint8_t)(relay & 15)};

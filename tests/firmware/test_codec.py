@@ -53,19 +53,25 @@ class Board:
 
     def __init__(self) -> None:
         self._library = library()
-        self._line = ctypes.create_string_buffer(48 + 8)
+        self._line = ctypes.create_string_buffer(52 + 8)
 
     def encode(self, message: Hello | Measurement) -> bytes:
-        ctypes.memset(self._line, 0xA5, 56)
+        ctypes.memset(self._line, 0xA5, 60)
         if isinstance(message, Hello):
             size = self._library.harness_hello(message.name.encode(), message.period_ms, message.mcusr, self._line)
         else:
             temperature_dc = NO_TEMPERATURE if message.temperature_dc is None else message.temperature_dc
             size = self._library.harness_measurement(
-                message.seq, message.ticks, message.flags.value, temperature_dc, relay_number(message.relay), self._line
+                message.seq,
+                message.ticks,
+                message.flags.value,
+                temperature_dc,
+                relay_number(message.relay),
+                -1 if message.beacon is None else message.beacon,
+                self._line,
             )
-        assert size <= 48
-        assert self._line.raw[size:] == b"\xa5" * (56 - size)
+        assert size <= 52
+        assert self._line.raw[size:] == b"\xa5" * (60 - size)
         return self._line.raw[:size]
 
 
@@ -86,9 +92,9 @@ def test_the_board_says_a_message_with_the_very_bytes_of_the_gateways_encoder() 
 
 def test_the_longest_lines_fit() -> None:
     board = Board()
-    longest = Measurement(MAX_SEQ, MAX_TICKS, ALL_FLAGS, -400, RelayReport(0xFFFF, RelayOutput.MAY_MOVE, 3))
+    longest = Measurement(MAX_SEQ, MAX_TICKS, ALL_FLAGS, -400, RelayReport(0xFFFF, RelayOutput.MAY_MOVE, 3), 255)
     hello = Hello("ABCDEFGHIJKLMNOP", 1, 500, 255)
-    assert len(board.encode(longest)) == len(encode_measurement(longest)) == 46
+    assert len(board.encode(longest)) == len(encode_measurement(longest)) == 50
     assert len(board.encode(hello)) == len(encode_hello(hello)) == 38
 
 

@@ -10,7 +10,7 @@ from tests.firmware.core import CYCLE, MS, RISE, Answer, Core
 HELLO = Hello("hcsr04", 1, 60, 1)
 S = 1000 * MS
 NEAREST, FARTHEST = 233, 46_590  # ticks: the first and the last between 2 cm and 4 m
-MEASUREMENT_MAX = 48
+MEASUREMENT_MAX = 52
 MS_STEP = 4
 
 Maker = Callable[..., Core]
@@ -438,3 +438,26 @@ def test_the_led_blinks_five_times_for_a_stuck_echo(core: Core) -> None:
 def test_the_led_ends_its_row_before_it_says_something_else(core: Core) -> None:
     core.cycle(38 * MS)
     assert blinks(core, lambda: core.cycle(2912)) == "####...." + "." * 18 + "#" * 94
+
+
+def test_the_beacon_blinks_a_code_from_the_next_cycle_on_and_its_lines_carry_it(make_core: Maker) -> None:
+    core = make_core()
+    assert core.cycle(2912).beacon is None
+    core.receive(b"b")
+    shown, told = 0, []
+    for n in range(200):
+        measured = core.cycle(2912 if n % 3 else None)
+        shown = (shown << 1 | core.poll(core.due - 1).light) % 256
+        assert measured.beacon == shown
+        told.append(shown & 1)
+    assert 70 < sum(told) < 130
+    assert max(len(run) for run in "".join(map(str, told)).replace("01", "0 1").replace("10", "1 0").split()) < 13
+
+
+def test_the_beacons_code_depends_on_when_it_was_asked_for(make_core: Maker) -> None:
+    codes = set()
+    for late in range(8):
+        core = make_core(now=late)
+        core.receive(b"b")
+        codes.add(tuple(core.cycle(2912).beacon for _ in range(24))[-1])
+    assert len(codes) > 4

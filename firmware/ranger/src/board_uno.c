@@ -14,6 +14,7 @@
 #define TRIG_BIT _BV(PORTD7)
 #define ECHO_BIT _BV(PINB0)
 #define LED_BIT _BV(PORTB5)
+#define BEACON_BIT _BV(PORTD6)
 #define RELAY_SHIFT PORTD4 /* RELAY_IN_PLACE is D4, RELAY_MAY_MOVE D5 */
 #define RELAY_BITS ((uint8_t)((RELAY_IN_PLACE | RELAY_MAY_MOVE) << RELAY_SHIFT))
 
@@ -223,6 +224,12 @@ bool board_received(uint8_t *byte)
 uint8_t board_relay_pins(void)
 {
     return (uint8_t)((PIND & RELAY_BITS) >> RELAY_SHIFT);
+}
+
+void board_beacon(bool on)
+{
+    PORTD = (uint8_t)(on ? PORTD | BEACON_BIT : PORTD & ~BEACON_BIT); /* no interrupt writes it */
+    DDRD |= BEACON_BIT;
 }
 
 void board_relay(uint8_t output)

@@ -4,6 +4,7 @@
  *     ECHO  D8 (PB0, ICP1)    Timer1 copies its count into ICR1 in the cycle in which the pin changes
  *     LED   D13 (PB5)         the Uno's own
  *     A0    TMP36, optional
+ *     D6    LED of the beacon (PD6), optional: an input until the host asks for it
  *     D4    relay "in place" (PD4), D5 relay "may move" (PD5), optional: inputs until the host asks for them
  *
  * Timer1 counts 0.5 us. The UART is interrupt-driven on both sides and never waits. Do not use Serial, pulseIn, Servo
@@ -46,6 +47,8 @@ uint8_t board_relay_pins(void);
 void board_relay(uint8_t output);
 
 void board_light(bool on);
+/* Make D6 an output, and switch it. */
+void board_beacon(bool on);
 void board_feed_watchdog(void);
 
 /* Sampling A0 against the internal reference, one sample a call. True: `sum_of_64` is complete. */

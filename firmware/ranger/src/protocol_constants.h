@@ -4,6 +4,7 @@
 
 #define PROTOCOL_VERSION 1 /* carried by the hello */
 #define PROTOCOL_QUESTION '?' /* the host asks for a hello */
+#define PROTOCOL_BEACON_REQUEST 'b' /* the host asks for the beacon's code */
 #define PROTOCOL_PERIOD_MS 60 /* cycle as shipped */
 #define PROTOCOL_MIN_PERIOD_MS 10
 #define PROTOCOL_MAX_PERIOD_MS 500

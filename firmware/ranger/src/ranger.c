@@ -48,6 +48,8 @@ static void report(struct ranger *ranger, uint32_t ticks, uint8_t flags, uint32_
                                                    .ticks = ticks,
                                                    .flags = flags,
                                                    .temperature_dc = ranger->temperature_dc,
+                                                   .has_beacon = ranger->beacon,
+                                                   .lit = ranger->lit,
                                                    .has_relay = relay->asked,
                                                    .run = relay->run,
                                                    .relay_state = (uint8_t)(relay->output << 2 | relay->pins)};
@@ -74,6 +76,23 @@ static void light_up(struct ranger *ranger)
     ranger->light_step++;
 }
 
+/* The next state of the beacon: xorshift, which `now` makes another code after each reset: it also counts when the host
+ * asked, and how late the main loop is. */
+static void light_code(struct ranger *ranger, uint32_t now)
+{
+    uint16_t code = (uint16_t)(ranger->code ^ (uint16_t)now);
+    if (code == 0) {
+        code = 1;
+    }
+    code = (uint16_t)(code ^ (uint16_t)(code << 7));
+    code = (uint16_t)(code ^ (uint16_t)(code >> 9));
+    code = (uint16_t)(code ^ (uint16_t)(code << 8));
+    ranger->code = code;
+    ranger->light = ((unsigned)code >> 8 & 1u) != 0;
+    ranger->lit = (uint8_t)((unsigned)ranger->lit << 1 | ranger->light);
+    ranger->beacon = true;
+}
+
 static void end_cycle(struct ranger *ranger, uint32_t now, bool echo_is_high)
 {
     if (ranger->state == RANGER_WAIT_FALL) {
@@ -94,6 +113,9 @@ static void begin_cycle(struct ranger *ranger, uint32_t now, bool echo_is_high)
     ranger->due += ranger->period_ticks;
     ranger->hello_said = false;
     light_up(ranger);
+    if (ranger->beacon_asked) {
+        light_code(ranger, now);
+    }
     if (echo_is_high) {
         ranger->state = RANGER_BLOCKED;
         if (ranger->blocked_cycles < RANGER_NUDGE_CYCLES) {
@@ -156,6 +178,9 @@ void ranger_receive(struct ranger *ranger, uint8_t byte)
 {
     if (byte == PROTOCOL_QUESTION) {
         ranger->asked = true;
+    }
+    if (byte == PROTOCOL_BEACON_REQUEST) {
+        ranger->beacon_asked = true;
     }
     relay_receive(&ranger->relay, byte);
 }

@@ -65,6 +65,7 @@ struct ranger {
     uint16_t late_cycles; /* cycles that began later than RANGER_LATE_TICKS */
     uint8_t flags;        /* of the newest measurement */
     bool light;           /* the LED: see ranger_poll */
+    bool beacon;          /* it blinks the beacon's code */
     struct relay relay;   /* see relay.h; begun with ranger_begin */
 
     /* The core's own. */
@@ -81,6 +82,9 @@ struct ranger {
     uint8_t blocked_cycles; /* in a row; stays at RANGER_NUDGE_CYCLES */
     uint8_t light_step;
     uint8_t light_blinks;
+    uint16_t code;     /* the beacon's, at random */
+    uint8_t lit;       /* the LED in the newest cycles, bit 0: this one */
+    bool beacon_asked; /* since a reset, and from the next cycle on */
     bool asked;       /* a question waits for its answer */
     bool hello_said;  /* in this cycle */
 };
@@ -94,7 +98,8 @@ void ranger_begin(struct ranger *ranger, const struct ranger_board *board, const
 /* ECHO changed at `ticks`. Edges that make no sense (a second rise, a fall without a rise) are ignored. */
 void ranger_edge(struct ranger *ranger, uint32_t ticks, bool is_high);
 
-/* A byte from the host, for the relay, too. A `?` asks for a hello: at most one is said in a cycle, several questions get one answer. */
+/* A byte from the host, for the relay, too. A `?` asks for a hello: at most one is said in a cycle, several questions get one answer.
+ * A `b` asks for the beacon: from the next cycle on the LED blinks a code, which the lines carry. */
 void ranger_receive(struct ranger *ranger, uint8_t byte);
 
 /* The air's temperature, sent with every measurement from now on. Outside PROTOCOL_MIN/MAX_TEMPERATURE_DC, or
@@ -103,7 +108,8 @@ void ranger_temperature(struct ranger *ranger, int16_t temperature_dc);
 
 /* Do what is due. Returns true when a cycle began: the moment to feed a watchdog, since a clock that stands still then
  * bites too. Sets `light`: on while measurements are valid; else it blinks 1 NO_ECHO, 2 NO_RISING_EDGE, 3 TOO_NEAR,
- * 4 TOO_FAR or 5 STUCK_HIGH times, a quarter of a second each, with a pause of about a second. */
+ * 4 TOO_FAR or 5 STUCK_HIGH times, a quarter of a second each, with a pause of about a second. With the beacon it is on
+ * or off at random in each cycle. */
 bool ranger_poll(struct ranger *ranger, uint32_t now, bool echo_is_high);
 
 /* 0.1 degrees C from the sum of 64 ten-bit samples of a TMP36 (0.5 V at 0 degrees C, 10 mV a degree). */

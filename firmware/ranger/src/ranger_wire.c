@@ -2,6 +2,8 @@
 
 #include "protocol_constants.h"
 
+static const char HEX[] = "0123456789ABCDEF";
+
 uint32_t ranger_tenths_at_20c(uint32_t ticks)
 {
     /* ticks * ABOVE needs 35 bits: whole multiples of BELOW are taken out first, which changes no digit. */
@@ -51,9 +53,8 @@ static char *put_field(char *end, uint32_t value)
 
 static char *put_hex(char *end, uint16_t value)
 {
-    static const char hex[] = "0123456789ABCDEF";
     for (int8_t shift = 12; shift >= 0; shift = (int8_t)(shift - 4)) {
-        *end++ = hex[((unsigned)value >> shift) & 0xFu];
+        *end++ = HEX[((unsigned)value >> shift) & 0xFu];
     }
     return end;
 }
@@ -86,6 +87,12 @@ uint8_t ranger_write_measurement(char out[RANGER_MEASUREMENT_MAX], const struct 
             *end++ = '-';
         }
         end = put_number(end, (uint32_t)(value < 0 ? -value : value));
+    }
+    if (measurement->has_beacon) {
+        *end++ = ',';
+        *end++ = 'b';
+        *end++ = HEX[measurement->lit >> 4];
+        *end++ = HEX[measurement->lit & 0xFu];
     }
     if (measurement->has_relay) {
         *end++ = ',';

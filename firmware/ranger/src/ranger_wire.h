@@ -12,7 +12,7 @@ extern "C" {
 #endif
 
 /* Bytes of the longest lines: 16 bit sequence, 6 digit ticks and tenths; 16 letter name, 3 digit numbers. */
-#define RANGER_MEASUREMENT_MAX 48
+#define RANGER_MEASUREMENT_MAX 52
 #define RANGER_HELLO_MAX 40
 
 /* Of `temperature_dc`: there is no thermometer, or it says what cannot be. */
@@ -23,6 +23,8 @@ struct ranger_measurement {
     uint32_t ticks;         /* width of the ECHO pulse, 0.5 us, at most PROTOCOL_MAX_TICKS */
     uint8_t flags;          /* sum of PROTOCOL_FLAG_...; 0: valid */
     int16_t temperature_dc; /* 0.1 degrees C, or RANGER_NO_TEMPERATURE: the line has no such field */
+    bool has_beacon;        /* the line has the beacon's field */
+    uint8_t lit;            /* the LED in the newest cycles, bit 0: this one */
     bool has_relay;         /* the line has the relay's field */
     uint16_t run;
     uint8_t relay_state; /* what is on, times 4, plus the pins that are high */

@@ -150,6 +150,19 @@ class CropConfig(Section):
     height_px: int = Field(ge=16, le=16384, description="height of the part")
 
 
+class BeaconConfig(Section):
+    """Where an LED of the ranger's board is seen, whose code proves that the pictures are of the present."""
+
+    u_px: float = Field(ge=0, le=16384, description="centre of the LED, px from the left, after crop and rotation")
+    v_px: float = Field(ge=0, le=16384, description="px from the top")
+    radius_px: float = Field(
+        4.0, ge=1, le=200, description="as far as its light reaches; twice as far around is compared"
+    )
+    tolerance_ms: float = Field(
+        250.0, ge=20, le=1000, description="the pictures may be so much older than the camera says; else stop is on"
+    )
+
+
 class CameraConfig(Section):
     url: str = Field(
         "0",
@@ -234,6 +247,9 @@ class CameraConfig(Section):
     gige: GigeConfig = Field(default_factory=GigeConfig)
     crop: CropConfig | None = Field(None, description="only this part of the picture is used")
     controls: ControlsConfig = Field(default_factory=ControlsConfig)
+    beacon: BeaconConfig | None = Field(
+        None, description="an LED that proves the pictures; needs ranger.hcsr04.beacon (docs/beacon.md)"
+    )
 
     @property
     def streams(self) -> bool:

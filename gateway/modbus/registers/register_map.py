@@ -11,6 +11,7 @@ Equal numbers therefore mean one image, however many reads fetched it.
 
 from collections.abc import Callable, Sequence
 
+from gateway.core.beacon import BEACON_MEANING
 from gateway.core.detection import TRACKING_MEANING
 from gateway.core.readings import QUALITY_MEANING, RANGE_FINE, VISION_FINE, Quality, RelayOutput, RelayStatus
 from gateway.core.state import REASON_MEANING, Reason, StateVector
@@ -181,16 +182,16 @@ REGISTERS: tuple[Register, ...] = (
              lambda s, _: 0),
     Register(102, "bay_identity", UINT32, 1, "", "made of site, instance and bay name; never 0: "
              "compare it with the exported one", lambda s, _: 0),
+    Register(104, "beacon_status", UINT16, 1, "", "do the pictures show the beacon's code (docs/beacon.md)?",
+             lambda s, _: s.beacon.status, codes=named(BEACON_MEANING)),
+    shown(105, "beacon_latency", MEASURED_UINT16, 1, "beacon.latency_ms"),
     Register(106, "relay_status", UINT16, 1, "", "outputs of the ranger's board, one bit each; 0: nothing known, too",
              RELAY.read, bits=RELAY.names),
     shown(107, "rangers", UINT16, 1, "rangers.status", "of several rangers, one bit each; 0: one, or none is judged",
           bits=_RANGER_BITS),
 )  # fmt: skip
 
-RESERVED: tuple[Reserved, ...] = (
-    Reserved(104, 2, "for later map versions"),
-    Reserved(108, 2, "for later map versions"),
-)
+RESERVED: tuple[Reserved, ...] = (Reserved(108, 2, "for later map versions"),)
 
 _ADDRESS = {register.name: register.address for register in REGISTERS}
 STATUS_ADDRESS = _ADDRESS["status"]

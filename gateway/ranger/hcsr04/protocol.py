@@ -20,7 +20,9 @@ PROTOCOL_VERSION = 1
 """Carried by the hello. A further optional field at a line's end keeps the version; anything else raises it."""
 
 QUESTION = b"?"
-"""The request for a hello. The host's only other message is the command for the relay."""
+"""The request for a hello. The host's only longer message is the command for the relay."""
+BEACON_REQUEST = b"b"
+"""From now on, until a reset, the LED blinks the code of a beacon, and lines carry it (docs/beacon.md)."""
 
 TICK_NS = 500  # Timer1 of the Uno at 16 MHz / 8
 BURST_NS = 450_000  # from the trigger to ECHO's rising edge: the module sends its eight pulses
@@ -33,6 +35,8 @@ MAX_MCUSR = 0xFF
 MIN_TEMPERATURE_DC, MAX_TEMPERATURE_DC = -400, 850  # 0.1 °C
 RELAY_HOLD_MS = 280
 """So long after the measurement whose number it bore a command keeps an output on, at most."""
+BEACON_CYCLES = 8
+"""Of the beacon's field."""
 MAX_LINE = 64
 """Bytes between `$` and line feed. Longer is damage: the decoder never keeps more."""
 NOISE_RUN = 64
@@ -117,6 +121,7 @@ class Measurement:
     flags: Flags = NO_FLAGS
     temperature_dc: int | None = None  # of the air, 0.1 °C; None: the ranger has no thermometer
     relay: RelayReport | None = None  # None: the board was not asked for its relay since its reset
+    beacon: int | None = None  # LED in the newest cycles, bit 0: this one; None: as relay
     size: int = field(default=0, compare=False)  # bytes on the wire, `$` to line feed; set by the decoder
 
 
@@ -168,6 +173,8 @@ def encode_measurement(measurement: Measurement) -> bytes:
     body = b"HCM,%d,%d,%d,%d" % (m.seq, m.ticks, tenths_at_20c(m.ticks), m.flags)
     if m.temperature_dc is not None:
         body += b",%d" % m.temperature_dc
+    if m.beacon is not None:
+        body += b",b%02X" % m.beacon
     if m.relay is not None:
         body += b",r%04X%X" % (m.relay.run, m.relay.output << 2 | m.relay.pins)
     return _checked(frame(body), m)
@@ -272,14 +279,16 @@ def _measurement(found: re.Match[bytes], size: int) -> Event:
     if temperature_dc is not None and not MIN_TEMPERATURE_DC <= temperature_dc <= MAX_TEMPERATURE_DC:
         return Damaged(Damage.CONTENT, size)
     tagged = re.findall(_TAGGED, found[6])
-    if [tag for tag, _ in tagged] != sorted({tag for tag, _ in tagged}):
-        return Damaged(Damage.CONTENT, size)
-    relay = dict(tagged).get(b"r")
-    if relay is not None and (len(relay) != 5 or relay[4:] > b"B"):
+    fields: dict[bytes, bytes] = dict(tagged)
+    relay, beacon = fields.get(b"r"), fields.get(b"b")
+    wrong_relay = relay is not None and (len(relay) != 5 or relay[4:] > b"B")
+    wrong_beacon = beacon is not None and len(beacon) != BEACON_CYCLES // 4
+    if [tag for tag, _ in tagged] != sorted(fields) or wrong_relay or wrong_beacon:
         return Damaged(Damage.CONTENT, size)
     if abs(tenths - tenths_at_20c(ticks)) > 1:  # firmware may round otherwise
         return Damaged(Damage.MISMATCH, size)
-    return Measurement(seq, ticks, Flags(flags), temperature_dc, _relay(relay), size)
+    lit = None if beacon is None else int(beacon, 16)
+    return Measurement(seq, ticks, Flags(flags), temperature_dc, _relay(relay), lit, size)
 
 
 def _relay(field: bytes | None) -> RelayReport | None:

@@ -9,12 +9,16 @@ from dataclasses import replace
 
 from gateway.config import RangerConfig
 from gateway.core import details
+from gateway.core.beacon import BeaconCode
 from gateway.core.readings import Quality, RangeReading, RangeStats
 from gateway.core.relay import RelayDecision
 from gateway.ranger.arrival_times import Arrival, ArrivalTracker
 from gateway.ranger.conditioning import Conditioner
 from gateway.ranger.contract import RangerType
 from gateway.ranger.hcsr04.protocol import (
+    BEACON_CYCLES,
+    BEACON_REQUEST,
+    BURST_NS,
     HELLO_PERIOD_S,
     PERIOD_MS,
     PROTOCOL_VERSION,
@@ -52,6 +56,9 @@ FLAG_QUALITY: tuple[tuple[Flags, Quality], ...] = (
     (Flags.TOO_FAR, Quality.TOO_FAR),
 )
 
+# When the line of a measurement that is not valid begins, after the trigger.
+FLAG_AFTER_NS = {Flags.STUCK_HIGH: PERIOD_MS * MS, Flags.NO_RISING_EDGE: 10 * MS, Flags.NO_ECHO: 38 * MS}
+
 
 def speed_of_sound_m_s(temperature_c: float) -> float:
     """In air, to first order; the paper's V_s."""
@@ -70,6 +77,7 @@ class Hcsr04Session:
         self._temperature_c = self._measured_at_c = config.hcsr04.temperature_c
         self._temperature_tolerance_c = config.hcsr04.temperature_tolerance_c
         self._byte_ns = config.byte_ns
+        self._beacon_wanted = config.hcsr04.beacon
         self._conditioner = Conditioner(config, PERIOD_MS * MS)
         self.damage: Counter[str] = Counter()
         """Damaged lines by protocol.Damage."""
@@ -87,6 +95,8 @@ class Hcsr04Session:
         self._arrivals = ArrivalTracker(PERIOD_MS * MS)
         self._opened_ns = now_ns
         self._asked_ns: int | None = None
+        self._beacon_asked_ns: int | None = None
+        self._beacon = False  # the newest line carried its code
         self._received_ns: int | None = None  # any byte
         self._measured_ns: int | None = None  # a measurement, usable or not
         self._hello_ns: int | None = None
@@ -128,11 +138,18 @@ class Hcsr04Session:
             self._relay.decision = decision
 
     def request(self, now_ns: int) -> bytes:
-        """The question for a hello, and the command for the relay."""
+        """The question for a hello, the request for the beacon, and the command for the relay."""
         command = b""
         if self._relay is not None:
             command = self._relay.request(now_ns, 1 / distance_mm(1, self._measured_at_c))
-        return self._question(now_ns) + command
+        return self._question(now_ns) + self._beacon_request(now_ns) + command
+
+    def _beacon_request(self, now_ns: int) -> bytes:
+        waits = self._beacon_asked_ns is not None and now_ns - self._beacon_asked_ns < ASK_NS
+        if not self._beacon_wanted or self._beacon or waits or self._measured_ns is None:
+            return b""
+        self._beacon_asked_ns = now_ns
+        return BEACON_REQUEST
 
     def _question(self, now_ns: int) -> bytes:
         """At once after opening, then once a second while something is missing."""
@@ -202,6 +219,7 @@ class Hcsr04Session:
     def _on_measurement(self, m: Measurement, arrived_ns: int, end_ns: int) -> list[RangeReading]:
         self._measured_ns = arrived_ns
         self._seq = m.seq
+        self._beacon = m.beacon is not None
         self._conditioner.arrived(arrived_ns)
         line = self._arrivals.judge(m.seq, arrived_ns, end_ns, after_hello=self._after_hello)
         self._after_hello = False
@@ -231,7 +249,18 @@ class Hcsr04Session:
         elif quality is Quality.GOOD and raw_mm > FARTHEST_MM:
             quality = Quality.TOO_FAR  # clones report 3300 cm where they received no echo
         flags = "|".join(flag.name or "" for flag in m.flags)
-        return self._conditioner.measured(raw_mm, quality, t_ns, m.seq, flags)
+        readings = self._conditioner.measured(raw_mm, quality, t_ns, m.seq, flags)
+        if m.beacon is None or not readings:
+            return readings
+        code = self._code(m.beacon, m, line.end_ns - m.size * self._byte_ns - LINK_LATENCY_NS)
+        return [replace(reading, beacon=code) for reading in readings]
+
+    def _code(self, lit: int, m: Measurement, begun_ns: int) -> BeaconCode:
+        """`begun_ns`: the line began, as soon as the board knew what became of the cycle."""
+        after_ns = next((ns for flag, ns in FLAG_AFTER_NS.items() if m.flags & flag), BURST_NS + m.ticks * TICK_NS)
+        known = min(BEACON_CYCLES, m.seq + 1)  # before a reset it was another code
+        states = tuple(bool(lit >> n & 1) for n in reversed(range(known)))
+        return BeaconCode(begun_ns - after_ns, self._arrivals.period_ns, states)
 
     def _air_c(self, m: Measurement) -> float:
         """Measured where that is plausible; a broken thermometer reports 85 or -40 and would falsify every distance."""

@@ -240,6 +240,14 @@ class RangersPayload(ShownModel):
     distance_3_mm: float | None
 
 
+class BeaconPayload(ShownModel):
+    """What the beacon in the pictures proves (`camera.beacon`)."""
+
+    level = "beacon."
+    status: str
+    latency_ms: float | None
+
+
 class StatePayload(Measured):
     """`<root>/<site>/<bay>/state`, retained. Valid only while the status topic is online and it keeps arriving."""
 
@@ -264,6 +272,7 @@ class StatePayload(Measured):
         description="exposure time and gain; null: left to the camera, or no fresh frame"
     )
     rangers: RangersPayload | None = Field(description="of a bay with several; null: one, or none can be judged")
+    beacon: BeaconPayload | None = Field(None, description="null: none is configured")
     ne107: Ne107Payload
     guidance: GuidancePayload
     plc: PlcPayload

@@ -21,7 +21,17 @@ TIME = "timestamp_ms"  # the last one of what is published together
 OMITTED = frozenset({"schema_version", "site", "bay", "instance", "seq", "timestamp", "status_topic", "stale_after_ms"})
 # They change all the time and are no reason to publish by themselves.
 PERIODIC = frozenset(
-    {"heartbeat", "frame_id", "vision/age_ms", "range/age_ms", "plc/age_ms", "plc/writes", "in_place_ms", "held_ms"}
+    {
+        "heartbeat",
+        "frame_id",
+        "vision/age_ms",
+        "range/age_ms",
+        "plc/age_ms",
+        "plc/writes",
+        "in_place_ms",
+        "held_ms",
+        "beacon/latency_ms",
+    }
 )
 PERIODIC_GROUPS = ("rates/", "counters/", "picture/", "exposure/")
 OBJECTS = frozenset(  # that may be null: then they have no values

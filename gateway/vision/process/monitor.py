@@ -32,6 +32,7 @@ from enum import Enum, auto
 
 from gateway.config import CameraConfig, Reconnect, VisionConfig
 from gateway.core import details
+from gateway.core.beacon import BeaconLight
 from gateway.core.detection import Detection
 from gateway.core.readings import AgeProof, PictureHealth, Quality, VisionReading, VisionStats
 from gateway.durations import NS_PER_S
@@ -198,6 +199,7 @@ class ProcessMonitor:
                 wrong_size=found.wrong_size,
                 exposure=result.exposure,
                 age_proof=result.age_proof,
+                beacon=None if result.beacon_level is None else BeaconLight(result.t_capture_ns, result.beacon_level),
                 picture=self._picture if result.t_capture_ns - self._picture_ns <= PICTURE_NS else None,
             )
         )

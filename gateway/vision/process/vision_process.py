@@ -27,6 +27,7 @@ from gateway.processes.child import shown
 from gateway.vision.detect import registry
 from gateway.vision.detect.method import Detector, RadiusLimited, Summing, TimedPicture
 from gateway.vision.detect.radii import MarkerRadii
+from gateway.vision.picture.beacon import BeaconMeter
 from gateway.vision.picture.measure import PictureMeter
 from gateway.vision.pixels import AnyImage, Image, bgr8
 from gateway.vision.process.exposure_loop import ExposureLoop
@@ -64,6 +65,7 @@ def run(channel: Channel[FromVision, MarkerRadii | ControlsRequest], job: Vision
     limited = detect if isinstance(detect, RadiusLimited) else None
     sums = detect if isinstance(detect, Summing) else None
     meter = PictureMeter()
+    lamp = None if job.beacon is None else BeaconMeter(job.beacon)
     if job.needs is not None:
         for line in sandbox.drop_privileges(None):  # before there are other threads: each keeps its own
             log.warning("the vision process keeps a right that it does not need: %s", line)
@@ -88,9 +90,9 @@ def run(channel: Channel[FromVision, MarkerRadii | ControlsRequest], job: Vision
         marker = detection.circle is not None or detection.predicted is not None
         picture = meter.measure(frame.image, frame.t_capture_ns, marker=marker)
         settings = None if exposure is None else exposure.state
-        channel.send(
-            FrameResult(frame.seq, frame.t_capture_ns, detection, since_ns, picture, settings, frame.age_proof)
-        )
+        level = None if lamp is None else lamp.level(frame.image)
+        proof = frame.age_proof
+        channel.send(FrameResult(frame.seq, frame.t_capture_ns, detection, since_ns, picture, settings, proof, level))
         now_ns = clock.now_ns()
         progress.work_ends(now_ns)
         if exposure is not None:

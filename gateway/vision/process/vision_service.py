@@ -277,6 +277,7 @@ class VisionService:
                     self._camera.deadline_s / 4,
                     exposure_rules(self._camera),
                     getattr(self._spec, "needs", None) if self._camera.confined else None,
+                    self._camera.beacon,
                 )
                 slot.start(Role(MODULE, f"gw-worker-{self._bay}", job, ring.fds, self._vision.affinity))
             case monitor.Kill(_, why):

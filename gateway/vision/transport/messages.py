@@ -12,7 +12,7 @@ from msgspec import Struct
 from msgspec import field as message_field
 
 from gateway.clock import SystemClock
-from gateway.config import VisionConfig
+from gateway.config import BeaconConfig, VisionConfig
 from gateway.core.detection import Detection
 from gateway.core.readings import AgeProof, CameraExposure, PictureHealth
 from gateway.errors import ProtocolError
@@ -79,6 +79,7 @@ class VisionJob(Message, frozen=True):
     detector_beat_s: float = 0.25  # the detector's thread notes that it runs at least so often
     exposure: ExposureRules | None = None  # None: left to the camera
     needs: Needs | None = None  # of the source; None: the process keeps its rights
+    beacon: BeaconConfig | None = None
 
 
 class ControlsRequest(Message, frozen=True):
@@ -128,6 +129,7 @@ class FrameResult(Message, frozen=True):
     picture: PictureHealth | None = None  # measured in this frame; not judged yet
     exposure: CameraExposure | None = None  # None: left to the camera
     age_proof: AgeProof | None = None  # of t_capture_ns
+    beacon_level: float | None = None  # of the newest frame; None: no beacon, or its place is not in the picture
 
 
 class ControlsReport(Message, frozen=True):

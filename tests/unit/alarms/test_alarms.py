@@ -24,6 +24,7 @@ from gateway.alarms.records import (
 )
 from gateway.alarms.states import AlarmEvent, AlarmState, next_state
 from gateway.config import BayConfig
+from gateway.core.beacon import Beacon, BeaconStatus
 from gateway.core.detection import Circle
 from gateway.core.plc import Handshake, PlcLink
 from gateway.core.readings import (
@@ -185,12 +186,16 @@ def ranger(quality: Quality) -> StateVector:
 PLACE = TruckPosition(280.0, Circle(320, 240, 200.0))
 SCALE = MarkerScale(56_000.0, 280.0, 0.01, 12, ScaleSample(0, 224.0, 280.0), jump=0.12)
 LONG = (0, 40 * 60)
+UNPROVEN = replace(
+    camera(Quality.STALE), memory=FusionMemory(beacon=Beacon(BeaconStatus.LOST)), reason=Reason.BEACON_LOST
+)
 CAUSES = {
     "control_dead": permitted(reason=Reason.GATEWAY_FAULT),
     "plc_lost": permitted(plc=replace(permitted().plc, missed=True)),
     "camera_down": DOWN,
     "camera_stale": camera(Quality.STALE),
     "camera_age_unproven": unproven(Quality.NO_TARGET),
+    "beacon_lost": UNPROVEN,
     "vision_fault": camera(Quality.PROCESS_FAULT),
     "ranger_down": ranger(Quality.LINK_DOWN),
     "ranger_stale": ranger(Quality.STALE),

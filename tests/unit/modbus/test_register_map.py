@@ -151,6 +151,7 @@ EXPECTED: dict[int, int] = {
     100: 0b1,  # red
     101: 9,
     102: 0x3456,
+    105: 0xFFFF,  # no beacon
     103: 0x789A,
 }
 

@@ -42,6 +42,7 @@ measurements = st.builds(
     ticks=st.integers(0, 999_999),
     flags=st.integers(0, 31).map(Flags),
     temperature_dc=st.none() | st.integers(-400, 850),
+    beacon=st.none() | st.integers(0, 255),
     relay=st.none()
     | st.builds(RelayReport, run=st.integers(0, 0xFFFF), output=st.sampled_from(RelayOutput), pins=st.integers(0, 3)),
 )
@@ -329,10 +330,24 @@ def test_the_relays_field_and_command_have_one_spelling() -> None:
 
 def test_an_unknown_optional_field_is_ignored_and_a_wrong_one_is_damage() -> None:
     """Each field once, in the alphabet's order."""
-    assert fed(frame(b"HCM,7,2912,2500,0,b1,rA1B20,z0F")) == [
+    assert fed(frame(b"HCM,7,2912,2500,0,a1,rA1B20,z0F")) == [
         Measurement(7, 2912, relay=RelayReport(0xA1B2, RelayOutput.NONE, 0))
     ]
-    for wrong in (b"rA1B2", b"rA1B2C", b"rA1B200", b"rA1B20,b1", b"rA1B20,rA1B20", b"r", b"b1,215", b"B1"):
+    assert fed(frame(b"HCM,7,2912,2500,0,215,b5A,rA1B20"))[0] == Measurement(
+        7, 2912, temperature_dc=215, relay=RelayReport(0xA1B2, RelayOutput.NONE, 0), beacon=0x5A
+    )
+    for wrong in (
+        b"rA1B2",
+        b"rA1B2C",
+        b"rA1B200",
+        b"rA1B20,a1",
+        b"rA1B20,rA1B20",
+        b"r",
+        b"a1,215",
+        b"b1",
+        b"bA",
+        b"B1",
+    ):
         assert [event.kind for event in fed(frame(b"HCM,7,2912,2500,0," + wrong)) if isinstance(event, Damaged)] == [
             Damage.CONTENT
         ]

@@ -168,6 +168,7 @@ def test_a_good_state() -> None:
         "picture": None,
         "exposure": None,
         "rangers": None,
+        "beacon": None,
         "ne107": {"name": "GOOD", "code": 0, "active": []},
         "guidance": {
             "name": "WAIT",

@@ -13,6 +13,7 @@ export const REASONS = {
   VISION_FAULT: ['picture not evaluated', 'The program that looks for the marker has failed; it is started again by itself.'],
   TARGET_COASTED: ['marker hidden', 'The marker is hidden for the moment: only guessed, not seen.'],
   VISION_AGE_UNPROVEN: ['age of picture unknown', 'Nothing proves how old the camera’s pictures are: they are not used.'],
+  BEACON_LOST: ['pictures not proven', 'The pictures do not show the code of the LED: they may be old.'],
   RANGE_STALE: ['no new distance', 'The distance sensor has stopped sending.'],
   RANGER_DOWN: ['no distance sensor', 'The distance sensor is not connected, or its port cannot be opened.'],
   NO_ECHO: ['nothing in front', 'The distance sensor hears no echo: nothing stands before it, or the echo does not come back.'],
