@@ -31,6 +31,7 @@ LOOK_NS, SEARCH_LOOK_NS = 100_000_000, 500_000_000
 FOUND_Z = 7.0
 KEEP_R = 0.6
 LEAST_FRAMES = 10  # of FOLLOW_NS: slower cameras are not followed
+FOUND_FRAMES = 32  # of SEARCH_NS, in as many cycles: fewer bits of another code are equal by chance
 EXPIRES_NS = 1_000_000_000  # without a frame that confirms it
 CLOSEST_NS = 12_000_000  # frames closer than this to the one before are not used
 
@@ -103,7 +104,7 @@ def told(beacon: Beacon, code: BeaconCode) -> Beacon:
 def seen(beacon: Beacon, light: BeaconLight | None, now_ns: int, tolerance_ns: int) -> Beacon:
     """A frame has arrived, or a fault instead (None). `tolerance_ns`: so much older than claimed pictures may be."""
     if light is None or not math.isfinite(light.level):
-        return _lost(beacon)
+        return replace(_lost(beacon), light=())  # a source that is opened anew begins anew
     if beacon.light and light.t_ns < beacon.light[-1].t_ns + CLOSEST_NS:
         return aged(beacon, now_ns)
     since_ns = light.t_ns - SEARCH_NS
@@ -133,7 +134,7 @@ def _lost(beacon: Beacon) -> Beacon:
 
 def _found(beacon: Beacon) -> int | None:
     """The lag at which the code is in the pictures beyond doubt."""
-    z, _, lag = best(beacon, SEARCH_NS, range(EARLIEST, LATEST + 1, SEARCH_STEPS))
+    z, _, lag = best(beacon, SEARCH_NS, range(EARLIEST, LATEST + 1, SEARCH_STEPS), FOUND_FRAMES)
     return lag * STEP_NS if z >= FOUND_Z else None
 
 
@@ -141,13 +142,13 @@ def _followed(beacon: Beacon, lag_ns: int) -> int | None:
     """The lag now; None: the newest frames no longer show the code there."""
     lag = lag_ns // STEP_NS
     lags = range(max(EARLIEST, lag - FOLLOW_STEPS), min(LATEST, lag + FOLLOW_STEPS) + 1)
-    _, r, lag = best(beacon, FOLLOW_NS, lags)
+    _, r, lag = best(beacon, FOLLOW_NS, lags, LEAST_FRAMES)
     return lag * STEP_NS if r >= KEEP_R else None
 
 
-def best(beacon: Beacon, span_ns: int, lags: Sequence[int]) -> tuple[float, float, int]:
+def best(beacon: Beacon, span_ns: int, lags: Sequence[int], least: int) -> tuple[float, float, int]:
     """Of the lag with the most significant correlation, over the frames of the newest `span_ns`: its significance, the
-    correlation, and the lag."""
+    correlation, and the lag. `least`: so many frames and cycles it takes."""
     since_ns = beacon.light[-1].t_ns - span_ns
     frames = [one for one in beacon.light if one.t_ns >= since_ns]
     times = [one.t_ns // STEP_NS for one in frames]
@@ -161,7 +162,7 @@ def best(beacon: Beacon, span_ns: int, lags: Sequence[int]) -> tuple[float, floa
     for lag in lags:
         lit = [code[t - lag - first] for t in times]
         known, total = sum(map(abs, lit)), sum(lit)
-        if (independent := min(known, cycles)) < LEAST_FRAMES:
+        if (independent := min(known, cycles)) < least:
             continue
         spread = power * (known - total * total / len(lit))
         r = sum(map(mul, levels, lit)) / math.sqrt(spread) if spread > 1e-9 else 0.0

@@ -2,7 +2,7 @@
 
 import random
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import pytest
 
@@ -105,6 +105,26 @@ def test_pictures_of_the_present_are_proven_and_their_lag_is_measured(fps: int, 
     plant.run(20.0)
     after = [state for t_ns, state in plant.states if t_ns > T0 + 7 * S]
     assert {state.beacon.status for state in after} == {BeaconStatus.PROVEN}
+
+
+def test_a_few_bits_of_another_code_prove_nothing() -> None:
+    """Right after an opening: of ten bits all may be equal by chance, at one of a hundred lags."""
+    draw = random.Random(5)
+    period_ns = 60 * MS
+    for _ in range(400):
+        own, other = (tuple(draw.random() < 0.5 for _ in range(120)) for _ in range(2))
+        known = beacon.told(Beacon(BeaconStatus.SEARCHING), BeaconCode(T0, period_ns, own[:60]))
+        known = beacon.told(replace(known, period_ns=period_ns), BeaconCode(T0 + 3 * S, period_ns, own[60:110]))
+        for n in range(19):
+            light = BeaconLight(T0 + S + n * 100 * MS, 40.0 * other[n * 100 // 60])
+            known = beacon.seen(known, light, light.t_ns, 250 * MS)
+        assert known.lag_ns is None
+
+
+def test_pictures_from_before_a_fault_of_the_camera_do_not_count() -> None:
+    known = beacon.seen(Beacon(), BeaconLight(T0, 40.0), T0, 250 * MS)
+    assert known.light != ()
+    assert beacon.seen(known, None, T0 + MS, 250 * MS).light == ()
 
 
 def test_until_they_are_proven_the_truck_must_stop_for_the_beacon() -> None:
