@@ -149,8 +149,7 @@ CODECS = {
 def encoders(ffmpeg: str | None) -> dict[str, Callable[[Frames], Iterator[Image]]]:
     table: dict[str, Callable[[Frames], Iterator[Image]]] = {
         "none": iter,
-        "JPEG, quality 30": lambda frames: jpeg(frames, 30),
-        "JPEG, quality 90": lambda frames: jpeg(frames, 90),
+        **{f"JPEG, quality {q}": partial(jpeg, quality=q) for q in (10, 15, 30, 90)},
         "JPEG, 45 kB a frame": lambda frames: jpeg(frames, 60, bytes_wanted=45_000),
         "JPEG, quality wanders from 50 to 70": wandering,
         "MPEG-4": lambda frames: film(frames, by_opencv, "mp4"),
