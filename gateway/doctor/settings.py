@@ -9,6 +9,7 @@ from urllib.parse import urlsplit
 
 from gateway.config import BayConfig, GatewayConfig
 from gateway.config.sections.common import is_loopback
+from gateway.vision.source.freshness import PROOFS
 from gateway.vision.source.specs import names_file
 
 USUAL_FPS = 30.0  # of a camera whose rate nobody has set
@@ -102,12 +103,19 @@ def _frozen_number(bay: BayConfig) -> Iterator[str]:
 
 
 def _deadlines(bay: BayConfig) -> Iterator[str]:
-    fps, fusion = bay.camera.fps or USUAL_FPS, bay.fusion
+    camera, fusion = bay.camera, bay.fusion
+    fps = camera.fps or USUAL_FPS
     if fusion.vision_deadline_s < 2 / fps:
-        rate = f"camera.fps = {fps:g}" if bay.camera.fps else f"the usual {fps:g} frames/s (camera.fps is not set)"
+        rate = f"camera.fps = {fps:g}" if camera.fps else f"the usual {fps:g} frames/s (camera.fps is not set)"
         yield (
             f"fusion.vision_deadline_s = {fusion.vision_deadline_s:g}: at {rate} a frame comes every "
             f"{1 / fps:.3g} s, so that one lost frame is a stop; at least {2 / fps:.3g}"
+        )
+    if camera.open_deadline_s <= PROOFS / fps and camera.frozen_s and not names_file(camera):
+        yield (
+            f"camera.open_deadline_s = {camera.open_deadline_s:g}: at camera.fps = {fps:g} the {PROOFS} new frames "
+            f"that a source must show before it is believed take {PROOFS / fps:.3g} s, so that it is opened again for "
+            "ever; set it higher"
         )
     cycle_s = bay.ranger.period_s
     if cycle_s is not None:

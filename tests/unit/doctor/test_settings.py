@@ -10,6 +10,7 @@ from gateway.doctor.settings import of_picture, warnings
 
 VGA = {"width_px": 640, "height_px": 480}
 LENS = {"fx": 600, "fy": 600, "cx": 320, "cy": 240}
+SLOW = {"fusion": {"vision_deadline_s": 4}}
 CHECK = {"focal_px": 600, "marker_radius_mm": 90}
 
 
@@ -36,6 +37,7 @@ def test_the_shipped_files_make_sense(path: Path) -> None:
         ({"camera": VGA, "guidance": {"aim_u_px": 179}}, "guidance.aim_u_px = 179: a marker of R_th = 180 px there is"),
         ({"vision": {"intrinsics": LENS}, "fusion": {"cross_check": CHECK | {"focal_px": 661}}}, "differ by more than"),
         ({"camera": {"fps": 5}}, "fusion.vision_deadline_s = 0.3: at camera.fps = 5 a frame comes every 0.2 s"),
+        ({**SLOW, "camera": {"fps": 0.5, "deadline_s": 3}}, "camera.open_deadline_s = 10: at camera.fps = 0.5 the 5"),
         ({"fusion": {"range_deadline_s": 0.17}}, "fusion.range_deadline_s = 0.17: the ranger measures every 60 ms"),
         ({"fusion": {"fail_safe": False}}, "fusion.fail_safe = false"),
         ({"fusion": {"decision": "plain"}}, 'fusion.decision = "plain" without [fusion.cross_check]'),
@@ -59,6 +61,8 @@ def test_what_makes_no_sense_is_named_with_its_key(sections: dict[str, Any], exp
         {"camera": VGA, "guidance": {"aim_u_px": 180, "aim_v_px": 300}},
         {"vision": {"intrinsics": LENS}, "fusion": {"cross_check": CHECK | {"focal_px": 659}}},
         {"camera": {"fps": 7}},
+        {**SLOW, "camera": {"fps": 0.5, "deadline_s": 3, "open_deadline_s": 11}},
+        {**SLOW, "camera": {"fps": 0.5, "deadline_s": 3, "url": "folder/", "loop": True}},
         {"fusion": {"range_deadline_s": 0.18}},
         {"fusion": {"decision": "plain", "cross_check": CHECK}},
         {"mqtt": {"url": "mqtts://10.0.0.9", "username": "u", "password_file": "/f"}},
