@@ -6,9 +6,15 @@ distances agree when they differ by at most `ranger.agree_mm`. The result:
 - of three that agree, the median: two of them have it at least so near, and two at least so far;
 - of two, the nearer one: `stop` begins by the first of them and ends by the last. The farther one is in the result,
   too, because in place needs both at the mark;
-- "no echo" only where every ranger that works has none, or a distance at the end of the other's range: it lets a truck
+- "no echo" only where every live ranger has none, or a distance at the end of the other's range: it lets a truck
   drive up, so that it can't be a matter of a majority;
-- else no distance: they contradict each other, or too few of them work.
+- else no distance: the fault of a ranger, or they contradict each other.
+
+Two that agree outvote a third, whatever that shows: another distance, no echo, too near, jumps. Each of the two has
+measured where the truck is, as a single ranger does. No echo is no such proof: TOO_NEAR and UNSTABLE are echoes of a
+body, and end it as they do with a single ranger. Nor does an old distance outvote a new one: where a live third does
+not agree, each of the two may be older than its reading by two periods of the slowest ranger and `delay_ms` at most
+(by `fusion.range_deadline_s` where a period is not known).
 
 The result is as old as the second newest of those that it rests on: two of them are at least so new, and the median of
 three lies between or on them.
@@ -20,7 +26,8 @@ from statistics import median
 
 from gateway.config import BayConfig
 from gateway.core import details, fusion
-from gateway.core.readings import BEYOND_RANGE, MEASURED, Quality, RangeReading, RangerVote, RangeStats
+from gateway.core.readings import BEYOND_RANGE, DEAD, MEASURED, Quality, RangeReading, RangerVote, RangeStats
+from gateway.durations import NS_PER_S
 
 NEEDED = 2
 """So many must agree, of two or of three."""
@@ -43,6 +50,10 @@ class Voter:
         self._fusion, self._agree_mm = bay.fusion, bay.ranger.agree_mm
         self._ranges_mm = [sensor.max_range_mm for sensor in bay.ranger.sensors]
         self._held = [RangeReading(now_ns, Quality.WAITING) for _ in bay.ranger.sensors]
+        period_s = bay.ranger.period_s
+        delay_s = max(sensor.number.delay_ms for sensor in bay.ranger.sensors) / 1000
+        together_s = bay.fusion.range_deadline_s if period_s is None else 2 * period_s + delay_s
+        self._together_ns = round(together_s * NS_PER_S)
         self._count = 0
 
     def take(self, n: int, reading: RangeReading, now_ns: int) -> RangeReading:
@@ -50,21 +61,28 @@ class Voter:
         self._held[n] = fusion.newest_range(self._held[n], fusion.checked_range(reading, now_ns))
         self._held = [fusion.aged_range(held, now_ns, self._fusion) for held in self._held]
         self._count = (self._count + 1) & 0xFFFF
-        return vote(self._held, self._ranges_mm, self._agree_mm, self._count)
+        return vote(self._held, self._ranges_mm, self._agree_mm, self._together_ns, self._count)
 
 
-def vote(held: Sequence[RangeReading], ranges_mm: Sequence[float | None], agree_mm: float, seq: int) -> RangeReading:
-    """The result of readings as they are now, one a ranger. `ranges_mm`: how far each measures; None: not known."""
+def vote(
+    held: Sequence[RangeReading], ranges_mm: Sequence[float | None], agree_mm: float, together_ns: int, seq: int
+) -> RangeReading:
+    """The result of readings as they are now, one a ranger. `ranges_mm`: how far each measures; None: not known.
+
+    `together_ns`: distances that are older than a live ranger's reading by more don't outvote it.
+    """
     good = sorted((_Good(one.distance_mm, n) for n, one in enumerate(held) if one.distance_mm is not None), key=_mm)
     agreeing = _agreeing(good, agree_mm)
-    if agreeing:
+    live = [n for n, one in enumerate(held) if one.quality not in DEAD and one.quality is not Quality.WAITING]
+    outvoted_ns = [held[n].t_ns for n in live if n not in agreeing]
+    if agreeing and max(outvoted_ns, default=0) - min(held[n].t_ns for n in agreeing) <= together_ns:
         return _result(held, agreeing, Quality.GOOD, seq)
     measured = [n for n, one in enumerate(held) if one.quality in MEASURED]
     beyond = [n for n in measured if held[n].quality in BEYOND_RANGE]
-    if len(measured) >= NEEDED and beyond and all(_at_the_end(ranges_mm[n], good, agree_mm) for n in beyond):
-        silent = any(held[n].quality is Quality.NO_ECHO for n in beyond)
-        return _result(held, measured, Quality.NO_ECHO if silent else Quality.TOO_FAR, seq)
-    if len(measured) >= NEEDED:
+    if len(measured) >= NEEDED and measured == live:
+        if beyond and all(_at_the_end(ranges_mm[n], good, agree_mm) for n in beyond):
+            silent = any(held[n].quality is Quality.NO_ECHO for n in beyond)
+            return _result(held, measured, Quality.NO_ECHO if silent else Quality.TOO_FAR, seq)
         differ = " / ".join(f"{held[n].distance_mm:.0f}" if n not in beyond else "-" for n in measured)
         return _result(held, [], Quality.UNSTABLE, seq, details.RANGERS_DIFFER(differ))
     rest = (n for n in range(len(held)) if n not in measured)

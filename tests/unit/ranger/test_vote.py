@@ -15,7 +15,7 @@ from gateway.config_check import check
 from gateway.core import fusion, interlock, ne107
 from gateway.core.detection import Circle
 from gateway.core.ne107 import Ne107
-from gateway.core.readings import BEYOND_RANGE, DEAD, Quality, RangeReading, VisionReading
+from gateway.core.readings import BEYOND_RANGE, DEAD, Quality, RangeReading, RelayOutput, RelayStatus, VisionReading
 from gateway.core.shown import withdrawn
 from gateway.core.state import Reason, StateVector, Tick
 from gateway.durations import NS_PER_MS
@@ -24,7 +24,9 @@ from gateway.ranger.vote import Voter, vote
 
 G = Quality.GOOD
 NO, FAR, DOWN, WAIT = Quality.NO_ECHO, Quality.TOO_FAR, Quality.LINK_DOWN, Quality.WAITING
+NEAR, JUMPS = Quality.TOO_NEAR, Quality.UNSTABLE
 AGREE_MM, RANGE_MM = 40.0, 4000.0
+TOGETHER_NS = 120 * NS_PER_MS  # two periods of 60 ms
 Sent = float | Quality
 
 
@@ -39,7 +41,7 @@ def reading(sent: Sent, t_ms: float = 0) -> RangeReading:
 
 
 def voted(*sent: Sent) -> RangeReading:
-    return vote([reading(one) for one in sent], [RANGE_MM] * len(sent), AGREE_MM, 1)
+    return vote([reading(one) for one in sent], [RANGE_MM] * len(sent), AGREE_MM, TOGETHER_NS, 1)
 
 
 @pytest.mark.parametrize(
@@ -65,7 +67,12 @@ def voted(*sent: Sent) -> RangeReading:
         ((300, NO, NO), Quality.UNSTABLE, None, None, "000"),  # no majority for what lets a truck drive up
         ((DOWN, NO, NO), NO, None, None, "011"),
         ((300, 310, NO), G, 300, 310, "110"),
-        ((Quality.TOO_NEAR, NO, WAIT), Quality.TOO_NEAR, None, None, "000"),
+        ((NEAR, NO, WAIT), NEAR, None, None, "000"),
+        ((NEAR, NO, NO), NEAR, None, None, "000"),  # an echo of a body is not outvoted by no echo
+        ((JUMPS, NO, FAR), JUMPS, None, None, "000"),
+        ((NEAR, 3960, NO), NEAR, None, None, "000"),
+        ((NEAR, 300, 310), G, 300, 310, "011"),  # but by two that agree where it is
+        ((JUMPS, 300, 310), G, 300, 310, "011"),
     ],
 )
 def test_what_two_and_three_give(
@@ -91,13 +98,14 @@ def test_never_good_where_fewer_than_two_agree(sent: list[Sent]) -> None:
         assert sum(one >= found.distance_mm for one in numbers) >= 2  # never the farthest of all
     if found.quality in BEYOND_RANGE:
         assert all(one + AGREE_MM >= RANGE_MM for one in numbers)
+        assert {one for one in sent if isinstance(one, Quality)} <= BEYOND_RANGE | DEAD | {WAIT}
 
 
 STEP = st.tuples(st.integers(0, 2), SENT, st.integers(0, 400), st.integers(0, 700))
 
 
 @given(st.lists(STEP, max_size=40))
-def test_in_time_what_is_stale_never_votes_and_nothing_goes_back(steps: list[tuple[int, Sent, int, int]]) -> None:
+def test_in_time_what_is_stale_never_votes(steps: list[tuple[int, Sent, int, int]]) -> None:
     config = bay(3)
     voter, deadline_ms = Voter(config, 0), config.fusion.range_deadline_s * 1000
     newest: dict[int, tuple[Sent, float]] = {}
@@ -117,8 +125,29 @@ def test_in_time_what_is_stale_never_votes_and_nothing_goes_back(steps: list[tup
 
 def test_a_result_is_as_old_as_the_second_newest_and_its_oldest_echo_is_that_of_all() -> None:
     held = [reading(300, 70), reading(310, 90), replace(reading(320, 20), oldest_ns=5 * NS_PER_MS)]
-    found = vote(held, [RANGE_MM] * 3, AGREE_MM, 1)
+    found = vote(held, [RANGE_MM] * 3, AGREE_MM, TOGETHER_NS, 1)
     assert (found.t_ns, found.oldest_ns) == (70 * NS_PER_MS, 5 * NS_PER_MS)
+
+
+@pytest.mark.parametrize("third", [300, NEAR, JUMPS, NO])
+def test_an_old_distance_does_not_outvote_a_new_reading(third: Sent) -> None:
+    for old_ms, counts in ((180, True), (179, False)):
+        held = [reading(1500, old_ms), reading(1500, 290), reading(third, 300)]
+        found = vote(held, [RANGE_MM] * 3, AGREE_MM, TOGETHER_NS, 1)
+        assert (found.quality is G) is counts
+    # Without a live third each counts until its own deadline.
+    assert vote([reading(1500), reading(1500, 300)], [RANGE_MM] * 2, AGREE_MM, TOGETHER_NS, 1).quality is G
+
+
+def test_the_relay_of_the_first_board_survives_the_faults_of_others_but_not_its_own_silence() -> None:
+    relay = RelayStatus(RelayOutput.MAY_MOVE, RelayOutput.MAY_MOVE, fault=False)
+    voter = Voter(bay(2), 0)
+    assert voter.take(0, replace(reading(300), relay=relay), 0).relay == relay
+    for other in (300, 900, DOWN):
+        assert voter.take(1, reading(other), 0).relay == relay
+    late_ms = 1000
+    found = voter.take(1, reading(300, late_ms), late_ms * NS_PER_MS)
+    assert (found.quality, found.relay) == (Quality.STALE, None)
 
 
 class FrozenClock:
@@ -151,6 +180,22 @@ class Bay:
                     self._step(self.voter.take(n, reading(one, self.now_ms), now_ns))
             self._step(Tick())
         return self.state
+
+
+def test_no_majority_of_no_echo_lets_a_truck_drive_up_to_a_body() -> None:
+    bench = Bay(3, radius_px=10)
+    assert bench.run(NO, NO, NO).may_move
+    for seen in (NEAR, JUMPS):
+        state = bench.run(NO, NO, seen, cycles=1)
+        assert (state.stop, state.may_move, state.d) == (True, False, None)
+
+
+def test_a_silent_ranger_does_not_keep_a_liar_in_the_majority_until_its_deadline() -> None:
+    bench = Bay(3, radius_px=10)
+    assert bench.run(1500, 1500, 1500).may_move
+    assert bench.run(300, 1500, None, cycles=2).range.distance_mm == 1500
+    assert bench.run(300, 1500, None, cycles=1).reason is Reason.RANGERS_DISAGREE
+    assert (bench.state.stop, bench.state.may_move) == (True, False)
 
 
 @pytest.mark.failure_mode("R15")
