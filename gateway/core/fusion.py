@@ -250,10 +250,15 @@ def _newest_vision(held: VisionReading, new: VisionReading) -> VisionReading:
 
 
 def newest_range(held: RangeReading, new: RangeReading) -> RangeReading:
-    """Of one ranger. An older reading counts only by its counters."""
+    """An older reading of one ranger counts only by its counters. Votes of several count in their order, instead.
+
+    A vote's time goes back when older readings agree than before: to keep the former one would show a distance that
+    the rangers no longer agree on.
+    """
     # A reopened port without data has not cleared the fault: it remains until a reading arrives.
     lifts_a_fault = new.quality is Quality.WAITING and held.quality not in (Quality.GOOD, Quality.WAITING)
-    return new if new.t_ns >= held.t_ns and not lifts_a_fault else replace(held, stats=new.stats)
+    newest = new.t_ns >= held.t_ns or new.rangers
+    return new if newest and not lifts_a_fault else replace(held, stats=new.stats)
 
 
 def _aged_vision(reading: VisionReading, now_ns: int, config: FusionConfig) -> VisionReading:

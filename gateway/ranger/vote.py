@@ -17,7 +17,8 @@ not agree, each of the two may be older than its reading by two periods of the s
 (by `fusion.range_deadline_s` where a period is not known).
 
 The result is as old as the second newest of those that it rests on: two of them are at least so new, and the median of
-three lies between or on them.
+three lies between or on them. So its time may go back from one vote to the next, when others agree than before: votes
+count in their order (`fusion.newest_range`), and each one shows its own age.
 """
 
 from collections.abc import Sequence

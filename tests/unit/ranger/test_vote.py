@@ -123,6 +123,19 @@ def test_in_time_what_is_stale_never_votes(steps: list[tuple[int, Sent, int, int
             assert now_ms * NS_PER_MS - found.t_ns <= deadline_ms * NS_PER_MS
 
 
+@given(st.lists(st.tuples(st.integers(0, 2), st.sampled_from([880, 900, 1500, NO, DOWN])), max_size=40))
+def test_the_distance_shown_is_that_of_the_newest_vote_as_old_as_that(steps: list[tuple[int, Sent]]) -> None:
+    config = bay(3)
+    rules, voter = interlock.Rules.of(config), Voter(config, 0)
+    state = interlock.initial("bay1", 0, rules)
+    for cycle, (n, sent) in enumerate(steps):
+        now_ns = cycle * 30 * NS_PER_MS
+        found = voter.take(n, reading(sent, cycle * 30), now_ns)
+        state = interlock.step(state, found, now_ns, rules)
+        shown = state.range.distance_mm
+        assert shown is None or (shown, state.range.t_ns) == (found.distance_mm, found.t_ns)
+
+
 def test_a_result_is_as_old_as_the_second_newest_and_its_oldest_echo_is_that_of_all() -> None:
     held = [reading(300, 70), reading(310, 90), replace(reading(320, 20), oldest_ns=5 * NS_PER_MS)]
     found = vote(held, [RANGE_MM] * 3, AGREE_MM, TOGETHER_NS, 1)
@@ -188,6 +201,18 @@ def test_no_majority_of_no_echo_lets_a_truck_drive_up_to_a_body() -> None:
     for seen in (NEAR, JUMPS):
         state = bench.run(NO, NO, seen, cycles=1)
         assert (state.stop, state.may_move, state.d) == (True, False, None)
+
+
+def test_a_vote_of_older_readings_replaces_the_newer_one() -> None:
+    bench = Bay(3, radius_px=10)
+    assert bench.run(1500, 1500, 880).may_move
+    bench.run(1500, 1500, None, cycles=1)
+    state = bench.run(1500, 900, None, cycles=1)
+    assert (state.range.distance_mm, state.range.t_ns) == (880, (bench.now_ms - 120) * NS_PER_MS)
+    for _ in range(8):
+        bench.run(1500, 900, None, cycles=1)
+        assert bench.state.range.distance_mm in (None, 880)
+    assert (bench.state.stop, bench.state.reason) == (True, Reason.RANGERS_DISAGREE)
 
 
 def test_a_silent_ranger_does_not_keep_a_liar_in_the_majority_until_its_deadline() -> None:
