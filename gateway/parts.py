@@ -202,9 +202,10 @@ def build_bays(shared: Shared, sensors: Sensors, outputs: BayOutputs, ticked: Ca
 
 def _relay(bay: BayConfig, config: GatewayConfig, ranger: RangerService) -> tuple[Callable[[StateVector], None], ...]:
     """What tells the board of the first ranger of each state, where its relay is used."""
-    rules, max_range_mm, session = Rules.of(bay, config), bay.ranger.max_range_mm, ranger.session
-    if not bay.ranger.has_relay or max_range_mm is None or not isinstance(session, RelaySession):
+    max_range_mm = bay.ranger.max_range_mm
+    if not bay.ranger.has_relay or max_range_mm is None or not isinstance(session := ranger.session, RelaySession):
         return ()
+    rules = Rules.of(bay, config)
     return (lambda state: session.decided(decided(state, rules.limits(state.plc.recipe), max_range_mm)),)
 
 

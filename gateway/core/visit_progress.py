@@ -24,7 +24,7 @@ FAR_RADIUS_SHARE = 0.95  # a circle smaller than this of the one before is farth
 FAULTS = frozenset({
     Reason.VISION_STALE, Reason.CAMERA_DOWN, Reason.VISION_FAULT, Reason.RANGE_STALE, Reason.RANGER_DOWN,
     Reason.RANGE_TOO_NEAR, Reason.RANGER_STUCK, Reason.RANGE_UNSTABLE, Reason.RANGER_VERSION, Reason.RANGERS_DISAGREE,
-    Reason.SENSORS_DISAGREE, Reason.GATEWAY_FAULT, Reason.PLC_LOST, Reason.VISION_AGE_UNPROVEN,
+    Reason.SENSORS_DISAGREE, Reason.GATEWAY_FAULT, Reason.PLC_LOST, Reason.VISION_AGE_UNPROVEN, Reason.BEACON_LOST,
 })  # fmt: skip
 """Reasons of `stop` that are faults during a visit. A marker that is covered while loading is not a fault."""
 

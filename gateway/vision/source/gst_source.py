@@ -130,6 +130,6 @@ def _environment() -> dict[str, str]:
     return {
         "PATH": "/usr/local/bin:/usr/bin:/bin",
         "LANG": "C",
-        "HOME": "/nonexistent",
+        "HOME": "/dev/null",  # no folder can be made in it, by root neither
         "GST_REGISTRY_UPDATE": "no",
     } | {key: value for key, value in os.environ.items() if key.startswith(("GST_", "XDG_RUNTIME"))}

@@ -284,10 +284,10 @@ def test_nothing_is_read_without_a_login_afterwards_where_none_is_wanted() -> No
     ],
 )
 def test_the_status_and_the_doctor_say_where_the_pages_are(
-    monkeypatch: pytest.MonkeyPatch, more: str, expected: str
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, more: str, expected: str
 ) -> None:
     monkeypatch.setattr(own_host, "own_addresses", lambda: ["192.168.1.50", "127.0.0.1"])
-    monkeypatch.setattr(own_host, "MDNS_SOCKET", Path("/nonexistent"))
+    monkeypatch.setattr(own_host, "MDNS_SOCKET", tmp_path / "avahi")
     found = parse(tomllib.loads(more + "[modbus]\nport = 0\n"))
     with socket.socket() as listening:
         listening.bind(("127.0.0.1", 0))
