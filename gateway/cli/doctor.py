@@ -31,7 +31,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def add_seconds(parser: argparse.ArgumentParser) -> None:
     """The option of every verb that examines."""
     parser.add_argument(
-        "--seconds", type=float, default=5.0, metavar="S", help="how long each sensor is measured (default 5)"
+        "--seconds", type=float, default=10.0, metavar="S", help="how long each sensor is measured (default 10)"
     )
 
 

@@ -30,7 +30,7 @@ def url(folder: Path, pipeline: str, mode: int = 0o444) -> str:
 
 def test_frames_have_the_pipelines_size_and_times_and_its_end_is_a_lost_camera(tmp_path: Path) -> None:
     clock = SystemClock()
-    source = source_spec(CameraConfig(url=url(tmp_path, LIVE.replace("snow", "red num-buffers=60")))).open(clock)
+    source = source_spec(CameraConfig(url=url(tmp_path, LIVE.replace("snow", "red num-buffers=250")))).open(clock)
     frames = [source.read() for _ in range(15)]
     with pytest.raises(LinkError, match="the pipeline has ended: without a word"):
         frames.extend(iter(source.read, None))

@@ -16,8 +16,9 @@ CLOCK_SET_NS = NS_PER_S  # arriving so much earlier than ever before: its clock 
 DRIFT_WINDOW_NS = 20 * NS_PER_S
 LATCH_NS = 10 * NS_PER_S  # between two looks at a camera's clock: 50 ppm are 0.5 ms
 MOST_DRIFT = 500e-6  # between two clocks; what grows faster is a backlog
-SETTLED_NS = NS_PER_S  # from the opening on: for this time no frame has been faster than those before it,
-FASTER_NS = 20 * NS_PER_MS  # by more than this. A backlog that waited for the opening has been sent by then
+SETTLED_NS = 5 * NS_PER_S  # without a frame that is faster than those before it by more than clocks drift in it
+FASTER_NS = 20 * NS_PER_MS  # once settled: a frame faster by more than this shows that those before it were older
+STANDING_NS = NS_PER_S  # stamps that do not go on for so long say nothing
 
 
 class FrameTime(Protocol):
@@ -42,9 +43,10 @@ class PresentationTime:
     """Stamps of another clock, whose zero is unknown: the frame that arrived fastest counts as one without delay.
 
     A backlog that is sent faster than it was taken makes each frame the fastest: nothing is proven until that has
-    ended. A constant delay from the opening on, in the camera or in a relay, is not detected. Two clocks drift: what
-    the smallest delay of 20 s differs from that of the 20 s before is drift, up to 500 ppm. A clock that is set, or a
-    film that begins again, starts a new count with the delay that the last frame had.
+    ended, and nothing any more once it begins. A constant delay, in the camera or in a relay, is not seen, nor a
+    backlog that drains by no more than clocks drift. Two clocks drift: what the smallest delay of 20 s differs from
+    that of the 20 s before is drift, up to 500 ppm. A clock that is set, a film that begins again, and a backlog that
+    is dropped look alike: they start a new count with the delay that the last frame had, unproven.
     """
 
     def __init__(self) -> None:
@@ -55,18 +57,21 @@ class PresentationTime:
         self._least_ns = math.inf  # delay in this window
         self._least_before_ns = math.inf
         self._settled_ns: int | None = None  # when it will be; None: no frame yet
-        self._settled_zero_ns = math.inf
+        self._settled_zero_ns = math.inf  # may fall by as much as clocks drift
         self._went_on_ns = 0  # the stamps did, last
         self.proof = AgeProof.UNPROVEN
 
     def taken_ns(self, arrival_ns: int, stamp_ms: float) -> int:
         stamp_ns = stamp_ms * NS_PER_MS
-        if not stamp_ns > self._stamp_ns and arrival_ns - self._went_on_ns >= SETTLED_NS and self._zero_ns is not None:
-            self.proof, self._settled_ns = AgeProof.UNPROVEN, None  # stamps that stand still say nothing
+        if not stamp_ns > self._stamp_ns and arrival_ns - self._went_on_ns >= STANDING_NS and self._zero_ns is not None:
+            self._settled_ns = None
+            self.proof = AgeProof.UNPROVEN
         if not math.isfinite(stamp_ns):
             return arrival_ns - round(self._late_ns)
         shift_ns = arrival_ns - stamp_ns
         if self._zero_ns is None or stamp_ns <= self._stamp_ns or shift_ns < self._zero_ns - CLOCK_SET_NS:
+            if not 0 <= self._stamp_ns - stamp_ns <= FASTER_NS:  # a stamp may come twice
+                self._settled_ns = None
             self._zero_ns = shift_ns - self._late_ns
             self._begin_window(arrival_ns, math.inf)
         if stamp_ns != self._stamp_ns:
@@ -74,14 +79,14 @@ class PresentationTime:
         self._stamp_ns = stamp_ns
         self._zero_ns = min(self._zero_ns, shift_ns)
         self._late_ns = shift_ns - self._zero_ns
-        if self.proof is AgeProof.UNPROVEN:
-            self._look_whether_settled(arrival_ns)
+        self._look_whether_settled(arrival_ns, self._zero_ns)
         self._follow_drift(arrival_ns)
         return arrival_ns - round(self._late_ns)
 
-    def _look_whether_settled(self, arrival_ns: int) -> None:
-        zero_ns = math.inf if self._zero_ns is None else self._zero_ns
-        if self._settled_ns is None or zero_ns < self._settled_zero_ns - FASTER_NS:
+    def _look_whether_settled(self, arrival_ns: int, zero_ns: float) -> None:
+        faster_ns = MOST_DRIFT * SETTLED_NS if self.proof is AgeProof.UNPROVEN else FASTER_NS
+        if self._settled_ns is None or zero_ns < self._settled_zero_ns - faster_ns:
+            self.proof = AgeProof.UNPROVEN
             self._settled_ns, self._settled_zero_ns = arrival_ns + SETTLED_NS, zero_ns
         elif arrival_ns >= self._settled_ns and self._went_on_ns == arrival_ns:
             self.proof = AgeProof.PRESENTATION_TIME
@@ -95,6 +100,7 @@ class PresentationTime:
         if abs(drift_ns) <= MOST_DRIFT * DRIFT_WINDOW_NS:
             self._zero_ns += drift_ns
             least_ns -= drift_ns
+        self._settled_zero_ns = max(self._zero_ns, self._settled_zero_ns - MOST_DRIFT * DRIFT_WINDOW_NS)
         self._begin_window(arrival_ns, least_ns)
 
     def _begin_window(self, arrival_ns: int, least_before_ns: float) -> None:

@@ -138,12 +138,50 @@ def proofs(time: PresentationTime, frames: list[tuple[int, float]]) -> list[bool
 
 
 @pytest.mark.failure_mode("C11")
-def test_an_age_is_proven_once_no_frame_has_been_faster_for_a_second() -> None:
+def test_an_age_is_proven_once_no_frame_has_been_faster_for_five_seconds() -> None:
     """A backlog that waited for the opening is sent in half the time: until it is gone, each frame is the fastest."""
-    at_once = proofs(PresentationTime(), delays([30 * MS] * 60))
-    assert at_once == [False] * 25 + [True] * 35
-    drained = proofs(PresentationTime(), delays([2 * S - n * FRAME // 2 for n in range(100)] + [0] * 60))
-    assert drained == [False] * 125 + [True] * 35
+    at_once = proofs(PresentationTime(), delays([30 * MS] * 160))
+    assert at_once == [False] * 125 + [True] * 35
+    drained = proofs(PresentationTime(), delays([2 * S - n * FRAME // 2 for n in range(100)] + [0] * 160))
+    assert drained == [False] * 225 + [True] * 35
+
+
+@pytest.mark.failure_mode("C11")
+@pytest.mark.parametrize("rate", [0.01, 0.002])
+def test_a_backlog_that_drains_slowly_is_never_proven(rate: float) -> None:
+    assert not any(proofs(PresentationTime(), delays([3 * S - int(n * FRAME * rate) for n in range(3000)])))
+
+
+@pytest.mark.failure_mode("C11")
+@pytest.mark.parametrize("later_ns", [-3000 * MS, -900 * MS, -25 * MS])
+def test_a_proof_is_withdrawn_by_a_frame_that_shows_those_before_it_to_have_been_older(later_ns: int) -> None:
+    """A full link drains at last, or a server drops its queue. 3 s at once looks like a clock that was set."""
+    found = proofs(PresentationTime(), delays([3 * S] * 200 + [3 * S + later_ns] * 200))
+    newest = 200 - later_ns // FRAME  # what the server dropped does not arrive: the rest come at once
+    assert found[:200] == [False] * 125 + [True] * 75
+    assert not any(found[201 : newest + 120])
+    assert found[-1]
+
+
+@pytest.mark.failure_mode("C11")
+def test_a_clock_that_is_set_withdraws_the_proof() -> None:
+    for jump_ms in (-70_000, 3000, 30_000):
+        time = PresentationTime()
+        assert proofs(time, delays([0] * 130))[-1]
+        after = [(arrival, stamp + jump_ms) for arrival, stamp in delays([0] * 130, first=130)]
+        assert proofs(time, after) == [False] * 125 + [True] * 5
+
+
+@pytest.mark.parametrize("jitter_ms", [5, 30])
+@pytest.mark.parametrize("fps", [10, 25, 60])
+def test_jitter_neither_hinders_the_proof_nor_withdraws_it(fps: int, jitter_ms: int) -> None:
+    chance, time, last = random.Random(fps), PresentationTime(), 0
+    found = []
+    for n in range(120 * fps):
+        taken = n * S // fps
+        last = max(last, ZERO + taken + int(chance.expovariate(1 / (jitter_ms * MS))))
+        found.append((time.taken_ns(last, taken / MS), time.proof)[1])
+    assert set(found[15 * fps :]) == {AgeProof.PRESENTATION_TIME}
 
 
 @pytest.mark.failure_mode("C11")
@@ -151,8 +189,8 @@ def test_stamps_that_stand_still_prove_nothing() -> None:
     time = PresentationTime()
     assert not any(proofs(time, [(ZERO + n * FRAME, 40.0) for n in range(100)]))
     time = PresentationTime()
-    assert proofs(time, delays([0] * 60))[-1]
-    stuck = [(ZERO + n * FRAME, 59 * 40.0) for n in range(60, 120)]
+    assert proofs(time, delays([0] * 160))[-1]
+    stuck = [(ZERO + n * FRAME, 159 * 40.0) for n in range(160, 220)]
     assert proofs(time, stuck).index(False) == 24  # 1 s after they last went on
 
 
