@@ -6,7 +6,7 @@ LinkError with Aravis' own words where the camera refuses or is gone.
 
 import ctypes
 from contextlib import suppress
-from ctypes import POINTER, byref, c_char_p, c_double, c_int, c_size_t, c_uint, c_uint64, c_void_p
+from ctypes import POINTER, byref, c_char_p, c_double, c_int, c_size_t, c_uint, c_uint32, c_uint64, c_void_p
 from dataclasses import dataclass
 from functools import cache
 from types import MappingProxyType
@@ -42,12 +42,14 @@ _PLAIN: dict[str, tuple[Any, ...]] = {  # name: result, arguments
     "arv_gv_stream_get_statistics": (None, c_void_p, POINTER(c_uint64), POINTER(c_uint64)),
     "arv_buffer_get_status": (c_int, c_void_p), "arv_buffer_get_timestamp": (c_uint64, c_void_p),
     "arv_buffer_get_data": (c_void_p, c_void_p, POINTER(c_size_t)),
+    "arv_buffer_get_system_timestamp": (c_uint64, c_void_p), "arv_buffer_get_image_pixel_format": (c_uint32, c_void_p),
+    "arv_buffer_get_image_padding": (None, c_void_p, _INT, _INT),
     "arv_buffer_get_image_width": (c_int, c_void_p), "arv_buffer_get_image_height": (c_int, c_void_p),
 }
 _FALLIBLE: dict[str, tuple[Any, ...]] = {  # the same; a GError** follows
     "arv_camera_new": (c_void_p, c_char_p),
     "arv_camera_set_pixel_format_from_string": (None, c_void_p, c_char_p),
-    "arv_camera_get_pixel_format_as_string": (c_char_p, c_void_p),
+    "arv_camera_get_pixel_format_as_string": (c_char_p, c_void_p), "arv_camera_get_pixel_format": (c_uint32, c_void_p),
     "arv_camera_set_region": (None, c_void_p, c_int, c_int, c_int, c_int),
     "arv_camera_get_region": (None, c_void_p, _INT, _INT, _INT, _INT),
     "arv_camera_set_acquisition_mode": (None, c_void_p, c_int),
@@ -76,14 +78,16 @@ class _GError(ctypes.Structure):
 
 @cache
 def _library() -> ctypes.CDLL:
-    """Raises LinkError where the system does not have it."""
+    """Raises LinkError where the system does not have it, or one that is too old."""
     try:
         library = ctypes.CDLL(LIBRARY)
     except OSError as error:
         raise LinkError(f"needs {LIBRARY} of the system (Debian: apt-get install libaravis-0.8-0): {error}") from error
     for names, last in ((_PLAIN, ()), (_FALLIBLE, (c_void_p,))):
         for name, (result, *arguments) in names.items():
-            function = getattr(library, name)
+            function = getattr(library, name, None)
+            if function is None:
+                raise LinkError(f"needs a newer {LIBRARY}: it lacks {name}")
             function.restype, function.argtypes = result, (*arguments, *last)
     return library
 
@@ -101,12 +105,13 @@ def _call(name: str, *arguments: Any) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class Buffer:
-    """One picture as it came. `data`: a copy. `stamp_ns`: by the camera's clock."""
+    """One picture as it came. `data`: a copy. `stamp_ns`: by the camera's clock; 0: it has none."""
 
     data: NDArray[np.uint8]
     width_px: int
     height_px: int
     stamp_ns: int
+    damaged: int = 0  # beside this one, since the last
 
 
 class DamagedError(ValueError):
@@ -117,6 +122,8 @@ class AravisCamera:
     """One camera. `name`: address, serial number, or one of Aravis' identifiers."""
 
     def __init__(self, name: str) -> None:
+        self.pixel_format = ""  # from `start` on
+        self._format = 0  # its number, which each picture carries
         self._stream: int | None = None
         self._camera: int | None = _call("arv_camera_new", name.encode())
         if not self._camera:
@@ -156,6 +163,11 @@ class AravisCamera:
 
     def start(self) -> None:
         """After all settings."""
+        name: bytes | None = self.ask("get_pixel_format_as_string")
+        if name is None:
+            raise LinkError("it states no pixel format")
+        self.pixel_format = name.decode(errors="replace")
+        self._format = self.ask("get_pixel_format")
         payload = self.ask("get_payload")
         self._stream = self.ask("create_stream", None, None)
         if not self._stream:
@@ -184,28 +196,52 @@ class AravisCamera:
         return again.value, missing.value
 
     def newest(self, timeout_us: int) -> Buffer | None:
-        """The newest that waits, or the next one; None: none in this time. Raises DamagedError."""
+        """The newest whole one that waits, or the next one; None: none in this time.
+
+        Raises DamagedError where all were damaged, and LinkError for a layout that was not agreed on.
+        """
         library = _library()
+        found, damaged, why = None, 0, ""
         buffer = library.arv_stream_timeout_pop_buffer(self._stream, timeout_us)
-        while buffer and (newer := library.arv_stream_try_pop_buffer(self._stream)):
-            library.arv_stream_push_buffer(self._stream, buffer)
-            buffer = newer
-        if not buffer:
+        while buffer:
+            status = library.arv_buffer_get_status(buffer)
+            if status == SUCCESS:
+                found, buffer = buffer, found
+            else:
+                damaged, why = damaged + 1, STATUS.get(status, f"its transfer failed ({status})")
+            if buffer:
+                library.arv_stream_push_buffer(self._stream, buffer)
+            buffer = library.arv_stream_try_pop_buffer(self._stream)
+        if not found:
+            if damaged:
+                raise DamagedError(why)
             return None
         try:
-            status = library.arv_buffer_get_status(buffer)
-            if status != SUCCESS:
-                raise DamagedError(STATUS.get(status, f"its transfer failed ({status})"))
-            size = c_size_t()
-            address = library.arv_buffer_get_data(buffer, byref(size))
-            return Buffer(
-                np.frombuffer(ctypes.string_at(address, size.value), np.uint8),
-                library.arv_buffer_get_image_width(buffer),
-                library.arv_buffer_get_image_height(buffer),
-                library.arv_buffer_get_timestamp(buffer),
-            )
+            return self._copied(found, damaged)
         finally:
-            library.arv_stream_push_buffer(self._stream, buffer)
+            library.arv_stream_push_buffer(self._stream, found)
+
+    def _copied(self, buffer: int, damaged: int) -> Buffer:
+        library = _library()
+        padding, size = c_int(), c_size_t()
+        library.arv_buffer_get_image_padding(buffer, byref(padding), None)
+        if padding.value:
+            raise LinkError(f"its rows end in {padding.value} bytes of padding, which is not understood: another width")
+        if (own := library.arv_buffer_get_image_pixel_format(buffer)) != self._format:
+            raise LinkError(
+                f"its picture's pixel format is 0x{own:08x}, not {self.pixel_format} (0x{self._format:08x})"
+            )
+        address = library.arv_buffer_get_data(buffer, byref(size))
+        stamp_ns = library.arv_buffer_get_timestamp(buffer)
+        if stamp_ns == library.arv_buffer_get_system_timestamp(buffer):
+            stamp_ns = 0  # the camera states no tick frequency: Aravis gives the time of arrival instead
+        return Buffer(
+            np.frombuffer(ctypes.string_at(address, size.value), np.uint8),
+            library.arv_buffer_get_image_width(buffer),
+            library.arv_buffer_get_image_height(buffer),
+            stamp_ns,
+            damaged,
+        )
 
     def close(self) -> None:
         if self._stream:

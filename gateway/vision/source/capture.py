@@ -57,7 +57,8 @@ class LiveSource(Source):
         why = ""
         for damaged in range(ffmpeg.MOST_DAMAGED):
             try:
-                return replace(self._next(), damaged=damaged)
+                frame = self._next()
+                return replace(frame, damaged=frame.damaged + damaged)
             except ValueError as error:
                 why = str(error)
         raise LinkError(f"{self._label}: lost: {why}")

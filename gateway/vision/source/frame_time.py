@@ -113,7 +113,8 @@ class LatchedTime:
 
     `latch` returns that clock, ns, or None where it can't be read; what it returns was true at some moment of the call.
     The narrowest of three calls counts, every 10 s anew. A frame is as old as this or `PresentationTime` says,
-    whichever is more. Without such a clock, and for a stamp that does not fit it, the latter alone.
+    whichever is more. Without such a clock, and for a stamp that does not fit it, the latter alone. A stamp of 0 is
+    none: by arrival.
     """
 
     def __init__(self, latch: Callable[[], int | None], now_ns: Callable[[], int]) -> None:
@@ -125,6 +126,9 @@ class LatchedTime:
         self.proof = AgeProof.UNPROVEN
 
     def taken_ns(self, arrival_ns: int, stamp_ms: float) -> int:
+        if stamp_ms <= 0:
+            self.proof = AgeProof.UNPROVEN
+            return arrival_ns
         if self._due_ns is None or arrival_ns >= self._due_ns:
             self._due_ns = arrival_ns + LATCH_NS
             self._shift_ns = self._read()

@@ -4,6 +4,7 @@
 import errno
 import logging
 import math
+from contextlib import suppress
 from dataclasses import replace
 
 import cv2
@@ -152,7 +153,6 @@ class GigeSource(LiveSource):
         self._controls = controls
         self._exposure: V4l2Exposure | None = None
         self._damaged = self._tell_ns = 0
-        self._pixel_format = camera.ask("get_pixel_format_as_string").decode()
 
     def read(self) -> Frame:
         frame = super().read()
@@ -170,19 +170,24 @@ class GigeSource(LiveSource):
 
     def _next(self) -> Frame:
         """Raises LinkError, and ValueError for a picture that can't be used."""
-        buffer = self._camera.newest(round(1e6 * self._spec.late_s))
+        try:
+            buffer = self._camera.newest(round(1e6 * self._spec.late_s))
+        except LinkError as error:
+            raise LinkError(f"{self._label}: {error}") from error
         if not self._camera.controlled:
             raise LinkError(f"{self._label}: the camera is no longer under control: unplugged, or taken by another")
         if buffer is None:
             raise LinkError(f"{self._label}: it has sent no picture for {self._spec.late_s:g} s")
         t_capture_ns = self._taken_ns(self._clock.now_ns(), buffer.stamp_ns / NS_PER_MS)
-        return Frame(
-            picture(buffer, self._pixel_format, self._spec.raw), t_capture_ns, age_proof=self._frame_time.proof
-        )
+        pixels = picture(buffer, self._camera.pixel_format, self._spec.raw)
+        return Frame(pixels, t_capture_ns, damaged=buffer.damaged, age_proof=self._frame_time.proof)
 
     def exposure_controls(self, rules: ExposureRules) -> V4l2Exposure | None:
-        device = GigeControls(self._camera)
-        self._exposure = v4l2_exposure.taken_over(device, self._label, rules, self._spec.fps or 0.0)
+        device, fps = GigeControls(self._camera), self._spec.fps
+        if fps is None:
+            with suppress(LinkError):  # it states none: free-running, or triggered
+                fps = self._camera.ask("get_frame_rate")
+        self._exposure = v4l2_exposure.taken_over(device, self._label, rules, fps or 0.0)
         return self._exposure
 
     def controls(self) -> CameraControls:
@@ -199,28 +204,32 @@ def open_gige(spec: GigeSpec, clock: Clock) -> GigeSource:
     """Raises LinkError where there is no such camera, another program has it, or it can't be set so."""
     camera = None
     try:
-        camera = AravisCamera(spec.name)
-        if camera.gige != (spec.scheme == "gige"):
-            raise LinkError("it is another kind of camera: gige:// is GigE Vision, usb3:// is USB3 Vision")
-        if spec.pixel_format is not None:
-            camera.ask("set_pixel_format_from_string", spec.pixel_format.encode())
-        camera.set_region(*spec.offset_px, spec.width_px, spec.height_px)
-        camera.ask("set_acquisition_mode", 0)
-        if spec.fps is not None:
-            camera.ask("set_frame_rate", spec.fps)
-        if camera.gige and spec.packet_size_bytes is not None:
-            camera.ask("gv_set_packet_size", spec.packet_size_bytes)
-        elif camera.gige:
-            camera.ask("gv_auto_packet_size")
-        controls = CameraControls(GigeControls(camera), spec.label, spec.controls)
-        camera.start()
-    except LinkError as error:
+        try:
+            camera = AravisCamera(spec.name)
+            controls = _set_up(camera, spec)
+        except LinkError as error:
+            raise LinkError(f"{spec.label}: cannot be opened: {error}") from error
+        controls.apply(clock.now_ns())
+        return GigeSource(camera, spec, clock, controls)
+    except BaseException:
         if camera is not None:
             camera.close()
-        raise LinkError(f"{spec.label}: cannot be opened: {error}") from error
-    try:
-        controls.apply(clock.now_ns())
-    except LinkError:
-        camera.close()
         raise
-    return GigeSource(camera, spec, clock, controls)
+
+
+def _set_up(camera: AravisCamera, spec: GigeSpec) -> CameraControls:
+    if camera.gige != (spec.scheme == "gige"):
+        raise LinkError("it is another kind of camera: gige:// is GigE Vision, usb3:// is USB3 Vision")
+    if spec.pixel_format is not None:
+        camera.ask("set_pixel_format_from_string", spec.pixel_format.encode())
+    camera.set_region(*spec.offset_px, spec.width_px, spec.height_px)
+    camera.ask("set_acquisition_mode", 0)
+    if spec.fps is not None:
+        camera.ask("set_frame_rate", spec.fps)
+    if camera.gige and spec.packet_size_bytes is not None:
+        camera.ask("gv_set_packet_size", spec.packet_size_bytes)
+    elif camera.gige:
+        camera.ask("gv_auto_packet_size")
+    controls = CameraControls(GigeControls(camera), spec.label, spec.controls)
+    camera.start()
+    return controls

@@ -233,6 +233,15 @@ def test_a_delay_from_the_opening_on_is_seen_where_the_cameras_clock_can_be_read
     assert camera.calls == 9  # three at the first frame, and every 10 s
 
 
+def test_a_camera_without_stamps_proves_nothing_even_while_its_clock_is_near_zero() -> None:
+    camera = CameraClock()
+    stamps = LatchedTime(lambda: camera.now_ns - 20 * S, camera.now)
+    for n in range(200):
+        arrival_ns = camera.now_ns = 20 * S + n * FRAME
+        assert stamps.taken_ns(arrival_ns, 0.0) == arrival_ns
+        assert stamps.proof is AgeProof.UNPROVEN
+
+
 def test_a_clock_that_cant_be_read_or_is_not_that_of_the_stamps_changes_nothing() -> None:
     for readable, ahead_s in ((False, 250), (True, 3), (True, 300)):
         camera = CameraClock()

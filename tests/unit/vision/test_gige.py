@@ -1,16 +1,20 @@
 """The samples of a GigE Vision camera, and its URL, without a camera."""
 
+import ctypes
 from typing import Any
 
 import numpy as np
 import pytest
 
+from gateway.clock import SystemClock
 from gateway.config import CameraConfig
-from gateway.errors import ConfigError
-from gateway.vision.source.aravis import Buffer
+from gateway.errors import ConfigError, LinkError
+from gateway.vision.exposure.settings import ExposureRules
+from gateway.vision.source import aravis, v4l2_exposure
+from gateway.vision.source.aravis import AravisCamera, Buffer, DamagedError
 from gateway.vision.source.contract import Needs
 from gateway.vision.source.gige import GigeSpec, sample_format
-from gateway.vision.source.gige_source import picture, unpacked
+from gateway.vision.source.gige_source import open_gige, picture, unpacked
 from gateway.vision.source.raw_format import RawFormat
 from gateway.vision.source.specs import source_spec
 
@@ -101,3 +105,121 @@ def test_the_url_and_its_section() -> None:
 def test_what_could_never_work_is_a_configuration_error(keys: dict[str, Any], words: str) -> None:
     with pytest.raises(ConfigError, match=words):
         source_spec(CameraConfig.model_validate(keys))
+
+
+MONO8 = 0x01080001
+
+
+class Library:
+    """Stands in for Aravis: a camera with these pictures waiting, each by its status. A function not named gives 0."""
+
+    def __init__(self, *statuses: int, padding: int = 0, pixel_format: int = MONO8, stamp_ns: int = 5) -> None:
+        self.waiting = list(enumerate(statuses, 1))
+        self.status = dict(self.waiting)
+        self.padding, self.buffer_format, self.stamp_ns = padding, pixel_format, stamp_ns
+        self.name: bytes | None = b"Mono8"
+        self.pixels = ctypes.create_string_buffer(b"abcd", 4)
+        self.pushed: list[int] = []
+        self.closed: list[int] = []
+
+    def __getattr__(self, name: str) -> Any:
+        return {
+            "arv_camera_new": lambda *_: 7,
+            "arv_camera_is_gv_device": lambda _: 1,
+            "arv_camera_get_pixel_format": lambda *_: MONO8,
+            "arv_camera_get_pixel_format_as_string": lambda *_: self.name,
+            "arv_camera_get_frame_rate": lambda *_: 25.0,
+            "arv_camera_create_stream": lambda *_: 8,
+            "arv_stream_push_buffer": lambda _, buffer: self.pushed.append(buffer),
+            "arv_stream_timeout_pop_buffer": lambda *_: self.pop(),
+            "arv_stream_try_pop_buffer": lambda *_: self.pop(),
+            "arv_buffer_get_status": lambda buffer: self.status[buffer],
+            "arv_buffer_get_timestamp": lambda buffer: buffer + self.stamp_ns,
+            "arv_buffer_get_system_timestamp": lambda buffer: buffer + 1000,
+            "arv_buffer_get_image_pixel_format": lambda _: self.buffer_format,
+            "arv_buffer_get_image_padding": self.padded,
+            "arv_buffer_get_image_width": lambda _: 2,
+            "arv_buffer_get_image_height": lambda _: 2,
+            "arv_buffer_get_data": self.data,
+            "g_object_unref": self.closed.append,
+        }.get(name, lambda *_: 0)
+
+    def pop(self) -> int | None:
+        return self.waiting.pop(0)[0] if self.waiting else None
+
+    def padded(self, _: int, padding: Any, __: None) -> None:
+        padding._obj.value = self.padding
+
+    def data(self, _: int, size: Any) -> int:
+        size._obj.value = 4
+        return ctypes.addressof(self.pixels)
+
+
+def started(monkeypatch: pytest.MonkeyPatch, library: Library) -> AravisCamera:
+    monkeypatch.setattr(aravis, "_library", lambda: library)
+    camera = AravisCamera("10.0.0.7")
+    camera.start()
+    library.pushed.clear()
+    return camera
+
+
+def test_the_newest_whole_picture_counts_and_every_damaged_one_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    library = Library(3, 0, 0, 2)
+    buffer = started(monkeypatch, library).newest(1)
+    assert buffer is not None
+    assert (buffer.stamp_ns, buffer.damaged, buffer.data.tobytes()) == (3 + 5, 2, b"abcd")
+    assert sorted(library.pushed) == [1, 2, 3, 4]
+    with pytest.raises(DamagedError, match="packets were lost"):
+        started(monkeypatch, Library(2, 3)).newest(1)
+    assert started(monkeypatch, Library()).newest(1) is None
+
+
+def test_a_stamp_that_aravis_made_at_the_arrival_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    buffer = started(monkeypatch, Library(0, stamp_ns=1000)).newest(1)
+    assert buffer is not None
+    assert buffer.stamp_ns == 0
+
+
+def test_rows_with_padding_and_another_pixel_format_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    for library, words in (
+        (Library(0, padding=2), "rows end in 2 bytes of padding"),
+        (Library(0, pixel_format=0x01100003), r"is 0x01100003, not Mono8 \(0x01080001\)"),
+    ):
+        with pytest.raises(LinkError, match=words):
+            started(monkeypatch, library).newest(1)
+        assert library.pushed == [1]
+
+
+def test_whatever_fails_while_it_opens_the_camera_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    library = Library()
+    monkeypatch.setattr(aravis, "_library", lambda: library)
+
+    def broken(*_: Any) -> None:
+        raise KeyError
+
+    library.name = None
+    with pytest.raises(LinkError, match=r"gige://10.0.0.7: cannot be opened: it states no pixel format"):
+        open_gige(GigeSpec("gige", "10.0.0.7"), SystemClock())
+    assert library.closed == [7]
+    monkeypatch.setattr(AravisCamera, "start", broken)
+    with pytest.raises(KeyError):
+        open_gige(GigeSpec("gige", "10.0.0.7"), SystemClock())
+    assert library.closed == [7, 7]
+
+
+@pytest.mark.parametrize(("asked", "found"), [(None, 25.0), (50.0, 50.0)])
+def test_an_exposure_is_kept_within_the_frame_period_that_the_camera_states(
+    monkeypatch: pytest.MonkeyPatch, asked: float | None, found: float
+) -> None:
+    library = Library()
+    monkeypatch.setattr(aravis, "_library", lambda: library)
+    rates: list[float] = []
+    monkeypatch.setattr(v4l2_exposure, "taken_over", lambda *arguments: rates.append(arguments[-1]))
+    open_gige(GigeSpec("gige", "10.0.0.7", fps=asked), SystemClock()).exposure_controls(ExposureRules(8000))
+    assert rates == [found]
+
+
+def test_a_library_that_lacks_a_function_is_too_old(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ctypes, "CDLL", lambda _: object())
+    with pytest.raises(LinkError, match=r"needs a newer libaravis-0.8.so.0: it lacks g_object_unref"):
+        aravis._library.__wrapped__()
