@@ -262,10 +262,11 @@ def newest_range(held: RangeReading, new: RangeReading) -> RangeReading:
 
 
 def _aged_vision(reading: VisionReading, now_ns: int, config: FusionConfig) -> VisionReading:
-    ages = reading.quality in VISION_FINE
+    refused = reading.quality is Quality.STALE and reading.age_proof is not None  # for its age, but it came
     deadline_s = config.start_grace_s if reading.quality is Quality.WAITING else config.vision_deadline_s
-    if ages and now_ns - reading.t_ns > deadline_s * NS_PER_S:
-        return replace(_without_circle(reading, Quality.STALE), detail=details.NO_RESULT(f"{deadline_s:g}"))
+    if (refused or reading.quality in VISION_FINE) and now_ns - reading.t_ns > deadline_s * NS_PER_S:
+        stale = _without_circle(reading, Quality.STALE)
+        return replace(stale, detail=details.NO_RESULT(f"{deadline_s:g}"), age_proof=None)
     return reading
 
 

@@ -448,6 +448,9 @@ def test_a_frame_refused_for_its_unproven_age_has_its_own_reason() -> None:
     refused = VisionReading(T0 + 1, Quality.STALE, age_proof=AgeProof.UNPROVEN)
     state = after(seen(T0, 27.0), heard(T0, 2000.0), refused)
     assert (state.d, state.stop, state.reason) == (None, True, Reason.VISION_AGE_UNPROVEN)
+    state = after(seen(T0, 27.0), heard(T0, 2000.0), refused, heard(T0 + 2 * S, 2000.0))
+    assert (state.stop, state.vision.quality, state.vision_age_unproven) == (True, Quality.STALE, False)
+    assert state.reason is Reason.VISION_STALE
     accepted = replace(seen(T0, 27.0), age_proof=AgeProof.UNPROVEN)
     state = after(accepted, heard(T0, 2000.0))
     assert (state.vision.quality, state.vision_age_unproven) == (Quality.GOOD, True)
