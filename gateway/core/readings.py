@@ -57,15 +57,12 @@ QUALITY_MEANING: dict[Quality, str] = {
 
 
 class AgeProof(StrEnum):
-    """What shows how old a frame is, counted from its exposure: nothing; its link was idle before it, so that nothing
-    waited there; the stream's own times against their arrival, which do not show a constant delay; the camera's clock,
-    which agrees with this machine's; a stamp of the driver or of the camera; or it was made on this machine (a film, a
-    simulation)."""
+    """What shows how old a frame is, counted from its exposure: nothing; the stream's own times against their arrival,
+    which do not show a constant delay; a stamp of the driver or of the camera; or it was made on this machine (a film,
+    a simulation)."""
 
     UNPROVEN = "unproven"
-    IDLE_LINK = "idle_link"
     PRESENTATION_TIME = "presentation_time"
-    SENDER_REPORT = "sender_report"
     BUFFER_TIME = "buffer_time"
     DEVICE_TIME = "device_time"
     OWN_CLOCK = "own_clock"
@@ -73,9 +70,7 @@ class AgeProof(StrEnum):
 
 AGE_PROOF_MEANING: dict[AgeProof, str] = {
     AgeProof.UNPROVEN: "not proven",
-    AgeProof.IDLE_LINK: "idle link",
     AgeProof.PRESENTATION_TIME: "own times of the stream; a constant delay is not seen",
-    AgeProof.SENDER_REPORT: "clock of the camera",
     AgeProof.BUFFER_TIME: "time stamp of the driver",
     AgeProof.DEVICE_TIME: "time stamp of the camera",
     AgeProof.OWN_CLOCK: "clock of the gateway",

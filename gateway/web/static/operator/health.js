@@ -75,7 +75,7 @@ function exposure(set) {
 }
 
 const PROOFS = {
-  unproven: 'not proven', idle_link: 'idle link', presentation_time: 'own times of the stream; a constant delay is not seen', sender_report: 'clock of the camera',
+  unproven: 'not proven', presentation_time: 'own times of the stream; a constant delay is not seen',
   buffer_time: 'time stamp of the driver', device_time: 'time stamp of the camera', own_clock: 'clock of the gateway',
 };
 
