@@ -135,7 +135,7 @@ class RangerBoard:
         boot_ns: int = 0,
     ) -> None:
         self.faults: Faults = {}
-        self.show: Callable[[int, bool], None] = lambda _begin_ns, _lit: None
+        self.show: Callable[[int, bool], None] | None = None
         """Called with each state of the beacon's LED, and when it begins."""
         self._distance_mm = distance_mm
         self._errors = errors or SensorErrors()
@@ -205,7 +205,8 @@ class RangerBoard:
         echo = self._echo(trigger_ns)
         if self._beacon is not None:
             self._beacon = (self._beacon << 1 | self._code.getrandbits(1)) % (1 << BEACON_CYCLES)
-            self.show(trigger_ns, bool(self._beacon & 1))
+            if self.show is not None:
+                self.show(trigger_ns, bool(self._beacon & 1))
         ready_ns = trigger_ns + min(echo.fell_ns, PERIOD_NS)
         relay = self.relay.measured(self._seq, echo, ready_ns)
         measurement = Measurement(self._seq, echo.ticks, echo.flags, relay=relay, beacon=self._beacon)
