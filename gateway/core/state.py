@@ -425,7 +425,8 @@ class StateVector:
     def beacon_unproven(self) -> bool:
         """Frames arrive, but the beacon does not prove them."""
         found = self.beacon.status not in (BeaconStatus.OFF, BeaconStatus.PROVEN)
-        return found and self.vision.quality is Quality.STALE and self.t_ns - self.vision.t_ns <= EXPIRES_NS
+        stale = self.vision.quality is Quality.STALE and not self.vision_age_unproven
+        return found and stale and self.t_ns - self.vision.t_ns <= EXPIRES_NS
 
     @property
     def _fresh(self) -> bool:

@@ -51,7 +51,7 @@ def test_a_device_is_written_to_once_it_is_open_and_no_other_file(tmp_path: Path
 def test_beside_a_stream_connections_are_opened_and_none_is_taken() -> None:
     pictures = [part(jpeg(level)) for level in range(1, 250)]
     with served(MULTIPART, *pictures) as url:
-        assert tried(url, frozen_s=0.0) == REFUSED | DONE | {"open a connection": 0}
+        assert tried(url, frozen_s=0.0, unproven_age="accept") == REFUSED | DONE | {"open a connection": 0}
 
 
 def test_a_driver_that_needs_more_keeps_its_rights_where_the_configuration_says_so(

@@ -9,7 +9,7 @@ from gateway.ranger.hcsr04.protocol import NO_FLAGS, Damaged, Event, Hello, Meas
 from tests.firmware.bench_runs import BOOTLOADER, PERIOD_MS, Run, run
 
 MOVING = "track 0 2500\ntrack 30000 200\ntrack 60000 3500\n"
-HELLO_MS = 26
+HELLO_MS = 27
 
 
 def accepted(played: Run) -> list[Measurement]:

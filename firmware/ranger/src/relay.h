@@ -14,8 +14,8 @@
 extern "C" {
 #endif
 
-/* `$HCR,FFFF,65535,2,999999,999999*FFFF` without the `$`. */
-#define RELAY_COMMAND_MAX 36
+/* `$HCR,FFFF,65535,2,999999,999999*FFFF` and a carriage return. */
+#define RELAY_COMMAND_MAX 38
 /* A command may reply to one of so many measurements; a power of two. */
 #define RELAY_NUMBERS 4u
 /* Measurements in a row that are outside the band, or not valid, until the output goes off. */

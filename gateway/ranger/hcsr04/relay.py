@@ -53,9 +53,9 @@ class RelayRenewal:
     def request(self, now_ns: int, ticks_per_mm: float) -> bytes:
         """The command to send now; empty: none."""
         decision, line = self.decision or RelayDecision(now_ns), self._unanswered
-        if line is not None and line.relay is not None and now_ns - decision.t_ns > DECISION_NS:
-            return b""  # not renewed, the board drops it by itself; a late control task alone need not move contacts
         off = decision.output is RelayOutput.NONE
+        if not off and line is not None and line.relay is not None and now_ns - decision.t_ns > DECISION_NS:
+            return b""  # not renewed, the board drops it by itself; a late control task alone need not move contacts
         if line is None and not (off and self._commanded is not RelayOutput.NONE):
             return b""
         self._unanswered = None

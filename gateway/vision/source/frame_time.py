@@ -69,9 +69,10 @@ class PresentationTime:
         if not math.isfinite(stamp_ns):
             return arrival_ns - round(self._late_ns)
         shift_ns = arrival_ns - stamp_ns
-        if self._zero_ns is None or stamp_ns <= self._stamp_ns or shift_ns < self._zero_ns - CLOCK_SET_NS:
-            if not 0 <= self._stamp_ns - stamp_ns <= FASTER_NS:  # a stamp may come twice
-                self._settled_ns = None
+        twice = stamp_ns >= self._stamp_ns - FASTER_NS and arrival_ns - self._went_on_ns < STANDING_NS
+        back = stamp_ns <= self._stamp_ns and not twice
+        if self._zero_ns is None or back or shift_ns < self._zero_ns - CLOCK_SET_NS:
+            self._settled_ns = None
             self._zero_ns = shift_ns - self._late_ns
             self._begin_window(arrival_ns, math.inf)
         if stamp_ns != self._stamp_ns:
@@ -151,7 +152,8 @@ class LatchedTime:
             if value_ns is None:
                 return None
             found.append((after_ns - before_ns, (before_ns + after_ns) // 2 - value_ns))
-        return min(found)[1]
+        width_ns, shift_ns = min(found)
+        return None if width_ns > 2 * FASTER_NS else shift_ns  # it may be wrong by half the width
 
 
 class BufferTime:

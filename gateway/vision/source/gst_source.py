@@ -105,8 +105,12 @@ class GstSource(LiveSource):
         self._said = told[0].strip()[:300] if told else self._said
 
     def close(self) -> None:
+        """A helper of a plugin may hold the pipes open: they are not read to their end."""
         self._child.kill()
-        self._child.communicate()
+        self._child.wait()
+        for pipe in (self._child.stdout, self._child.stderr):
+            if pipe is not None:
+                pipe.close()
 
 
 def open_gst(spec: GstSpec, clock: Clock) -> GstSource:

@@ -128,7 +128,7 @@ class FrameResult(Message, frozen=True):
     unchanged_since_ns: int = 0  # what was found is as old: unchanged since, to the last bit, or of frames summed since
     picture: PictureHealth | None = None  # measured in this frame; not judged yet
     exposure: CameraExposure | None = None  # None: left to the camera
-    age_proof: AgeProof | None = None  # of t_capture_ns
+    age_proof: AgeProof = AgeProof.UNPROVEN  # of t_capture_ns
     beacon_level: float | None = None  # of the newest frame; None: no beacon, or its place is not in the picture
 
 

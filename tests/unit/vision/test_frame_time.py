@@ -164,6 +164,22 @@ def test_a_proof_is_withdrawn_by_a_frame_that_shows_those_before_it_to_have_been
 
 
 @pytest.mark.failure_mode("C11")
+@pytest.mark.parametrize("again_ns", [0, -15 * MS])
+def test_a_stamp_that_comes_twice_forgives_no_backlog(again_ns: int) -> None:
+    """Each is sent again, a little later: of a link that is too slow from the tenth second on."""
+    time = PresentationTime()
+    worst_ns = 0
+    for n in range(1000):
+        stamp_ns = 40 * MS * n
+        late_ns = 50 * MS + max(0, stamp_ns - 10_000 * MS) // 4
+        for sent_ns, behind_ns in ((stamp_ns, 0), (stamp_ns + again_ns, 20 * MS)):
+            arrival_ns = ZERO + stamp_ns + late_ns + behind_ns
+            found_ns = time.taken_ns(arrival_ns, (50_000 * MS + sent_ns) / MS)
+            if time.proof is AgeProof.PRESENTATION_TIME:
+                worst_ns = max(worst_ns, found_ns - (ZERO + stamp_ns))
+    assert worst_ns <= 70 * MS
+
+
 def test_a_clock_that_is_set_withdraws_the_proof() -> None:
     for jump_ms in (-70_000, 3000, 30_000):
         time = PresentationTime()
