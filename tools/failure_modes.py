@@ -94,7 +94,7 @@ MODES: Mapping[str, tuple[FailureMode, ...]] = {
                "each is read back at the opening and every 10 s; a lost camera, whose error names the key", 10_100,
                Reason.CAMERA_DOWN, "camera_down"),
         _stops("C11", "nothing proves how old its frames are", "a picture that waited on its way counts as a new one",
-               "no time in the stream, and its link never idle; where `camera.unproven_age` accepts it, only a warning",
+               "no time in the stream; where `camera.unproven_age` accepts it, only a warning",
                100, Reason.VISION_AGE_UNPROVEN, "camera_stale"),
         _stops("C12", "with a beacon: pictures frozen, looped, stored, or of another camera, whatever their times say",
                "an old or foreign place is taken for the present one", "the code of the beacon's LED in the pictures",

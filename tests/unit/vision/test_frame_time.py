@@ -180,6 +180,7 @@ def test_a_stamp_that_comes_twice_forgives_no_backlog(again_ns: int) -> None:
     assert worst_ns <= 70 * MS
 
 
+@pytest.mark.failure_mode("C11")
 def test_a_clock_that_is_set_withdraws_the_proof() -> None:
     for jump_ms in (-70_000, 3000, 30_000):
         time = PresentationTime()
