@@ -55,6 +55,7 @@ def test_the_arduino_ide_finds_what_it_needs() -> None:
 
 
 @pytest.mark.long
+@pytest.mark.timeout(300)  # it builds, and plays all of the core
 def test_the_core_tests_reach_every_line_and_branch(tmp_path: Path) -> None:
     make("host")
     for notes in COVERED.glob("*.gcno"):
