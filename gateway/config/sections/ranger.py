@@ -101,7 +101,7 @@ class ModbusSensorConfig(Section):
         0,
         ge=0,
         le=65535,
-        description="bits of the register before address, read with it, that show whether the number is valid; 0: none",
+        description="bits of the register before address, read with it, that show whether the number is valid",
     )
     status_valid: int = Field(0, ge=0, le=65535, description="with status_mask: these bits while it is valid")
 

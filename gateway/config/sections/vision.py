@@ -127,10 +127,10 @@ class RawConfig(Section):
 
 
 class GigeConfig(Section):
-    """Of a GigE Vision or USB3 Vision camera (gige://, usb3://). A key that is absent leaves it as it is."""
+    """Of a GigE Vision or USB Vision camera. A key that is absent leaves it as it is."""
 
     pixel_format: str | None = Field(
-        None, min_length=1, max_length=40, description="GenICam's name, such as BayerRG8 or BayerRG12Packed"
+        None, min_length=1, max_length=40, description="GenICam's name, as in the camera's data sheet"
     )
     packet_size_bytes: int | None = Field(
         None, ge=220, le=16_000, description="gige://: default: the largest that the network carries, tried at opening"
@@ -217,8 +217,8 @@ class CameraConfig(Section):
     unproven_age: Literal["refuse", "accept"] | None = Field(
         None,
         description="frames of which nothing proves how old they are; refuse: stop is on, as with stale ones; "
-        "accept: they count from their arrival, with a warning; default: refuse for rtsp://, http://, gige://, usb3:// "
-        "and gst://, else accept",
+        "accept: they count from their arrival, with a warning; absent: refuse for what comes over a network, from "
+        "GenICam or from GStreamer, else accept",
     )
     exposure: Literal["camera", "marker"] = Field(
         "camera",
@@ -248,7 +248,7 @@ class CameraConfig(Section):
     crop: CropConfig | None = Field(None, description="only this part of the picture is used")
     controls: ControlsConfig = Field(default_factory=ControlsConfig)
     beacon: BeaconConfig | None = Field(
-        None, description="an LED that proves the pictures; needs ranger.hcsr04.beacon (docs/beacon.md)"
+        None, description="an LED that proves the pictures; needs the beacon of the ranger (docs/beacon.md)"
     )
 
     @property

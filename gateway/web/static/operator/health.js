@@ -97,7 +97,7 @@ export function Health({ state, links }) {
     <ul class="parts">
       <${Part} name="Camera" detail=${state ? saidText(state.vision) : ''}
         sign=${state ? html`<${Sign} state=${visionHealth(state)} text=${words(state.vision.quality.name)} />` : unknown}
-        facts=${[['age', age(state?.vision.age_ms)], ['rate', hz(state?.rates.vision_hz)], ['age proven by', state?.vision.age_proof ? PROOFS[state.vision.age_proof] ?? words(state.vision.age_proof) : NONE], ['delay', age(state?.rates.vision_latency_ms)], ...(state?.frames_summed > 1 ? [['frames summed', count(state.frames_summed)]] : []), ...exposure(state?.exposure)]} />
+        facts=${[['age', age(state?.vision.age_ms)], ['rate', hz(state?.rates.vision_hz)], ['age proven by', PROOFS[state?.vision.age_proof?.toLowerCase()] ?? NONE], ['delay', age(state?.rates.vision_latency_ms)], ...(state?.frames_summed > 1 ? [['frames summed', count(state.frames_summed)]] : []), ...exposure(state?.exposure)]} />
       <${Part} name="Picture"
         sign=${state ? html`<${Sign} ...${pictureHealth(state)} />` : unknown}
         facts=${[['brightness', percent(state?.picture?.brightness)], ['contrast', percent(state?.picture?.contrast)], ['sharpness', percent(state?.picture?.sharpness)], ['veil', percent(state?.picture?.veil)], ['proven to', percent(state?.picture?.veil_proven)], ['shift', px(state?.picture?.shift_px, 0)]]} />
