@@ -217,8 +217,8 @@ class CameraConfig(Section):
     unproven_age: Literal["refuse", "accept"] | None = Field(
         None,
         description="frames of which nothing proves how old they are; refuse: stop is on, as with stale ones; "
-        "accept: they count from their arrival, with a warning; absent: refuse for what comes over a network, from "
-        "GenICam or from GStreamer, else accept",
+        "accept: they count from their arrival, with a warning (the default, but for what comes over a network, "
+        "from GenICam or from GStreamer)",
     )
     exposure: Literal["camera", "marker"] = Field(
         "camera",
