@@ -208,7 +208,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         Priority.LOW,
         'nothing proves how old the camera\'s pictures are, and camera.unproven_age is "accept"',
         "a picture that was held up on its way counts as a new one: stop may come too late",
-        ("a stream without times, over a link that is never idle", "a driver without time stamps"),
+        ("a stream without times", "a driver without time stamps"),
         "`gateway doctor` measures the pictures' age; see docs/vision-processes.md#what-every-frame-must-pass",
         8 * 60,
         lambda inputs: inputs.state.vision_age_unproven and inputs.state.vision.quality in FRESH_FRAME,

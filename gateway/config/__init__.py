@@ -122,8 +122,7 @@ class BayConfig(Section):
 
     @model_validator(mode="after")
     def _beacon_blinks(self) -> Self:
-        blinks = self.ranger.type == "hcsr04" and self.ranger.hcsr04.beacon
-        if self.camera.beacon is not None and not blinks:
+        if self.camera.beacon is not None and not self.ranger.has_beacon:
             raise FieldError('needs ranger.type = "hcsr04" and ranger.hcsr04.beacon = true', "camera", "beacon")
         return self
 

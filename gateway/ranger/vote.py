@@ -131,13 +131,13 @@ def _result(
         distance_mm,
         seq,
         detail,
-        _summed(held),
-        oldest_ns,
-        echo_mm,
-        held[0].relay,
-        rangers,
-        farthest_mm,
-        held[0].beacon,
+        stats=_summed(held),
+        oldest_ns=oldest_ns,
+        echo_mm=echo_mm,
+        relay=held[0].relay,
+        rangers=rangers,
+        farthest_mm=farthest_mm,
+        beacon=held[0].beacon,
     )
 
 

@@ -218,6 +218,10 @@ class RangerConfig(Section):
     def has_relay(self) -> bool:
         return self.type == "hcsr04" and self.hcsr04.relay
 
+    @property
+    def has_beacon(self) -> bool:
+        return self.type == "hcsr04" and self.hcsr04.beacon
+
     @model_validator(mode="after")
     def _reachable(self) -> "RangerConfig":
         if self.type == "modbus" and self.modbus.framing == "tcp" and not self.port.startswith("socket://"):

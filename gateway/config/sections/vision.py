@@ -252,14 +252,18 @@ class CameraConfig(Section):
     )
 
     @property
+    def scheme(self) -> str:
+        """Of `url`; where it has none, the whole of it."""
+        return self.url.strip().partition("://")[0].lower()
+
+    @property
     def streams(self) -> bool:
         """Its frames arrive over the network, by RTSP or HTTP."""
-        return self.url.strip().partition("://")[0].lower() in ("rtsp", "rtsps", "http", "https")
+        return self.scheme in ("rtsp", "rtsps", "http", "https")
 
     @property
     def refuses_unproven_age(self) -> bool:
-        scheme = self.url.strip().partition("://")[0].lower()
-        by_default = self.streams or scheme in ("gige", "usb3", "gst")
+        by_default = self.streams or self.scheme in ("gige", "usb3", "gst")
         return self.unproven_age == "refuse" or (self.unproven_age is None and by_default)
 
     @property

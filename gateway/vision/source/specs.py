@@ -131,10 +131,9 @@ def _with_login(config: "CameraConfig") -> str:
 
 def check_exposure(config: "CameraConfig") -> None:
     """Raises ConfigError where the exposure is to be controlled and the source is none that could be."""
-    scheme = config.url.strip().partition("://")[0].lower()
-    stream = config.streams or scheme == "gst"
+    stream = config.streams or config.scheme == "gst"
     if config.exposure == "marker" and (stream or names_file(config)):
-        what = f"a stream ({scheme}://)" if stream else "a file"
+        what = f"a stream ({config.scheme}://)" if stream else "a file"
         raise ConfigError(f'camera.exposure = "marker": {what} has no exposure time that the gateway could set')
 
 
@@ -172,7 +171,7 @@ def source_spec(config: "CameraConfig") -> SourceSpec:
         raise ConfigError("camera.url: a NUL is part of no address and no path")
     if "://" not in url and (config.username or config.password_file):
         raise SettingError("camera.username", "only a stream (rtsp://, http://) has users")
-    if config.gige != GigeConfig() and url.partition("://")[0].lower() not in MACHINE_VISION:
+    if config.gige != GigeConfig() and config.scheme not in MACHINE_VISION:
         raise ConfigError("camera.gige: only gige:// and usb3:// take it")
     by_arrival = config.frame_time == "arrival"
     number = re.fullmatch("[0-9]{1,9}", url)  # a longer one is a path
