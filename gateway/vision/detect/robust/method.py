@@ -17,6 +17,7 @@ STAGES = (
     MethodStage("evidence", "rays from each candidate: rim by consensus, coverage, leak, contrast, fill"),
     MethodStage("rim", "the best few at full resolution: ellipse to sub-pixel, evidence on it"),
     MethodStage("decision", "gates, confidence, the best one"),
+    MethodStage("veil", "in thick dust, unless a sure marker stands in clear air: all of it again, less the veil"),
     MethodStage("normalise", "the tilted disc's own centre and equation 11, where intrinsics are given"),
 )
 """In order."""

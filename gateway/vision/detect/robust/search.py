@@ -22,6 +22,7 @@ from gateway.vision.detect.robust.decision import (
 from gateway.vision.detect.robust.evidence import Evidence
 from gateway.vision.detect.robust.redness import PyramidLevel, pyramid
 from gateway.vision.detect.robust.rim_fine import Rim
+from gateway.vision.detect.robust.veil import Veil
 from gateway.vision.detect.stage_timer import StageTimer
 from gateway.vision.pixels import Colours
 
@@ -30,6 +31,7 @@ Rejected = tuple[float, Circle, str]  # how near to acceptance it was, where it 
 SEEDS = 24  # measured
 RIMS = 5  # whose rim is refined
 REJECTED = 5  # reported
+SURE = 0.9  # confidence from which on a marker in clear air ends the search
 FINEST_PX = 10.0  # radius of the smallest disc on the finest level, px of it, at least
 COARSEST_PX = 8  # side of the coarsest level
 FLAT = 0.8  # semi-minor by semi-major axis below which a circle is tried, too
@@ -39,47 +41,51 @@ EXPECTED_REACH = 0.25  # how far off a prediction's rim is searched for, of its 
 def search_frame(image: Colours, limits: Limits, timer: StageTimer) -> tuple[Candidate | None, int, list[Rejected]]:
     """The marker, how many candidates there were, and the best few of the others.
 
-    Behind thick dust the levels are searched twice: as they are, and less the veil.
+    In thick dust the levels are searched as they are and, unless that shows the marker in clear air, less the veil: an
+    even wall looks like dust, but what stands before it does not.
     """
-    searched = _with_less_veil(levels_of(image, limits))
+    levels = levels_of(image, limits)
+    dust = veil.over(levels)
     timer.ended("pyramid")
-    learned = _learned(searched[0], limits)  # the net sees through a veil by itself
-    seeds = [_proposed(levels, learned, limits) for levels in searched]
+    learned = _learned(levels, limits)  # the net sees through a veil by itself
+    seeds = _proposed(levels, learned, limits)
     timer.ended("candidates")
-    measured = [measurement.gather(levels, some) for levels, some in zip(searched, seeds, strict=True)]
+    measured = measurement.gather(levels, seeds)
     timer.ended("evidence")
-    refined: list[Candidate] = []
-    rejected: list[Rejected] = []
-    for levels, some, found in zip(searched, seeds, measured, strict=True):
-        worth, nothing = _worth_a_rim(some, found)
-        rims, no_rims = _refined(image, levels, worth)
-        refined += rims
-        rejected += [*nothing, *no_rims]
+    refined, rejected = _refined(image, levels, seeds, measured)
     timer.ended("rim")
     taken, others = _decided(refined, limits)
     timer.ended("decision")
-    rejected = sorted([*rejected, *others], key=lambda entry: -entry[0])
-    if len(searched) > 1:
-        rejected = _once_each(rejected, taken)
-        taken = None if taken is None else replace(taken, veil=_share_at(searched[-1], taken.rim.ellipse))
-    return taken, len({seed for some in seeds for seed in some}), rejected[:REJECTED]
+    if dust is not None and not _in_clear_air(taken, dust, levels[0]):
+        clear = [veil.unveiled(level, dust) for level in levels]
+        behind = _proposed(clear, learned, limits)
+        more, no_rims = _refined(image, clear, behind, measurement.gather(clear, behind))
+        taken, others = _decided([*refined, *more], limits)
+        others = _once_each([*others, *rejected, *no_rims], taken)
+        rejected, seeds = [], list({*seeds, *behind})
+        taken = None if taken is None else replace(taken, veil=_share_at(dust, levels[0], taken.rim.ellipse))
+    timer.ended("veil")
+    return taken, len(seeds), sorted([*rejected, *others], key=_nearness)[:REJECTED]
+
+
+def _nearness(entry: Rejected) -> float:
+    return -entry[0]
 
 
 def _once_each(rejected: Sequence[Rejected], taken: Candidate | None) -> list[Rejected]:
     """Without what was taken, and each other place once, as nearest to acceptance: both kinds of level showed it."""
     places = [] if taken is None else [circle_of(taken.rim.ellipse)]
     kept: list[Rejected] = []
-    for entry in rejected:
+    for entry in sorted(rejected, key=_nearness):
         if not any(same_candidate(entry[1], place) for place in places):
             places.append(entry[1])
             kept.append(entry)
     return kept
 
 
-def _with_less_veil(levels: list[PyramidLevel]) -> list[list[PyramidLevel]]:
-    """The levels; behind thick dust those less the veil, too."""
-    clear = veil.less_veil(levels)
-    return [levels] if clear is levels else [levels, clear]
+def _in_clear_air(taken: Candidate | None, dust: Veil, level: PyramidLevel) -> bool:
+    """Whether a sure marker is itself darker than a veil would let it be."""
+    return taken is not None and confidence(taken) >= SURE and _share_at(dust, level, taken.rim.ellipse) == 0
 
 
 def search_expected(image: Colours, expected: Circle, limits: Limits) -> Candidate | None:
@@ -91,16 +97,23 @@ def search_expected(image: Colours, expected: Circle, limits: Limits) -> Candida
     factor = 2 ** max(0, math.floor(math.log2(max(radius, 1.0) / constants.EVIDENCE_RADIUS_PX)))
     if min(image.shape[:2]) < 2 * factor:
         return None
-    searched = _with_less_veil(pyramid(image, factor, max(image.shape[:2])))
-    share = _share_at(searched[-1], seed)
+    levels = pyramid(image, factor, max(image.shape[:2]))
+    dust = veil.over(levels)
+    share = _share_at(dust, levels[0], seed)
     rim = rim_behind_veil(image, seed, share, EXPECTED_REACH * radius)
     if rim is None:
         return None
-    for levels in searched:
-        (found,) = measurement.of_ellipses(levels, [rim.ellipse])
-        if found is not None and failed_gate(Candidate(rim, found), limits) is None:
-            return Candidate(rim, found, veil=share)
-    return None
+    found = _accepted(levels, rim, share, limits)
+    if found is None and dust is not None:
+        found = _accepted([veil.unveiled(level, dust) for level in levels], rim, share, limits)
+    return found
+
+
+def _accepted(levels: Sequence[PyramidLevel], rim: Rim, share: float, limits: Limits) -> Candidate | None:
+    (evidence,) = measurement.of_ellipses(levels, [rim.ellipse])
+    if evidence is None or failed_gate(Candidate(rim, evidence), limits) is not None:
+        return None
+    return Candidate(rim, evidence, veil=share)
 
 
 def levels_of(image: Colours, limits: Limits) -> list[PyramidLevel]:
@@ -153,11 +166,11 @@ def _worth_a_rim(seeds: Sequence[Seed], measured: Sequence[Evidence | None]) -> 
 
 
 def _refined(
-    image: Colours, levels: Sequence[PyramidLevel], worth: Sequence[Evidence]
+    image: Colours, levels: Sequence[PyramidLevel], seeds: Sequence[Seed], evidence: Sequence[Evidence | None]
 ) -> tuple[list[Candidate], list[Rejected]]:
-    """Their rims at full resolution, and the evidence on these."""
+    """The rims of the most promising at full resolution and the evidence on these; and what has no rim."""
+    worth, rejected = _worth_a_rim(seeds, evidence)
     rims: list[Rim] = []
-    rejected: list[Rejected] = []
     for found in worth:
         rim = _rim_near(image, found.ellipse, found.veil)
         if rim is None:
@@ -168,9 +181,10 @@ def _refined(
     return [Candidate(rim, found) for rim, found in zip(rims, measured, strict=True) if found], rejected
 
 
-def _share_at(levels: Sequence[PyramidLevel], place: Ellipse) -> float:
-    level = levels[0]
-    return level.veil_at(level.to_level(place.u_px), level.to_level(place.v_px))
+def _share_at(dust: Veil | None, level: PyramidLevel, place: Ellipse) -> float:
+    if dust is None:
+        return 0.0
+    return replace(level, veil=dust.share).veil_at(level.to_level(place.u_px), level.to_level(place.v_px))
 
 
 def _rim_near(image: Colours, seen: Ellipse, share: float = 0.0) -> Rim | None:

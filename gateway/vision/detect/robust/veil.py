@@ -6,6 +6,7 @@ a A is subtracted is (1 - a) J: the ratio of its channels is that of J, while th
 redness with the same k (`redness.DARK`) is at once relative to what the veil leaves and to the noise.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -71,8 +72,9 @@ def _quantile(picture: Colours, channel: int) -> float:
 def unveiled(level: PyramidLevel, veil: Veil) -> PyramidLevel:
     """The level less the veil's light: (H, W, 3) float32, not below 0."""
     height, width = level.bgr.shape[:2]
-    share = np.asarray(cv2.resize(veil.share, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
-    left = level.bgr - share[..., None] * np.array(veil.airlight, np.float32)
+    light = veil.share[..., None] * np.array(veil.airlight, np.float32)
+    light = cv2.resize(light, (width, height), interpolation=cv2.INTER_LINEAR)
+    left = np.asarray(cv2.subtract(level.bgr, light, dtype=cv2.CV_32F), np.float32)
     return PyramidLevel(np.asarray(np.maximum(left, 0, out=left)), level.factor, veil.share)
 
 
@@ -82,14 +84,19 @@ def contrast_left(share: float) -> float:
     return float(np.log(np.divide(*(PAINT * left + DARK))) / np.log(np.divide(*(PAINT + DARK))))
 
 
-def less_veil(levels: list[PyramidLevel]) -> list[PyramidLevel]:
-    """Each level less the veil over it; in clear air the levels themselves."""
+def over(levels: Sequence[PyramidLevel]) -> Veil | None:
+    """The veil over a picture; None in clear air and in the dark."""
     coarse = next((level.bgr for level in levels if max(level.bgr.shape[:2]) <= MOST_VEIL_SIDE), levels[-1].bgr)
     sparse = -(-max(coarse.shape[:2]) // MOST_VEIL_SIDE)  # of a picture without a pyramid
     kernel = compiled_kernel()
     if kernel is not None and adjacent(coarse) and kernel.is_clear(coarse, sparse):
-        return levels
-    veil = estimate(coarse[::sparse, ::sparse].copy())
+        return None
+    return estimate(coarse[::sparse, ::sparse].copy())
+
+
+def less_veil(levels: list[PyramidLevel]) -> list[PyramidLevel]:
+    """Each level less the veil over it; in clear air the levels themselves."""
+    veil = over(levels)
     return levels if veil is None else [unveiled(level, veil) for level in levels]
 
 
