@@ -109,18 +109,21 @@ def test_windows_and_pictures_upside_down_are_read_where_they_lie(kernel: Eviden
         same(kernel.of_ellipses(level, rims), of_ellipses_plain(level, rims))
 
 
-def test_less_a_veil_and_other_kinds_of_picture_are_left_to_numpy(
-    kernel: EvidenceKernel, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_less_a_veil_is_measured_by_the_kernel_as_by_numpy(kernel: EvidenceKernel) -> None:
+    for levels, seeds, rims in cases(3):
+        clear = unveiled(levels, Veil(np.linspace(0.3, 0.8, 48, dtype=np.float32).reshape(6, 8), (90.0, 95.0, 92.0)))
+        assert possible(clear)
+        same(kernel.gather(clear, seeds), gather_plain(clear, seeds))
+        found = kernel.of_ellipses(clear, rims)
+        same(found, of_ellipses_plain(clear, rims))
+        assert any(one is not None and one.veil > 0.3 for one in found)
+
+
+def test_other_kinds_of_picture_are_left_to_numpy(kernel: EvidenceKernel, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(measurement, "compiled_kernel", lambda: kernel)
     (level, *_), seeds, rims = cases(1)[0]
-    share = np.full((6, 8), 0.5, np.float32)
     apart = np.asarray(np.repeat(level.bgr, 2, axis=1)[:, ::2], np.uint8)
-    for other in (
-        unveiled(level, Veil(share, (90.0, 95.0, 92.0))),
-        replace(level, bgr=apart),
-        replace(level, veil=share),
-    ):
+    for other in (replace(level, bgr=level.bgr.astype(np.float32)), replace(level, bgr=apart)):
         assert not possible([level, other])
         assert measurement.gather([other], seeds) == gather_plain([other], seeds)
         assert measurement.of_ellipses([other], rims) == of_ellipses_plain([other], rims)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from importlib import import_module
+from itertools import count, islice
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from gateway.core.state import Tick
 from gateway.vision.detect import registry, robust
 from gateway.vision.detect.method import Summing, TimedPicture
 from gateway.vision.detect.robust import frame_sum
+from gateway.vision.detect.robust.detect import detect
 from gateway.vision.detect.robust.frame_sum import SummingSearch, mean_of, suitable
 from gateway.vision.detect.robust.standing import stood_still
 from gateway.vision.pixels import Image, grey_levels
@@ -56,13 +58,20 @@ def clear(place: Circle | None, colour: str = "red", covered: float = 0.0) -> Im
     return image
 
 
-NOISE = (1, 2, 3, 7, 9, 10, 11, 12, 13, 14)  # with none of these one frame shows the disc at PLACE
+def noisy(image: Image, seed: int, veil: float) -> Image:
+    noise = np.random.default_rng([seed, 5]).standard_normal(image.shape, dtype=np.float32)
+    return np.clip(np.rint(image * (1 - veil) + np.array(AIRLIGHT) * veil + 2 * noise), 0, 255).astype(np.uint8)
+
+
+@lru_cache(maxsize=1)
+def seeds() -> tuple[int, ...]:
+    """Ten with none of which one frame shows the disc at PLACE."""
+    hidden = (seed for seed in count(1) if detect(noisy(clear(PLACE), seed, VEIL), PARAMS).circle is None)
+    return tuple(islice(hidden, 10))
 
 
 def dusty(image: Image, number: int, veil: float = VEIL) -> Image:
-    own = NOISE[number % len(NOISE)] + 100 * (number // len(NOISE))
-    noise = np.random.default_rng([own, 5]).standard_normal(image.shape, dtype=np.float32)
-    return np.clip(np.rint(image * (1 - veil) + np.array(AIRLIGHT) * veil + 2 * noise), 0, 255).astype(np.uint8)
+    return noisy(image, seeds()[number % 10] + 100 * (number // 10), veil)
 
 
 def timed(images: Sequence[Image], period_ns: int = PERIOD_NS) -> list[TimedPicture]:

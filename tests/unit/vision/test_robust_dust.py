@@ -72,16 +72,27 @@ def test_neither_green_nor_darkness_nor_a_bright_part_is_dust() -> None:
 def test_what_the_veil_leaves_has_the_ratio_of_the_paint() -> None:
     share, airlight = 0.9, np.array((200.0, 204.0, 208.0))
     seen = np.full((32, 32, 3), (1 - share) * np.array((40.0, 50.0, 200.0)) + share * airlight, np.float32)
-    level = unveiled(PyramidLevel(seen, 4), Veil(np.full((4, 6), share, np.float32), (200.0, 204.0, 208.0)))
+    (level,) = unveiled([PyramidLevel(seen, 4)], Veil(np.full((4, 6), share, np.float32), (200.0, 204.0, 208.0)))
 
     assert level.bgr[20, 7] == pytest.approx([4, 5, 20], abs=1e-3)
     assert level.bgr.dtype == np.float32
     assert float(redness(level.bgr)[20, 7]) == pytest.approx(math.log(28 / 13), abs=1e-4)
-    assert (level.factor, level.veil_at(31.0, 0.0), level.veil_at(-99.0, 99.0)) == (4, *[pytest.approx(0.9)] * 2)
+    assert (level.factor, level.veil_at(125.0, 1.0), level.veil_at(-99.0, 999.0)) == (4, *[pytest.approx(0.9)] * 2)
+
+
+def test_what_is_left_of_eight_bits_uses_them() -> None:
+    seen = np.full((32, 32, 3), (184, 189, 207), np.uint8)
+    veil = Veil(np.full((4, 6), 0.9, np.float32), (200.0, 204.0, 208.0))
+    fine, coarse = unveiled([PyramidLevel(seen, 2), PyramidLevel(seen[::2, ::2], 4)], veil)
+
+    assert fine.gain == coarse.gain == 8  # the most: 19.8 grey levels are left of red
+    assert fine.bgr[5, 5].tolist() == [32, 43, 158]
+    assert float(redness(fine.bgr, fine.gain)[5, 5]) == pytest.approx(math.log(27.8 / 13.4), abs=2e-3)
 
 
 def test_more_than_there_is_cannot_be_subtracted() -> None:
-    level = unveiled(PyramidLevel(np.full((8, 8, 3), 90, np.uint8), 1), Veil(np.ones((1, 1), np.float32), (99,) * 3))
+    full = Veil(np.ones((1, 1), np.float32), (99.0, 99.0, 99.0))
+    (level,) = unveiled([PyramidLevel(np.full((8, 8, 3), 90, np.uint8), 1)], full)
 
     assert level.bgr.max() == 0
 

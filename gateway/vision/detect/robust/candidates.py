@@ -72,7 +72,9 @@ def blur_weights() -> tuple[float, float]:
 def red_plane(level: PyramidLevel) -> Plane:
     """(H, W): `redness` of the level."""
     kernel = compiled_kernel()
-    return redness(level.bgr) if kernel is None or not adjacent(level.bgr) else kernel.redness(level.bgr)
+    if kernel is None or not adjacent(level.bgr):
+        return redness(level.bgr, level.gain)
+    return kernel.redness(level.bgr, level.gain)
 
 
 def _peaks(size: Plane, largest: Plane, gx: Plane, gy: Plane) -> list[Peak]:
@@ -184,7 +186,7 @@ def agrees(kernel: CandidateKernel) -> bool:
     planes = gradients(red)
     mine, plain = kernel.votes(planes, RADII, blur_weights()), _peaks(*planes)
     return (
-        np.array_equal(kernel.redness(bgr), red)
+        all(np.array_equal(kernel.redness(bgr, gain), redness(bgr, gain)) for gain in (1.0, 3.0))
         and mine == plain
         and kernel.blobs(red, SHARES, 2, (4.0, 60.0)) == _blobs(red, 2, (4.0, 60.0))
     )

@@ -167,13 +167,12 @@ def measure(levels: Sequence[PyramidLevel], which: NDArray[np.intp], shapes: Sha
     for row, k in enumerate(good):
         if np.count_nonzero(used[row]) < constants.FEWEST_RAYS or not rays.seen[row, :, :n].any():
             continue
-        colour = np.median(rays.bgr[row, :, :n][rays.seen[row, :, :n]], axis=0)
+        colour = np.median(rays.bgr[row, :, :n][rays.seen[row, :, :n]], axis=0) / levels[0].gain
         factor = levels[which[k]].factor
         u, v, major, minor, angle = (float(value) for value in shapes[k])
+        at = u * factor + (factor - 1) / 2, v * factor + (factor - 1) / 2
         result[k] = Evidence(
-            ellipse=Ellipse(
-                u * factor + (factor - 1) / 2, v * factor + (factor - 1) / 2, major * factor, minor * factor, angle
-            ),
+            ellipse=Ellipse(*at, major * factor, minor * factor, angle),
             coverage=float(seen[row].sum() / used[row].sum()),
             leak=float(leak[row].sum() / used[row].sum()),
             visible=float(seen[row].sum() / RAYS),
@@ -183,17 +182,17 @@ def measure(levels: Sequence[PyramidLevel], which: NDArray[np.intp], shapes: Sha
             fill=float(fill[row]),
             hollow=float(hollow[row]),
             redness=float(inner_redness[row]),
-            veil=levels[which[k]].veil_at(u, v),
-            haze=_haze(rays.bgr[row].min(axis=2)[rays.seen[row]]),
+            veil=levels[0].veil_at(*at),
+            haze=_haze(rays.bgr[row].min(axis=2)[rays.seen[row]], levels[0].gain),
             colour=(float(colour[0]), float(colour[1]), float(colour[2])),
         )
     return result
 
 
-def _haze(least: Colours) -> float:
+def _haze(least: Colours, gain: float) -> float:
     """Of the darkest channel of all samples: something in clear air is nearly black in one of the channels: a shadow, a
     gap, red paint in blue."""
-    return min(constants.MOST_HAZE, float(np.quantile(least, constants.DARKEST)) / constants.FULL_VEIL)
+    return min(constants.MOST_HAZE, float(np.quantile(least, constants.DARKEST)) / gain / constants.FULL_VEIL)
 
 
 def _steps(inside: Colours, outside: Colours) -> Plane:

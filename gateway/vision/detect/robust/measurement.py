@@ -1,11 +1,11 @@
 """The evidence of candidates, by the compiled kernel where there is one: the same results, ten times as fast. Pure.
 
-Pictures of other kinds than 8-bit BGR, and those from which a veil has been subtracted, are left to NumPy.
+Pictures of other kinds than 8-bit BGR are left to NumPy.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import astuple
+from dataclasses import astuple, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -48,11 +48,15 @@ compiled_kernel = lru_cache(maxsize=1)(load)
 
 
 def agrees(kernel: EvidenceKernel) -> bool:
-    """On discs, one of them cut by the frame's edge and one hidden in part, and on noise: from seeds and on rims."""
+    """On discs, one of them cut by the frame's edge and one hidden in part, and on noise: from seeds and on rims; also
+    where 8 bits hold twice the grey level."""
     levels, seeds = _example()
     rims = [Ellipse(s.u_px + 1.3, s.v_px, s.radius_px, 0.8 * s.radius_px, 0.4 * n) for n, s in enumerate(seeds)]
-    return alike(kernel.gather(levels, seeds), gather_plain(levels, seeds)) and alike(
-        kernel.of_ellipses(levels, rims), of_ellipses_plain(levels, rims)
+    stretched = [replace(level, gain=2.0) for level in levels]
+    return (
+        alike(kernel.gather(levels, seeds), gather_plain(levels, seeds))
+        and alike(kernel.of_ellipses(levels, rims), of_ellipses_plain(levels, rims))
+        and alike(kernel.of_ellipses(stretched, rims), of_ellipses_plain(stretched, rims))
     )
 
 

@@ -45,7 +45,7 @@ def sample_rays(levels: Sequence[PyramidLevel], which: NDArray[np.intp], shapes:
     for number in np.unique(which):
         mine = np.nonzero(which == number)[0]
         bgr[mine], seen[mine] = _sampled(levels[number].bgr, map_u[mine], map_v[mine])
-    return RaySamples(redness(bgr), seen, bgr)
+    return RaySamples(redness(bgr, levels[0].gain), seen, bgr)
 
 
 def _sampled(picture: Colours, map_u: Plane, map_v: Plane) -> tuple[Colours, NDArray[np.bool_]]:

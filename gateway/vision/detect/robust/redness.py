@@ -6,6 +6,7 @@ from bright brown wood (where R - G is the same) and its dark side from nothing.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import cast
 
 import cv2
@@ -17,13 +18,25 @@ from gateway.vision.pixels import Colours
 Plane = NDArray[np.float32]
 
 DARK = 8.0  # k: about twice the read noise of a cheap camera, grey levels
-LOG = np.log(np.arange(256, dtype=np.float32) + np.float32(DARK))
 
 
-def redness(bgr: Colours) -> Plane:
-    """(..., 3) BGR to (...) float32: 0 for grey, 0.4 for wood, 1 and more for red, below 0 for green."""
+@lru_cache(maxsize=64)
+def log_table(gain: float) -> Plane:
+    """(256,): of each 8-bit value that is a grey level times `gain`."""
+    return np.asarray(np.log(np.arange(256, dtype=np.float32) / np.float32(gain) + np.float32(DARK)), np.float32)
+
+
+LOG = log_table(1.0)
+
+
+def redness(bgr: Colours, gain: float = 1.0) -> Plane:
+    """(..., 3) BGR to (...) float32: 0 for grey, 0.4 for wood, 1 and more for red, below 0 for green.
+
+    `gain`: what 8-bit values were multiplied by.
+    """
     if bgr.dtype == np.uint8:
-        return np.asarray(LOG[bgr[..., 2]] - LOG[bgr[..., 1]], np.float32)
+        log = LOG if gain == 1 else log_table(gain)
+        return np.asarray(log[bgr[..., 2]] - log[bgr[..., 1]], np.float32)
     return np.asarray(np.log((bgr[..., 2] + np.float32(DARK)) / (bgr[..., 1] + np.float32(DARK))), np.float32)
 
 
@@ -34,13 +47,14 @@ class PyramidLevel:
     bgr: Colours
     factor: int
     veil: Plane | None = None  # share of airlight on a coarse grid, where it has been subtracted
+    gain: float = 1.0  # an 8-bit value is the grey level times this; that of all levels of a pyramid
 
-    def veil_at(self, u: float, v: float) -> float:
-        """Share of airlight that has been subtracted at a pixel of this level."""
+    def veil_at(self, u_px: float, v_px: float) -> float:
+        """Share of airlight that has been subtracted at a place of the full frame."""
         if self.veil is None:
             return 0.0
         (height, width), (rows, columns) = self.bgr.shape[:2], self.veil.shape
-        row, column = int(v / height * rows), int(u / width * columns)
+        row, column = int(self.to_level(v_px) / height * rows), int(self.to_level(u_px) / width * columns)
         return float(self.veil[min(max(row, 0), rows - 1), min(max(column, 0), columns - 1)])
 
     def to_full(self, px: float) -> float:

@@ -57,7 +57,7 @@ def search_frame(image: Colours, limits: Limits, timer: StageTimer) -> tuple[Can
     taken, others = _decided(refined, limits)
     timer.ended("decision")
     if dust is not None and not _in_clear_air(taken, dust, levels[0]):
-        clear = [veil.unveiled(level, dust) for level in levels]
+        clear = veil.unveiled(levels, dust)
         behind = _proposed(clear, learned, limits)
         more, no_rims = _refined(image, clear, behind, measurement.gather(clear, behind))
         taken, others = _decided([*refined, *more], limits)
@@ -105,7 +105,7 @@ def search_expected(image: Colours, expected: Circle, limits: Limits) -> Candida
         return None
     found = _accepted(levels, rim, share, limits)
     if found is None and dust is not None:
-        found = _accepted([veil.unveiled(level, dust) for level in levels], rim, share, limits)
+        found = _accepted(veil.unveiled(levels, dust), rim, share, limits)
     return found
 
 
@@ -184,7 +184,7 @@ def _refined(
 def _share_at(dust: Veil | None, level: PyramidLevel, place: Ellipse) -> float:
     if dust is None:
         return 0.0
-    return replace(level, veil=dust.share).veil_at(level.to_level(place.u_px), level.to_level(place.v_px))
+    return replace(level, veil=dust.share).veil_at(place.u_px, place.v_px)
 
 
 def _rim_near(image: Colours, seen: Ellipse, share: float = 0.0) -> Rim | None:

@@ -6,6 +6,7 @@ a A is subtracted is (1 - a) J: the ratio of its channels is that of J, while th
 redness with the same k (`redness.DARK`) is at once relative to what the veil leaves and to the noise.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -24,6 +25,7 @@ from gateway.vision.pixels import Colours, adjacent
 
 FULL = 0.75  # darkest share near a place: above, all of the veil is subtracted
 KEPT = 0.98  # of the estimate: it is an upper bound
+NEARLY_ALL, BRIGHT_GREY, MOST_GAIN = 0.995, 200.0, 8.0  # of what is left: this quantile becomes that grey level
 PAINT = np.array((190.0, 45.0))  # R and G of red paint in clear air, grey levels
 
 
@@ -69,13 +71,31 @@ def _quantile(picture: Colours, channel: int) -> float:
     return float(np.searchsorted(np.cumsum(counts), constants.BRIGHT * counts.sum()))
 
 
-def unveiled(level: PyramidLevel, veil: Veil) -> PyramidLevel:
-    """The level less the veil's light: (H, W, 3) float32, not below 0."""
+def unveiled(levels: Sequence[PyramidLevel], veil: Veil) -> list[PyramidLevel]:
+    """Each level less the veil's light, not below 0; those of 8 bits in 8 bits, times the `gain` that uses them."""
+    left = [_left(level, veil) for level in levels]
+    if levels[0].bgr.dtype != np.uint8:
+        return [PyramidLevel(bgr, level.factor, veil.share) for bgr, level in zip(left, levels, strict=True)]
+    gain = _gain(next((bgr for bgr in left if max(bgr.shape[:2]) <= MOST_VEIL_SIDE), left[-1]))
+    return [
+        PyramidLevel(np.asarray(cv2.convertScaleAbs(bgr, alpha=gain), np.uint8), level.factor, veil.share, gain)
+        for bgr, level in zip(left, levels, strict=True)
+    ]
+
+
+def _left(level: PyramidLevel, veil: Veil) -> Plane:
     height, width = level.bgr.shape[:2]
     light = veil.share[..., None] * np.array(veil.airlight, np.float32)
-    light = cv2.resize(light, (width, height), interpolation=cv2.INTER_LINEAR)
+    light = np.asarray(cv2.resize(light, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
     left = np.asarray(cv2.subtract(level.bgr, light, dtype=cv2.CV_32F), np.float32)
-    return PyramidLevel(np.asarray(np.maximum(left, 0, out=left)), level.factor, veil.share)
+    return np.asarray(np.maximum(left, 0, out=left))
+
+
+def _gain(left: Plane) -> float:
+    """A power of the root of 2, 1 to MOST_GAIN: few differ, since each has a table of logarithms."""
+    bright = float(np.quantile(left, NEARLY_ALL))
+    steps = math.floor(2 * math.log2(min(MOST_GAIN, max(1.0, BRIGHT_GREY / max(bright, 1.0)))))
+    return float(2 ** (steps / 2))
 
 
 def contrast_left(share: float) -> float:
@@ -97,7 +117,7 @@ def over(levels: Sequence[PyramidLevel]) -> Veil | None:
 def less_veil(levels: list[PyramidLevel]) -> list[PyramidLevel]:
     """Each level less the veil over it; in clear air the levels themselves."""
     veil = over(levels)
-    return levels if veil is None else [unveiled(level, veil) for level in levels]
+    return levels if veil is None else unveiled(levels, veil)
 
 
 def load(library: Path = LIBRARY) -> AirKernel | None:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.vision.compiled.sizes import BLOBS, PEAKS, THRESHOLDS
-from gateway.vision.detect.robust.redness import LOG, Plane
+from gateway.vision.detect.robust.redness import Plane, log_table
 from gateway.vision.pixels import Image
 
 _Pointer, _Int, _Real = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
@@ -58,15 +58,15 @@ class CandidateKernel:
             room.argtypes = [_Pointer]
             room.restype = _Int
         self._votes.restype, self._blobs.restype = ctypes.c_int, None
-        self._log = np.ascontiguousarray(LOG)
         self._rooms: list[NDArray[np.uint8]] = []
 
-    def redness(self, picture: Image) -> Plane:
+    def redness(self, picture: Image, gain: float = 1.0) -> Plane:
         """As `redness.redness`, for a picture whose pixels lie side by side."""
         height, width = picture.shape[:2]
         red = np.empty((height, width), np.float32)
         described = (_Int * 4)(picture.ctypes.data, picture.strides[0], height, width)
-        self._redness(ctypes.addressof(described), self._log.ctypes.data, red.ctypes.data)
+        log = log_table(gain)
+        self._redness(ctypes.addressof(described), log.ctypes.data, red.ctypes.data)
         return red
 
     def votes(

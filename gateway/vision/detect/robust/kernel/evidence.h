@@ -150,7 +150,7 @@ INLINE int at_place(const int *counts, int place)
 }
 
 /* Medians of the colour inside, and how bright the darkest part of all is. 0 where nothing inside is in the picture. */
-static int colours_of(const RingSamples *r, int disc, int count, EvidenceRow *row)
+static int colours_of(const RingSamples *r, int disc, int count, double gain, EvidenceRow *row)
 {
     int counts[CHANNELS][256] = {{0}}, darkest[256] = {0}, inside = 0, all = 0;
     for (int s = 0; s < count; s++)
@@ -164,11 +164,11 @@ static int colours_of(const RingSamples *r, int disc, int count, EvidenceRow *ro
     if (!inside)
         return 0;
     for (int c = 0; c < CHANNELS; c++)
-        row->colour[c] = (at_place(counts[c], (inside - 1) / 2) + at_place(counts[c], inside / 2)) / 2.0;
+        row->colour[c] = (at_place(counts[c], (inside - 1) / 2) + at_place(counts[c], inside / 2)) / 2.0 / gain;
     double place = (all - 1) * DARKEST, share = place - floor(place);
     double low = at_place(darkest, (int)place), apart = at_place(darkest, least(place + 1, all - 1)) - low;
     double dark = share < 0.5 ? low + apart * share : low + apart - apart * (1 - share);
-    row->haze = least(dark / FULL_VEIL, MOST_HAZE);
+    row->haze = least(dark / gain / FULL_VEIL, MOST_HAZE);
     return 1;
 }
 
@@ -188,7 +188,7 @@ static int measured_on(const Level *level, const Shape *shape, const EvidenceTab
             used[i] &= r->seen[s][i];
         seen += used[i];
     }
-    if (seen < FEWEST_RAYS || !colours_of(r, n, count, row))
+    if (seen < FEWEST_RAYS || !colours_of(r, n, count, t->gain, row))
         return 0;
     ray_medians(r->red + n, m - n, within);
     ray_medians(r->red + m, count - m, beyond);

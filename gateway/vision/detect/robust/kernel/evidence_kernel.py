@@ -25,7 +25,11 @@ _COUNTS = ("wide_count", "close_count", "triple_count", "disc", "inside", "fused
 
 
 class _Tables(ctypes.Structure):
-    _fields_ = (*((name, _Pointer) for name in _FIELDS), *((name, _Int) for name in _COUNTS))
+    _fields_ = (
+        *((name, _Pointer) for name in _FIELDS),
+        *((name, _Int) for name in _COUNTS),
+        ("gain", ctypes.c_double),
+    )
 
 
 class EvidenceKernel:
@@ -40,13 +44,13 @@ class EvidenceKernel:
         self._rooms: list[NDArray[np.uint8]] = []
         self.kept: list[NDArray[np.generic]] = []  # what the tables point to
         self.tables = self._made()
-        self._tables_at = ctypes.addressof(self.tables)
+        self._of_gain = {1.0: self.tables}
 
     def gather(self, levels: Sequence[PyramidLevel], seeds: Sequence[Seed]) -> list[Evidence | None]:
         """As `evidence.gather_plain`, for levels whose pixels lie side by side (`possible`)."""
         shapes = [(seed.u_px, seed.v_px, seed.radius_px, seed.radius_px, 1.0, 0.0) for seed in seeds]
         rows = self.run(levels, shapes, seeds=True)
-        return [_evidence_of(row, math.atan2(row[5], row[4]) % math.pi) if row[6] else None for row in rows]
+        return [_evidence_of(row, math.atan2(row[5], row[4]) % math.pi, levels[0]) if row[6] else None for row in rows]
 
     def of_ellipses(self, levels: Sequence[PyramidLevel], rims: Sequence[Ellipse]) -> list[Evidence | None]:
         """As `evidence.of_ellipses_plain`."""
@@ -55,7 +59,9 @@ class EvidenceKernel:
             for e in rims
         ]
         rows = self.run(levels, shapes, seeds=False)
-        return [_evidence_of(row, rim.angle_rad) if row[6] else None for row, rim in zip(rows, rims, strict=True)]
+        return [
+            _evidence_of(row, rim.angle_rad, levels[0]) if row[6] else None for row, rim in zip(rows, rims, strict=True)
+        ]
 
     def run(
         self, levels: Sequence[PyramidLevel], shapes: Sequence[tuple[float, ...]], *, seeds: bool
@@ -73,11 +79,22 @@ class EvidenceKernel:
         pictures = (ctypes.c_char * len(described)).from_buffer(described)
         results = (ctypes.c_char * len(rows)).from_buffer(rows)
         self._call(
-            ctypes.addressof(pictures), len(levels), ctypes.addressof(results), len(shapes), seeds, self._tables_at,
-            room.ctypes.data,
+            ctypes.addressof(pictures), len(levels), ctypes.addressof(results), len(shapes), seeds,
+            ctypes.addressof(self._tables(levels[0].gain)), room.ctypes.data,
         )  # fmt: skip
         self._rooms.append(room)
         return list(_ROW.iter_unpack(rows))
+
+    def _tables(self, gain: float) -> _Tables:
+        """All but a logarithm of its own is shared; there are GAINS of them at most."""
+        tables = self._of_gain.get(gain)
+        if tables is None:
+            tables = _Tables.from_buffer_copy(self.tables)
+            log = redness.log_table(gain)
+            tables.log, tables.gain = log.ctypes.data, gain
+            self.kept.append(log)
+            self._of_gain[gain] = tables
+        return tables
 
     def _made(self) -> _Tables:
         triples = ellipses.triples(radial_sampling.RAYS).astype(np.int32)
@@ -88,6 +105,7 @@ class EvidenceKernel:
             disc=evidence.DISC.size,
             inside=evidence.INSIDE.size,
             fused=opencv_fuses(),
+            gain=1.0,
         )
         shared = (radial_sampling.COS, radial_sampling.SIN, redness.LOG, evidence.WIDE, evidence.CLOSE, evidence.RINGS)
         for name, values in zip(_FIELDS, (*shared, triples), strict=True):
@@ -98,17 +116,17 @@ class EvidenceKernel:
 
 
 def possible(levels: Sequence[PyramidLevel]) -> bool:
-    """Whether all are 8-bit pictures, the pixels of each row side by side: not where a veil has been subtracted."""
-    return all(level.veil is None and adjacent(level.bgr) for level in levels)
+    """Whether all are 8-bit pictures, the pixels of each row side by side."""
+    return all(adjacent(level.bgr) for level in levels)
 
 
-def _evidence_of(row: tuple[float, ...], angle_rad: float) -> Evidence:
+def _evidence_of(row: tuple[float, ...], angle_rad: float, level: PyramidLevel) -> Evidence:
     u, v, major, minor, _, _, _, coverage, leak, visible, contrast, rise, noise, fill, hollow, redness_, haze, *bgr = (
         row
     )
     blue, green, red = bgr
     return Evidence(
         ellipse=Ellipse(u, v, major, minor, angle_rad), coverage=coverage, leak=leak, visible=visible,
-        contrast=contrast, rise=rise, noise=noise, fill=fill, hollow=hollow, redness=redness_, veil=0.0, haze=haze,
-        colour=(blue, green, red),
+        contrast=contrast, rise=rise, noise=noise, fill=fill, hollow=hollow, redness=redness_,
+        veil=level.veil_at(u, v), haze=haze, colour=(blue, green, red),
     )  # fmt: skip

@@ -14,6 +14,7 @@ typedef struct { /* `evidence_kernel`: what Python computes once */
     int64_t wide_count, close_count, triple_count;
     int64_t disc, inside; /* of `rings`: so many within the disc, then so many inside the rim; the rest outside */
     int64_t fused; /* whether OpenCV multiplies and adds at once */
+    double gain; /* a stored value is the grey level times this */
 } EvidenceTables;
 
 typedef struct {
