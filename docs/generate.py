@@ -25,7 +25,6 @@ from gateway.ranger.hcsr04 import protocol
 from gateway.sinks import registry as sink_registry
 from gateway.web.server import app, openapi
 from tests import doc_pictures
-from tests.failure_mode_tests import marked_tests
 from tools import (
     alarms,
     detection_methods,
@@ -59,6 +58,11 @@ def sparkplug_assertions() -> str:
     )
 
 
+def registers() -> str:
+    """The table without the limits of each register: they follow from its type and unit, as the page says."""
+    return re.sub(r"; limited to [^ ]+", "", register_tables.markdown())
+
+
 def layers() -> str:
     """The import contracts' layers, the uppermost first."""
     contracts = tomllib.loads((DOCS.parent / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
@@ -70,15 +74,13 @@ def layers() -> str:
 
 
 def folders() -> str:
-    """What each folder and module at the top holds (its docstring's first paragraph), and the folders in it."""
+    """What each folder at the top holds (its docstring's first paragraph), and the folders in it."""
     top = DOCS.parent / "gateway"
     lines = ["| in `gateway/` | what it is | folders in it |", "|---|---|---|"]
-    for path in [*sorted(top.glob("*/__init__.py")), *sorted(top.glob("[!_]*.py"))]:
-        folder = path.name == "__init__.py"
-        inner = [f"`{sub.parent.name}`" for sub in sorted(path.parent.glob("*/__init__.py"))] if folder else []
+    for path in sorted(top.glob("*/__init__.py")):
+        inner = [f"`{sub.parent.name}`" for sub in sorted(path.parent.glob("*/__init__.py"))]
         meaning = (ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "").split("\n\n")[0]
-        place = f"{path.parent.name}/" if folder else path.name
-        lines.append(f"| `{place}` | {' '.join(meaning.split())} | {' '.join(inner)} |")
+        lines.append(f"| `{path.parent.name}/` | {' '.join(meaning.split())} | {' '.join(inner)} |")
     return "\n".join(lines)
 
 
@@ -91,7 +93,7 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
         "verdicts": tables.verdicts,
     },
     "config.md": {"live": tables.live_keys, "keys": lambda: configdoc.markdown(sink_registry.sections())},
-    "fmea.md": {"failure modes": lambda: failure_modes.markdown(marked_tests(DOCS.parent / "tests"))},
+    "fmea.md": {"failure modes": failure_modes.markdown},
     "hmi-security.md": {"access": tables.access},
     "modbus-server.md": modbus_server.BLOCKS,
     "hmi-api.md": {"metrics": tables.metrics},
@@ -99,7 +101,7 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
     "plc-integration.md": plc_integration.BLOCKS,
     "ranger.md": {"wire": hcsr04.wire},
     "reaction-time.md": reaction_time.blocks(protocol.PERIOD_MS),
-    "registers.md": {"registers": register_tables.markdown, **lamps.BLOCKS},
+    "registers.md": {"registers": registers, **lamps.BLOCKS},
     "sparkplug.md": {"device metrics": tables.sparkplug},
     "simulator.md": {"keys and faults": tables.scenario},
     "visit.md": {

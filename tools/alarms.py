@@ -1,8 +1,9 @@
 """The generated parts of docs/alarms.md: the alarms, their states and the benchmarks of an operator's load. Pure."""
 
 from collections.abc import Callable, Mapping
+from itertools import groupby
 
-from gateway.alarms.bay_alarms import BAY_ALARMS
+from gateway.alarms.bay_alarms import BAY_ALARMS, STOPS
 from gateway.alarms.definition import MINUTE_S, SUPPRESSION_MEANING, Suppression
 from gateway.alarms.states import EVENT_MEANING, STATE_MEANING, TRANSITIONS, AlarmEvent, AlarmState
 from gateway.alarms.table import ALARM_DEFINITIONS
@@ -33,14 +34,15 @@ def summary() -> str:
 
 def responses() -> str:
     """What each alarm means and what to do: the alarm response procedures."""
-    parts: list[str] = []
+    parts = [f"Bay stopped: {STOPS}.\n"]
     for kind in ALARM_DEFINITIONS.values():
         reasons = [f"`{reason.value}`" for reason in Suppression if reason in kind.suppressed_by]
         others = kind in BAY_ALARMS and len(reasons) < len(Suppression)
+        consequence = kind.consequence.replace(STOPS, "bay stopped")
         suppressed = f"- Suppressed by design: {', '.join(reasons) or 'never'}.\n" if others else ""
         parts.append(
-            f"### {kind.id}\n\n**{kind.title}**: {kind.meaning}.\n\n- Consequence: {kind.consequence}.\n"
-            f"- What to do, within {_time(kind.respond_min)}: {kind.action}.\n"
+            f"### {kind.id}\n\n**{kind.title}**: {kind.meaning}.\n\n- Consequence: {consequence}.\n"
+            f"- What to do: {kind.action}.\n"
             f"- Likely causes: {'; '.join(kind.causes)}.\n{suppressed}"
         )
     return "\n".join(parts)
@@ -59,10 +61,12 @@ def states() -> str:
         only += [] if arrow.active is None else ["cause holds" if arrow.active else "cause gone"]
         key = (arrow.event, arrow.target, ", ".join(only))
         arrows.setdefault(key, []).append(STATE_MEANING[arrow.source][0])
-    rows = [
-        f"| `{event.value}` | {', '.join(sources)} | {STATE_MEANING[target][0]} | {only} | {EVENT_MEANING[event]} |"
-        for (event, target, only), sources in arrows.items()
-    ]
+    rows: list[str] = []
+    for event, alike in groupby(sorted(arrows, key=lambda key: list(AlarmEvent).index(key[0])), key=lambda key: key[0]):
+        name, meaning = f"`{event.value}`", EVENT_MEANING[event]
+        for key in alike:
+            rows.append(f"| {name} | {', '.join(arrows[key])} | {STATE_MEANING[key[1]][0]} | {key[2]} | {meaning} |")
+            name = meaning = ""  # said in its first row
     head = ["| | state | meaning |", "|---|---|---|", *letters, ""]
     return "\n".join([*head, "| what happens | from | to | only where | |", "|---|---|---|---|---|", *rows])
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Mapping
 from gateway.core.state import GuidanceCode
 from gateway.modbus.exports.tables import markdown_table
 from gateway.modbus.registers.bits import coil_of
-from gateway.modbus.registers.lamps import LAMP_MEANING, SIGNAL_LAMPS, Lamp, lamps
+from gateway.modbus.registers.lamps import SIGNAL_LAMPS, Lamp, lamps
 
 
 def names(word: int) -> str:
@@ -16,7 +16,7 @@ def names(word: int) -> str:
 def wiring() -> str:
     """Lamp <- register and bit."""
     return markdown_table(
-        ("lamp", "bit of register", "mask", "bit on function codes 1 and 2", "in the exports", "on"),
+        ("lamp", "bit of register", "mask", "bit on function codes 1 and 2", "in the exports"),
         (
             (
                 lamp.name.lower(),
@@ -24,7 +24,6 @@ def wiring() -> str:
                 f"0x{1 << lamp:02X}",
                 str(coil_of(SIGNAL_LAMPS.name, lamp)),
                 f"`{SIGNAL_LAMPS.name}_{lamp.name.lower()}`",
-                LAMP_MEANING[lamp],
             )
             for lamp in Lamp
         ),

@@ -1,6 +1,7 @@
 """The generated parts of docs/modbus-server.md: from the code's own tables. Pure."""
 
 from collections.abc import Callable, Mapping
+from itertools import groupby
 
 from gateway.modbus.exports.tables import markdown_table
 from gateway.modbus.protocol.adu import EXCEPTION_MEANING
@@ -38,9 +39,13 @@ def exceptions() -> str:
 
 
 def bit_table() -> str:
+    """A row a register: the address of each of its bits on function codes 1 and 2."""
     return markdown_table(
-        ("bit", "name", "the same as"),
-        ((str(bit.address), bit.name, f"bit {bit.bit} of {bit.register}") for bit in bits.table()),
+        ("register", "bits"),
+        (
+            (f"`{name}`", ", ".join(f"{bit.address} {bit.name}" for bit in of_register))
+            for name, of_register in groupby(bits.table(), key=lambda bit: bit.register)
+        ),
     )
 
 

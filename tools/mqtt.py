@@ -122,7 +122,10 @@ def examples() -> dict[str, BaseModel]:
 
 
 def _example(name: str) -> str:
-    return f"```json\n{json.dumps(examples()[name].model_dump(mode='json'), indent=2, ensure_ascii=False)}\n```\n"
+    shown = examples()[name].model_dump(mode="json")
+    if name == "event":  # what it has of the state is in the state's example
+        shown = {key: value for key, value in shown.items() if key not in messages.StatePayload.model_fields}
+    return f"```json\n{json.dumps(shown, indent=2, ensure_ascii=False)}\n```\n"
 
 
 BLOCKS: dict[str, Callable[[], str]] = {

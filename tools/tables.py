@@ -1,5 +1,7 @@
 """Short generated tables of several pages, each made of one table of the package. Pure."""
 
+from itertools import groupby
+
 from gateway.config.live import LIVE, LiveKeys
 from gateway.config.reference import key_table
 from gateway.config.strict.section import inner_model
@@ -22,27 +24,25 @@ def live_keys() -> str:
 
 
 def access() -> str:
-    """Who may call what, by level: docs/hmi-security.md."""
-    rules = sorted(RULES, key=lambda rule: rule.least)
-    return markdown_table(
-        ("who", "method", "address", "what"),
-        (
-            ("everybody" if rule.least == 0 else rule.least.role, rule.method, f"`{rule.path}`", rule.summary)
-            for rule in rules
-        ),
-    )
+    """Who may call what, a table for each level: docs/hmi-security.md."""
+    parts: list[str] = []
+    for least, rules in groupby(sorted(RULES, key=lambda rule: rule.least), key=lambda rule: rule.least):
+        cells = ((rule.method, f"`{rule.path}`", rule.summary) for rule in rules)
+        parts += [f"**{least.role if least else 'everybody'}**\n", markdown_table(("method", "address", "what"), cells)]
+    return "\n".join(parts)
 
 
 def metrics() -> str:
     """Every family of /metrics: docs/hmi-api.md."""
-    rows = [f"| `{PREFIX}{INFO[0]}` | info | | {INFO[1]} |"]
+    rows = [f"| `{PREFIX}{INFO[0]}` | | info: {INFO[1]} |"]
     for family in FAMILIES:
         name = family.name + ("_total" if family.form == "counter" else "")
         labels = ", ".join(f"`{label}`" for label in family.labels)
-        rows.append(f"| `{PREFIX}{name}` | {family.form} | {labels} | {family.help} |")
-    rows.append(f"| `{PREFIX}{LATENCY[0]}` | histogram | `bay` | {LATENCY[1]} |")
-    rows.append(f"| `{PREFIX}{STAGE[0]}` | histogram | `bay`, `stage` | {STAGE[1]} |")
-    return "\n".join(["| name | form | labels | meaning |", "|---|---|---|---|", *rows])
+        form = "" if family.form in ("gauge", "counter") else f"{family.form}: "
+        rows.append(f"| `{PREFIX}{name}` | {labels} | {form}{family.help} |")
+    rows.append(f"| `{PREFIX}{LATENCY[0]}` | `bay` | histogram: {LATENCY[1]} |")
+    rows.append(f"| `{PREFIX}{STAGE[0]}` | `bay`, `stage` | histogram: {STAGE[1]} |")
+    return "\n".join(["| name | labels | meaning |", "|---|---|---|", *rows])
 
 
 def sparkplug() -> str:

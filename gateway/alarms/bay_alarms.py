@@ -127,7 +127,7 @@ def _picture_detail(inputs: BayInputs) -> str:
     return ", ".join(details.picture(fault, numbers[fault]) for fault in health.faults)
 
 
-_STOPS = "stop is on, may_move and in_place are off: no truck may move, and none may be loaded"
+STOPS = "stop is on, may_move and in_place are off: no truck may move, and none may be loaded"
 
 BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
     AlarmDefinition(
@@ -135,7 +135,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         "Control task dead",
         Priority.HIGH,
         "nothing computes this bay's state any more; the PLC reads stop, reason GATEWAY_FAULT",
-        _STOPS,
+        STOPS,
         ("a fault in the software", "a machine that is overloaded or short of memory"),
         "work by hand; look at the machine's load and the gateway's log; restart the gateway; report the log",
         5,
@@ -161,7 +161,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         "Camera down",
         Priority.HIGH,
         "the camera cannot be opened or was lost",
-        _STOPS,
+        STOPS,
         ("cable or power of the camera", "wrong camera.url", "another program has the camera"),
         "look at the camera's power and cable; the detail holds the error that the gateway got",
         10,
@@ -172,7 +172,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         "Camera without new pictures",
         Priority.HIGH,
         "the newest picture is older than its deadline",
-        _STOPS,
+        STOPS,
         (
             "the stream stalls",
             "pictures that never change",
@@ -190,7 +190,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         "Pictures not proven",
         Priority.HIGH,
         "the pictures do not show the code of the beacon's LED, or show it too late: they may not be of the present",
-        _STOPS,
+        STOPS,
         (
             "the LED is covered, dirty, outside camera.beacon's place or outshone",
             "the camera or the network repeats or stores pictures",
@@ -220,7 +220,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         "Vision process fault",
         Priority.HIGH,
         "the process that looks for the marker died, hung or failed, and starting it again does not help",
-        _STOPS,
+        STOPS,
         (
             "a picture that the software cannot cope with",
             "a machine that is overloaded or short of memory",
@@ -235,7 +235,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         "Ranger down",
         Priority.HIGH,
         "the ranger's port cannot be opened or was lost",
-        _STOPS,
+        STOPS,
         ("USB or serial cable", "power of the Arduino", "wrong ranger.port", "another program has the port"),
         "look at the Arduino's light and cable; the detail holds the error that the gateway got",
         10,
@@ -246,7 +246,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         "Ranger silent",
         Priority.HIGH,
         "the port is open, but no distance has arrived before its deadline",
-        _STOPS,
+        STOPS,
         ("the Arduino hangs or runs another sketch", "wrong ranger.baud", "a damaged cable"),
         "press the Arduino's reset; look at docs/ranger.md",
         10,
@@ -257,7 +257,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         "Ranger stuck",
         Priority.HIGH,
         "the ultrasonic sensor's ECHO pin does not move",
-        _STOPS,
+        STOPS,
         ("a wire to the sensor is off", "the sensor is broken or has no power"),
         "look at the sensor's four wires (docs/wiring.md); exchange the sensor",
         30,
@@ -268,7 +268,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         "Ranger with other firmware",
         Priority.HIGH,
         "the ranger uses another protocol version than the gateway",
-        _STOPS,
+        STOPS,
         ("the gateway was updated and the Arduino was not, or the other way round",),
         "flash the firmware that belongs to this gateway (docs/firmware.md)",
         30,
@@ -295,7 +295,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         "No echo, though the marker is near",
         Priority.MEDIUM,
         "the marker looks well within the ranger's range, and the ranger still hears nothing or something far",
-        _STOPS,
+        STOPS,
         ("the sensor points past the truck", "dust or ice on the sensor", "a surface that swallows sound"),
         "look at the sensor: clean it, point it at the truck's flat side",
         10,
@@ -309,7 +309,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         "Distances jump",
         Priority.MEDIUM,
         "for a while now readings jump more than the glitch gate allows",
-        _STOPS,
+        STOPS,
         ("another ultrasonic sensor nearby", "dust or steam in between", "compressed air", "a loose sensor"),
         "look at what is between sensor and truck, and for other sensors; see docs/ranger.md",
         15,
@@ -322,7 +322,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         "Something on the ranger",
         Priority.MEDIUM,
         "for a while now something has been nearer than the ranger can measure",
-        _STOPS,
+        STOPS,
         ("dirt, ice or a cover on the sensor", "something leans against it"),
         "look at the sensor and clear it",
         15,
@@ -335,7 +335,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         "Camera and ranger disagree",
         Priority.HIGH,
         "R and Z do not fit each other: one of the two is wrong",
-        _STOPS,
+        STOPS,
         (
             "the ranger measures something else than the truck",
             "a marker of another size, or something that looks like one",

@@ -1,5 +1,6 @@
 """The tables of configuration keys for the docs, and the values in force for `gateway check`. Pure."""
 
+import re
 from collections.abc import Iterable, Iterator
 from typing import get_origin
 
@@ -58,7 +59,8 @@ def _default(info: FieldInfo) -> str:
 
 
 def _allowed(info: FieldInfo) -> str:
-    return ", ".join(f'`"{choice}"`' for choice in choices_of(info)) or bounds_of(info) or "–"
+    bounds = re.sub(r"^>= (\S+), <= (\S+)$", r"\1..\2", bounds_of(info))
+    return ", ".join(f'`"{choice}"`' for choice in choices_of(info)) or bounds or "–"
 
 
 def _toml(value: object) -> str:

@@ -12,6 +12,7 @@ from typing import Any
 from gateway.modbus.exports.target import Target, one_file
 from gateway.modbus.registers.register_map import BLOCK_WORDS, MAP_VERSION, REGISTERS, RESERVED, Register
 
+HEADER = ("addr", "name", "type", "unit", "meaning")  # for people: the unit of one count
 COLUMNS = ("name", "address", "words", "type", "scale", "unit", "meaning")
 
 Row = dict[str, Any]
@@ -56,11 +57,11 @@ def csv_text(targets: Sequence[Target] = ()) -> str:
 
 def plain_text(targets: Sequence[Target] = ()) -> str:
     """Aligned columns for a terminal, then the code tables."""
-    table = [("addr", "name", "type", "scale", "unit", "meaning"), *_table(targets)]
-    widths = [max(len(line[column]) for line in table) for column in range(5)]
+    table = [HEADER, *_table(targets)]
+    widths = [max(len(line[column]) for line in table) for column in range(4)]
     lines = [_headline(), ""]
     for cells in table:
-        lines.append("  ".join([*(c.ljust(w) for c, w in zip(cells, widths, strict=False)), cells[5]]))
+        lines.append("  ".join([*(c.ljust(w) for c, w in zip(cells, widths, strict=False)), cells[4]]))
     for title, _, names in _code_tables():
         lines += ["", f"{title}:"]
         lines += [f"  {number:>3}  {name}: {meaning}" for number, (name, meaning) in names.items()]
@@ -69,7 +70,7 @@ def plain_text(targets: Sequence[Target] = ()) -> str:
 
 def markdown(targets: Sequence[Target] = ()) -> str:
     """The same as Markdown tables."""
-    parts = [_headline() + "\n", markdown_table(("addr", "name", "type", "scale", "unit", "meaning"), _table(targets))]
+    parts = [_headline() + "\n", markdown_table(HEADER, _table(targets))]
     for title, key, names in _code_tables():
         cells = ((str(number), f"`{name}`", meaning) for number, (name, meaning) in names.items())
         parts += [f"### {title[0].upper()}{title[1:]}\n", markdown_table((key, "name", "meaning"), cells)]
@@ -95,7 +96,7 @@ def _limits(register: Register) -> str:
 
 
 def _table(targets: Sequence[Target]) -> list[tuple[str, ...]]:
-    """Address range, name, type, scale, unit, meaning; reserved places included, in order of address."""
+    """HEADER's columns; reserved places included, in order of address."""
     cells = [
         (
             row["address"],
@@ -103,15 +104,14 @@ def _table(targets: Sequence[Target]) -> list[tuple[str, ...]]:
                 _span(row["address"], row["words"]),
                 row["name"],
                 row["type"],
-                f"{row['scale']:g}",
-                row["unit"],
+                row["unit"] if row["scale"] == 1 else f"{row['scale']:g} {row['unit']}",
                 row["meaning"],
             ),
         )
         for row in rows(targets)
     ]
     cells += [
-        (place.address, (_span(place.address, place.words), "-", "-", "", "", f"reserved, reads 0: {place.purpose}"))
+        (place.address, (_span(place.address, place.words), "-", "-", "", f"reserved, reads 0: {place.purpose}"))
         for place in RESERVED
     ]
     return [line for _, line in sorted(cells)]

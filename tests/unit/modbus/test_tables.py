@@ -96,4 +96,4 @@ def test_text_and_markdown_show_every_register_code_and_reserved_place(capsys: p
         for meaning in (*REASON_MEANING.values(), *QUALITY_MEANING.values()):
             assert meaning in shown
         assert max(len(line) for line in shown.splitlines()) < 160
-    assert "| 12 | radius | uint16 | 0.1 | px |" in run(capsys, "--markdown")
+    assert "| 12 | radius | uint16 | 0.1 px |" in run(capsys, "--markdown")
