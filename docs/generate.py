@@ -103,6 +103,7 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
     "reaction-time.md": reaction_time.blocks(protocol.PERIOD_MS),
     "registers.md": {"registers": registers, **lamps.BLOCKS},
     "sparkplug.md": {"device metrics": tables.sparkplug},
+    "sensors.md": {"ranger profiles": tables.ranger_profiles},
     "simulator.md": {"keys and faults": tables.scenario},
     "visit.md": {
         "situations": situations.markdown,

@@ -4,6 +4,7 @@ from itertools import groupby
 
 from gateway.config.live import LIVE, LiveKeys
 from gateway.config.reference import key_table
+from gateway.config.sections.ranger_profiles import PROFILES
 from gateway.config.strict.section import inner_model
 from gateway.modbus.exports.tables import markdown_table
 from gateway.sim.scenario import FAULT_MEANING, Scenario
@@ -21,6 +22,23 @@ def live_keys() -> str:
     """What of a configuration takes effect while the gateway runs: docs/config.md."""
     rows = ((_title(row), ", ".join(f"`{key}`" for key in row.but) or "–", row.effect) for row in LIVE)
     return markdown_table(("live", "but not", "what happens"), rows)
+
+
+def ranger_profiles() -> str:
+    """Ready profiles of distance sensors: docs/sensors.md."""
+    return markdown_table(
+        ("`ranger.profile`", "device", "you set", "tried", "source, and what to know"),
+        (
+            (
+                f"`{name}`",
+                one.device,
+                ", ".join(f"`{key}`" for key in one.required),
+                one.tried,
+                f"{one.source}. {one.note}",
+            )
+            for name, one in PROFILES.items()
+        ),
+    )
 
 
 def access() -> str:

@@ -56,6 +56,7 @@ def warnings(settings: "GatewayConfig") -> list[str]:
 def main(args: argparse.Namespace) -> int:
     from gateway import config, config_check
     from gateway.config import reference
+    from gateway.config.sections.ranger_profiles import PROFILES
     from gateway.config.strict.errors import without_password
     from gateway.config.strict.toml_file import read_toml
     from gateway.errors import ConfigError
@@ -99,6 +100,10 @@ def main(args: argparse.Namespace) -> int:
         camera = without_password(bay.camera.url)
         rangers = ", ".join(f"ranger {sensor.port}" for sensor in bay.ranger.sensors)
         print(f"  bay {bay.name}: unit id {bay.unit_id}, camera {camera}, {rangers}")
+        for n, sensor in enumerate(bay.ranger.sensors, 1):
+            if (found := PROFILES.get(sensor.profile)) is not None:
+                values = ", ".join(f"{key} = {value}" for key, value in reference.flat(sensor) if key in found.names)
+                print(f"  bay {bay.name}: ranger {n}, profile {sensor.profile}: {values}")
         if idle := registry.method(bay.vision.method).without_effect(bay.vision):
             print(f'  bay {bay.name}: no effect with vision.method = "{bay.vision.method}": {", ".join(idle)}')
     return 0

@@ -17,7 +17,7 @@ NOT_DECIDING = (
     "name", "title", "unit_id",
     # Which device it is, how a lost one is opened again, and what is only reported of it.
     "camera.url", "camera.pace", "camera.loop", "camera.affinity", "camera.open_deadline_s", "camera.max_megapixels",
-    "camera.reconnect.", "camera.picture.", "ranger.port", "ranger.baud", "ranger.reconnect.",
+    "camera.reconnect.", "camera.picture.", "ranger.profile", "ranger.port", "ranger.baud", "ranger.reconnect.",
     "vision.workers", "vision.affinity",
 )  # fmt: skip
 """Keys, and the beginnings of sections."""

@@ -10,10 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pymodbus import FramerType
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from gateway.clock import SystemClock
+from gateway.config.sections.ranger_profiles import PROFILES
 from gateway.core.readings import Quality, RangeReading
 from tests.e2e.brokers import SEARCH, free_port
 from tests.e2e.test_ranger_port import Host, eventually, together
@@ -137,3 +139,63 @@ async def test_modbus_tcp_of_pymodbus_that_answers_an_exception_and_goes() -> No
         await asyncio.sleep(0.3)
         assert len(made.measured) == said
     await asyncio.gather(serving, return_exceptions=True)
+
+
+SPAN = {
+    "mm_per_unit": 4800 / 16000,
+    "offset_mm": 200 - 4800 / 4,
+    "nearest_mm": 200,
+    "farthest_mm": 5000,
+    "delay_ms": 50,
+}
+"""4 to 20 mA are 200 to 5000 mm."""
+IO_LINK = {"mm_per_unit": 1, "nearest_mm": 20, "farthest_mm": 5000}
+MAKERS: list[tuple[str, dict[str, Any], int, str, int, list[int], Quality, float | None]] = [
+    # profile, what it leaves to the plant, and as documented: unit, table, first register, what they hold
+    ("benewake-tf02-i", {}, 1, "holding", 0, [25, 800], Quality.GOOD, 250.0),
+    ("benewake-tf02-i", {}, 1, "holding", 0, [4500, 30], Quality.TOO_FAR, None),
+    ("dfrobot-sen0492", {}, 0x50, "holding", 0x34, [0x070B], Quality.GOOD, 1803.0),
+    ("dfrobot-sen0519", {}, 15, "holding", 5, [2500], Quality.GOOD, 2500.0),
+    ("dfrobot-sen0519", {}, 15, "holding", 5, [65535], Quality.NO_ECHO, None),
+    ("geolux-lx80-o", {}, 1, "holding", 1, [1250, 1300], Quality.GOOD, 1250.0),
+    ("ifm-al1940", {"number": IO_LINK}, 1, "holding", 1001, [0x0003, 250], Quality.GOOD, 250.0),
+    ("ifm-al1940", {"number": IO_LINK}, 1, "holding", 1001, [0x0001, 250], Quality.LINK_DOWN, None),
+    ("seeed-101991042", {}, 1, "holding", 0x0100, [999, 250], Quality.GOOD, 250.0),
+    ("waveshare-ai-8ch", {"number": SPAN}, 1, "input", 0, [12_000, 0], Quality.GOOD, 2600.0),
+    ("waveshare-ai-8ch", {"number": SPAN}, 1, "input", 0, [3_590, 12_000], Quality.LINK_DOWN, None),
+    ("waveshare-ai-8ch", {"number": SPAN}, 1, "input", 0, [20_000, 12_000], Quality.LINK_DOWN, None),
+]
+
+
+@in_real_time
+@pytest.mark.parametrize(("profile", "keys", "unit", "table", "first", "values", "quality", "mm"), MAKERS)
+async def test_a_profile_reads_the_registers_of_its_maker(
+    profile: str,
+    keys: dict[str, Any],
+    unit: int,
+    table: str,
+    first: int,
+    values: list[int],
+    quality: Quality,
+    mm: float | None,
+) -> None:
+    none = SimData(9999, values=0, datatype=DataType.REGISTERS)
+    bits = SimData(0, values=False, datatype=DataType.BITS)
+    held = [SimData(first, values=values, datatype=DataType.REGISTERS)]
+    holding, inputs = (held, [none]) if table == "holding" else ([none], held)
+    framer = FramerType.SOCKET if PROFILES[profile].keys["modbus"].get("framing") == "tcp" else FramerType.RTU
+    port = free_port()
+    device = SimDevice(unit, simdata=([bits], [bits], holding, inputs))
+    server = ModbusTcpServer(device, framer=framer, address=("127.0.0.1", port))
+    serving = asyncio.create_task(server.serve_forever())
+    made = Host(f"socket://127.0.0.1:{port}", SystemClock(), profile=profile, **FAST, **keys)
+    async with together(made.supervisor.run):
+        reading = await made.until(lambda r: r.quality is quality)
+        assert reading.distance_mm == (None if mm is None else pytest.approx(mm))
+        await server.shutdown()  # type: ignore[no-untyped-call]
+        await asyncio.sleep(0.1)  # its sockets are closed by the loop
+    await asyncio.gather(serving, return_exceptions=True)
+
+
+def test_every_profile_is_tried_so() -> None:
+    assert {one[0] for one in MAKERS} == set(PROFILES)

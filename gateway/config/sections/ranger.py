@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from gateway.config.sections.common import MAX_DISTANCE_MM, Reconnect
+from gateway.config.sections.ranger_profiles import NONE, ProfileNames, with_profile
 from gateway.config.strict.errors import FieldError
 from gateway.config.strict.section import NameIn, Section
 from gateway.registry import Registry
@@ -170,6 +171,9 @@ class RangerConfig(Section):
     """One sensor. What every type has, and a section for each type that has keys of its own."""
 
     type: Annotated[str, NameIn(RANGERS)] = Field("hcsr04", description="the kind of sensor and board")
+    profile: Annotated[str, NameIn(ProfileNames())] = Field(
+        NONE, description="a device whose keys are known (docs/sensors.md); keys that are set here come first"
+    )
     port: str = Field(
         "/dev/ttyACM0", min_length=1, description="any pyserial URL: device, socket://host:port, rfc2217://host:port"
     )
@@ -210,9 +214,9 @@ class RangerConfig(Section):
 
     @model_validator(mode="before")
     @classmethod
-    def _former_keys(cls, given: Any) -> Any:
+    def _completed(cls, given: Any) -> Any:
         """Recordings have them, too."""
-        return _moved(given)
+        return with_profile(_moved(given))
 
     @property
     def has_relay(self) -> bool:

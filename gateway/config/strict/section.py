@@ -3,13 +3,19 @@
 import math
 from dataclasses import dataclass
 from types import UnionType
-from typing import Any, Literal, Union, get_args, get_origin
+from typing import Any, Literal, Protocol, Union, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, ValidationInfo, field_validator
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticKnownError, core_schema
 
-from gateway.registry import Registry
+
+class Names(Protocol):
+    """What may be named: the parts of a registry, the entries of a table."""
+
+    def names(self) -> tuple[str, ...]: ...
+
+    def __contains__(self, name: object) -> bool: ...
 
 
 class Section(BaseModel):
@@ -32,9 +38,9 @@ class Section(BaseModel):
 
 @dataclass(frozen=True)
 class NameIn:
-    """Annotates a string key: the name of a part in a registry. Refused with the same text as a `Literal`'s."""
+    """Annotates a string key: the name of such a part. Refused with the same text as a `Literal`'s."""
 
-    parts: Registry
+    parts: Names
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
         return core_schema.no_info_before_validator_function(self._checked, handler(source))
