@@ -36,6 +36,12 @@ void truth_close(void);
 void truth(uint64_t at, const char *type, const char *format, ...) __attribute__((format(printf, 3, 4)));
 void truth_line(uint64_t at, const uint8_t *line, size_t size);
 
+// The LED on D6, of which truth.c also keeps the newest changes for the simulated camera (gateway/sim/led.py).
+#define LED_CYCLES 256u
+bool led_open(const char *path, uint64_t zero_ns); // zero_ns: the host's clock at the board's time 0
+void led_close(const char *path);                  // the file is removed
+void led_is(uint64_t at, bool lit);
+
 // -- board.c: the Uno
 typedef struct {
     const char *elf, *bootloader; // bootloader: an Intel hex file, or NULL: the sketch starts at once

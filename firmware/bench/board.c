@@ -20,7 +20,7 @@
 
 // ATmega328P data sheet, register summary; data memory addresses.
 enum { PINB = 0x23, MCUSR = 0x54, UCSR0A = 0xC0, UCSR0C = 0xC2, UBRR0L = 0xC4, UBRR0H = 0xC5, RAM = 0x100 };
-enum { ECHO_PIN = 0, RELAY_PIN = 4, RELAY_PINS = 2, TRIG_PIN = 7, U2X0 = 1 << 1 };
+enum { ECHO_PIN = 0, RELAY_PIN = 4, RELAY_PINS = 2, BEACON_PIN = 6, TRIG_PIN = 7, U2X0 = 1 << 1 };
 enum { BOOT_START = 0x7E00, RUNAWAY = 0x7DFE };
 
 static avr_t *avr;
@@ -33,6 +33,7 @@ static uint64_t offset;      // bench time less simavr's
 static uint64_t idle_until;  // the boot delay: the processor does not run before
 static bool powered, held, echo_high, was_reset;
 static unsigned relay_pins; // D4 and D5, one bit each
+static bool lit;            // D6
 static double adc_mv = 750.0;
 
 uint64_t board_now(void) { return avr->cycle + offset; }
@@ -80,6 +81,17 @@ static void on_relay(avr_irq_t *irq, uint32_t value, void *param) {
     relay_pins_are(value & 1u ? relay_pins | bit : relay_pins & ~bit);
 }
 
+static void beacon_is(bool on) {
+    if (on == lit) return;
+    lit = on;
+    led_is(board_now(), on);
+}
+
+static void on_beacon(avr_irq_t *irq, uint32_t value, void *param) {
+    (void)irq, (void)param;
+    beacon_is(value & 1u);
+}
+
 static void on_reset(avr_t *unused) {
     (void)unused;
     was_reset = true;
@@ -110,6 +122,7 @@ static void after_reset(int cause) {
     link_silence();
     sensor_restarted();
     relay_pins_are(0); // inputs, and pulled down
+    beacon_is(false);
     truth(board_now(), "reset", ", \"mcusr\": %d", cause);
 }
 
@@ -190,6 +203,7 @@ bool board_open(const board_options_t *wanted) {
     avr_irq_register_notify(uart_out, on_uart_out, NULL);
     for (uintptr_t i = 0; i < RELAY_PINS; i++)
         avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('D'), (int)(RELAY_PIN + i)), on_relay, (void *)i);
+    avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('D'), BEACON_PIN), on_beacon, NULL);
     static const uint16_t pace[] = {UCSR0A, UCSR0C, UBRR0L, UBRR0H};
     for (size_t i = 0; i < sizeof pace / sizeof *pace; i++)
         avr_irq_register_notify(avr_iomem_getirq(avr, pace[i], NULL, AVR_IOMEM_IRQ_ALL), on_uart_register, NULL);
@@ -204,6 +218,7 @@ void board_power(bool on) {
     truth(board_now(), "power", ", \"on\": %s", on ? "true" : "false");
     if (!on) {
         relay_pins_are(0);
+        beacon_is(false);
         link_silence();
         sensor_power(false);
         return;
@@ -220,7 +235,7 @@ void board_reset(void) {
 void board_hold(bool on) {
     if (on == held) return;
     held = on;
-    if (on) link_silence(), relay_pins_are(0);
+    if (on) link_silence(), relay_pins_are(0), beacon_is(false);
     else if (powered) restart(RESET_LINE);
 }
 

@@ -25,6 +25,8 @@ static const char USAGE[] =
     "  --own-folder         PATH's folder is removed at the end, if nothing else is in it\n"
     "  --uart FILE          writes down what reaches the host\n"
     "  --truth FILE         writes down what was played, one JSON object a line\n"
+    "  --led FILE           keeps what the LED on D6 showed last, for the simulated camera\n"
+    "  --clock NS           its clock at the board's time 0; 0\n"
     "  --scenario FILE      commands to begin with\n"
     "  --until MS           end after so many ms of the board's time\n"
     "  --fast               as fast as possible, without the pace of real time; needs --until\n"
@@ -119,19 +121,23 @@ static double positive(const char *name, const char *text, double low, double hi
 int main(int argc, char **argv) {
     static const struct option known[] = {
         {"elf", 1, NULL, 'e'},   {"port", 1, NULL, 'p'},   {"uart", 1, NULL, 'u'},  {"truth", 1, NULL, 't'},
+        {"led", 1, NULL, 'L'},   {"clock", 1, NULL, 'C'},
         {"until", 1, NULL, 'n'}, {"fast", 0, NULL, 'f'},   {"speed", 1, NULL, 's'}, {"scenario", 1, NULL, 'c'},
         {"dtr", 0, NULL, 'd'},   {"own-folder", 0, NULL, 'w'},  {"origin", 1, NULL, 'o'}, {"boot", 1, NULL, 'b'},  {"bootloader", 1, NULL, 'l'},
         {"seed", 1, NULL, 'r'},  {"stdin", 0, NULL, 'i'},  {"help", 0, NULL, 'h'},  {NULL, 0, NULL, 0}};
     board_options_t board = {.seed = 1};
     port_options_t port = {0};
     pace_t pace = {.speed = 1.0, .until = NEVER, .origin_ns = monotonic_ns()};
-    const char *truth_path = NULL, *uart_path = NULL, *scenario_path = NULL;
+    const char *truth_path = NULL, *uart_path = NULL, *scenario_path = NULL, *led_path = NULL;
+    uint64_t clock_ns = 0;
     for (int c; (c = getopt_long(argc, argv, "", known, NULL)) != -1;) {
         switch (c) {
         case 'e': board.elf = optarg; break;
         case 'p': port.path = optarg; break;
         case 'u': uart_path = optarg; break;
         case 't': truth_path = optarg; break;
+        case 'L': led_path = optarg; break;
+        case 'C': clock_ns = strtoull(optarg, NULL, 10); break;
         case 'c': scenario_path = optarg; break;
         case 'n': pace.until = cycles_of_ms(positive("until", optarg, 0, 1e12)); break;
         case 'f': pace.fast = true; break;
@@ -152,6 +158,7 @@ int main(int argc, char **argv) {
         return 2;
     }
     if (truth_path && !truth_open(truth_path, !pace.fast)) return perror(truth_path), 1;
+    if (led_path && !led_open(led_path, clock_ns)) return perror(led_path), 1;
     if (uart_path && !(port.capture = fopen(uart_path, "wb"))) return perror(uart_path), 1;
     const struct sigaction end = {.sa_handler = on_signal};
     (void)sigaction(SIGTERM, &end, NULL);
@@ -171,6 +178,7 @@ int main(int argc, char **argv) {
     const char *const crash = board_crashed();
     truth(board_now(), "end", ", \"dropped_bytes\": %llu, \"lost_ns\": %llu", (unsigned long long)port_dropped,
           (unsigned long long)pace.lost_ns);
+    led_close(led_path); // before the port, which removes the folder
     port_close();
     truth_close();
     if (port.capture) fclose(port.capture);

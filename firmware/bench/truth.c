@@ -6,6 +6,8 @@
 
 static FILE *out;
 static bool real;
+static FILE *led;
+static uint64_t led_zero_ns;
 
 static void begin(uint64_t at, const char *type) {
     fprintf(out, "{\"t_ns\": %llu, ", (unsigned long long)ns_of(at));
@@ -23,6 +25,29 @@ bool truth_open(const char *path, bool with_real_time) {
 void truth_close(void) {
     if (out) fclose(out);
     out = NULL;
+}
+
+bool led_open(const char *path, uint64_t zero_ns) {
+    led = fopen(path, "wb");
+    led_zero_ns = zero_ns;
+    return led != NULL;
+}
+
+void led_close(const char *path) {
+    if (!led) return;
+    fclose(led);
+    (void)remove(path);
+    led = NULL;
+}
+
+void led_is(uint64_t at, bool lit) {
+    static uint64_t count;
+    truth(at, "led", ", \"lit\": %s", lit ? "true" : "false");
+    if (!led) return;
+    const int64_t cycle[2] = {(int64_t)(led_zero_ns + ns_of(at)), lit};
+    if (fseek(led, (long)(count++ % LED_CYCLES * sizeof cycle), SEEK_SET) == 0)
+        (void)!fwrite(cycle, sizeof cycle, 1, led);
+    fflush(led);
 }
 
 void truth(uint64_t at, const char *type, const char *format, ...) {

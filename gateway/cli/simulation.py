@@ -33,6 +33,7 @@ from gateway.sim import scenario as scenarios
 from gateway.sim import trials
 from gateway.sim.camera import SimCameraSpec
 from gateway.sim.emulator import EmulatedRanger, check_built
+from gateway.sim.led import Led
 from gateway.sim.ranger import SimulatedRanger, options_of
 from gateway.sim.scenario import Scenario
 from gateway.sim.world import TruckHold
@@ -251,7 +252,7 @@ class _Simulation:
             rangers = {bay.name: [self._ranger(bay, n) for n, _ in enumerate(sensors[bay.name])] for bay in self._bays}
             for ranger in chain(*rangers.values()):
                 await stack.enter_async_context(ranger)
-            fixed = {bay.name: settings_of(bay.camera.controls) for bay in self._settings.bays}
+            cameras = {bay.name: bay.camera for bay in self._settings.bays}
             ports = Ports(
                 camera={
                     bay.name: SimCameraSpec(
@@ -259,7 +260,12 @@ class _Simulation:
                         bay.origin_ns,
                         f"simulated camera of {bay.name}",
                         bay.hold,
-                        fixed[bay.name],
+                        settings_of(cameras[bay.name].controls),
+                        Led.of(
+                            cameras[bay.name],
+                            rangers[bay.name][0].led,
+                            (bay.scenario.camera.width_px, bay.scenario.camera.height_px),
+                        ),
                     )
                     for bay in self._bays
                 },

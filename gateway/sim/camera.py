@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, ClassVar
 
 from gateway.clock import Clock
 from gateway.core.readings import AgeProof
-from gateway.durations import NS_PER_S
+from gateway.durations import NS_PER_MS, NS_PER_S
 from gateway.errors import LinkError
 from gateway.sim.controls import SimControls
+from gateway.sim.led import Led
 from gateway.sim.scenario import DEFAULT_EXPOSURE_MS, Camera, FaultKind, Scenario
 from gateway.sim.world import TruckHold, World
 from gateway.vision.exposure.settings import Exposure, ExposureLimits, ExposureRules
@@ -35,12 +36,13 @@ class SimCameraSpec:
     label: str = "simulated camera"
     hold: TruckHold | None = None
     controls: tuple[ControlSetting, ...] = ()  # of those that it has not, nothing is simulated
+    led: Led | None = None  # of the beacon, in its view
 
     def open(self, clock: Clock) -> "SimCamera":
         """Paints the textures, most of a second. Raises LinkError while the scenario has the camera lost."""
         from gateway.sim.render import Painter  # noqa: PLC0415 - OpenCV stays out of the main process
 
-        camera = SimCamera(self, clock, Painter(self.scenario))
+        camera = SimCamera(self, clock, Painter(self.scenario, self.led))
         camera.check_link()
         return camera
 
@@ -87,6 +89,7 @@ class SimCamera(Source):
         self._controls = CameraControls(self._device, spec.label, taken)
         self._controls.apply(clock.now_ns())
         self._last = self._index(clock.now_ns())  # of the frame exposed last; negative before world time 0
+        self._lit = (self._last - 1, 0.0)  # number of the picture that is shown, and how much of its exposure is lit
 
     def read(self) -> Frame:
         """The next frame, stamped at the middle of its exposure, when it is due.
@@ -103,13 +106,22 @@ class SimCamera(Source):
         self.check_link()
         t_ns = self._clock.now_ns()
         self._last = self._index(t_ns)
-        shown_s, index = self._world_s(t_ns), self._last
+        shown_s, index = self._spec.scenario.shown_s(self._world_s(t_ns)), self._last
         stuck_s = self._spec.scenario.since_s(FaultKind.CAMERA_STUCK, shown_s)
         if stuck_s is not None:
             shown_s, index = stuck_s, round(stuck_s * NS_PER_S) // self._period_ns
         exposure = None if self._exposure is None else self._exposure.of_frame(index)
-        picture = self._device.seen(self._painter.frame(self._world.truth(shown_s), index, exposure))
+        lit = self._lit_share(index, shown_s, exposure)
+        picture = self._device.seen(self._painter.frame(self._world.truth(shown_s), index, exposure, lit))
         return Frame(picture, t_ns, age_proof=AgeProof.OWN_CLOCK)
+
+    def _lit_share(self, index: int, shown_s: float, exposure: Exposure | None) -> float:
+        """For which part of the exposure the LED was lit. One picture always shows the same."""
+        if self._spec.led is not None and index != self._lit[0]:
+            ms = self._spec.scenario.camera.exposure_ms if exposure is None else exposure.time_us / 1000
+            middle_ns, half_ns = self._spec.origin_ns + round(shown_s * NS_PER_S), round(ms * NS_PER_MS / 2)
+            self._lit = (index, self._spec.led.lit(middle_ns - half_ns, middle_ns + half_ns))
+        return self._lit[1]
 
     def controls(self) -> CameraControls:
         return self._controls

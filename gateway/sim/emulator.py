@@ -127,6 +127,11 @@ class EmulatedRanger:
         """The path to open. It stays the same when the cable is pulled and put back; unplugged, it does not exist."""
         return str(self._directory / "ranger")
 
+    @property
+    def led(self) -> str:
+        """The path of what the LED on D6 shows, for `Led`."""
+        return str(self._directory / "led")
+
     async def run(self) -> None:
         """Feed the bench; never returns. Raises LinkError when it has ended; called again, it starts a new one."""
         if self._process is None or self._process.returncode is not None:
@@ -145,6 +150,7 @@ class EmulatedRanger:
         self._board_0_ns = self._fed_ns = clock.now_ns()
         origin_ns = clock.origin_ns + round((self._board_0_ns - clock.origin_ns) / clock.speed)
         arguments = [*self._arguments, "--port", self.port, "--origin", str(origin_ns)]
+        arguments += ["--led", self.led, "--clock", str(self._board_0_ns)]
         arguments += ["--truth", str(self._log)] if self._log else []
         self._sent: dict[str, str] = commands_of({}, SensorErrors(-1.0))
         self._process = await asyncio.create_subprocess_exec(

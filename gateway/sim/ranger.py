@@ -15,6 +15,7 @@ from typing import Any, Self
 from gateway.clock import Clock
 from gateway.durations import NS_PER_S
 from gateway.sim.hcsr04 import SensorErrors
+from gateway.sim.led import LedFile
 from gateway.sim.ranger_board import POWER_ON, RESET_LINE, Faults, RangerBoard, RangerFault
 from gateway.sim.scenario import FaultKind, Scenario
 from gateway.sim.world import World
@@ -100,6 +101,8 @@ class SimulatedRanger:
 
     async def __aenter__(self) -> Self:
         self._directory = Path(tempfile.mkdtemp(prefix="ranger-"))
+        self._led = LedFile(self.led)
+        self._board.show = self._led.show
         self._plug()
         return self
 
@@ -107,7 +110,13 @@ class SimulatedRanger:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._unplug()
+        self._led.close()
         shutil.rmtree(self._directory)
+
+    @property
+    def led(self) -> str:
+        """The path of what the beacon's LED shows, for `Led`."""
+        return str(self._directory / "led")
 
     @property
     def port(self) -> str:

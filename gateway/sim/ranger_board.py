@@ -136,7 +136,7 @@ class RangerBoard:
     ) -> None:
         self.faults: Faults = {}
         self.show: Callable[[int, bool], None] | None = None
-        """Called with each state of the beacon's LED, and when it begins."""
+        """Called with each state of the beacon's LED and when it begins, a cycle ahead: in time for a picture of it."""
         self._distance_mm = distance_mm
         self._errors = errors or SensorErrors()
         self._air_c, self._boot_ns = air_c, boot_ns
@@ -145,6 +145,7 @@ class RangerBoard:
         self._code = Random(f"{seed}/code")
         self._wire: deque[tuple[int, bytes]] = deque()  # (time of the first start bit, bytes still to go)
         self._version = PROTOCOL_VERSION
+        self._lit, self._lit_ns = False, 0
         self.lost_lines = 0
 
     def boot(self, now_ns: int, mcusr: int) -> None:
@@ -155,6 +156,8 @@ class RangerBoard:
         self._beacon: int | None = None
         self._wire.clear()
         self._up_ns = self._wire_free_ns = self._trigger_ns = now_ns + self._boot_ns
+        if self._lit:
+            self._light(self._up_ns, False)
         self._hello(self._up_ns)
 
     def hear(self, data: bytes, now_ns: int) -> None:
@@ -165,6 +168,7 @@ class RangerBoard:
             self.relay.hear(data)
         if BEACON_REQUEST in data and self._beacon is None and now_ns >= self._up_ns:
             self._beacon = 0
+            self._draw(self._trigger_ns)
 
     def advance(self, now_ns: int) -> bytes:
         """Run up to `now_ns`; the bytes that were completely sent since the last call."""
@@ -204,9 +208,8 @@ class RangerBoard:
     def _cycle(self, trigger_ns: int) -> None:
         echo = self._echo(trigger_ns)
         if self._beacon is not None:
-            self._beacon = (self._beacon << 1 | self._code.getrandbits(1)) % (1 << BEACON_CYCLES)
-            if self.show is not None:
-                self.show(trigger_ns, bool(self._beacon & 1))
+            self._beacon = (self._beacon << 1 | self._lit) % (1 << BEACON_CYCLES)
+            self._draw(trigger_ns + PERIOD_NS)
         ready_ns = trigger_ns + min(echo.fell_ns, PERIOD_NS)
         relay = self.relay.measured(self._seq, echo, ready_ns)
         measurement = Measurement(self._seq, echo.ticks, echo.flags, relay=relay, beacon=self._beacon)
@@ -214,6 +217,14 @@ class RangerBoard:
         self._seq = (self._seq + 1) & MAX_SEQ
         if trigger_ns - self._hello_ns >= HELLO_NS:
             self._hello(trigger_ns)
+
+    def _draw(self, trigger_ns: int) -> None:
+        self._light(trigger_ns, bool(self._code.getrandbits(1)))
+
+    def _light(self, from_ns: int, lit: bool) -> None:
+        self._lit, self._lit_ns = lit, max(from_ns, self._lit_ns)
+        if self.show is not None:
+            self.show(self._lit_ns, lit)
 
     def _echo(self, trigger_ns: int) -> Echo:
         here_mm = self._distance_mm(trigger_ns)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from gateway.sim.ambient import ambient, glare_at, glare_map
 from gateway.sim.canvas import u8
+from gateway.sim.led import Led
 from gateway.sim.scenario import DEFAULT_EXPOSURE_MS, Camera, Dust, FaultKind, Glare, Light, Scenario
 from gateway.sim.sensor import Sensor
 from gateway.sim.spout import Spout
@@ -25,6 +26,9 @@ from gateway.vision.pixels import Image
 NOISE_MARGIN_PX = 64  # the noise pool is so much larger than the frame; a window of it moves about
 CLOUD_PER_M = 6.0  # extinction that a cloud of dust adds: four fifths of the light are lost on 28 cm
 AIRLIGHT = (206, 206, 204)  # cement dust in the light of the bay, BGR
+LED_BODY = (44, 44, 44)  # the beacon's, dark
+LED_LEVEL = 0.6  # its light, in units of white
+LED_SIZE = 0.8  # of `radius_px`, as far as the light reaches
 Box = tuple[int, int, int, int]  # x0, y0, x1, y1 of a window of the frame, px, the last two beyond it
 
 NEUTRAL = 128  # light map value for a gain of 1
@@ -44,9 +48,9 @@ def _painter(scenario: Scenario) -> "Painter":
 
 
 class Painter:
-    """The textures and maps of one scenario."""
+    """The textures and maps of one scenario, and of the beacon in its camera's view."""
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, led: Led | None = None) -> None:
         self._scenario = scenario
         self._size = (scenario.camera.width_px, scenario.camera.height_px)
         self._surfaces = surfaces(scenario)
@@ -58,12 +62,14 @@ class Painter:
         self._noise = _noise_pool(scenario)
         self._glares: dict[Glare, NDArray[np.float32]] = {}
         self._sensor: Sensor | None = None
+        self._led = None if led is None else _led_cover(led, self._size)
 
-    def frame(self, truth: Truth, frame_index: int, exposure: Exposure | None = None) -> Image:
-        """`exposure`: the camera is set to this; None: it always gives what the scenario says."""
+    def frame(self, truth: Truth, frame_index: int, exposure: Exposure | None = None, lit: float = 0.0) -> Image:
+        """`exposure`: the camera is set to this; None: it always gives what the scenario says. `lit`: for which part of
+        the exposure the beacon's LED was."""
         scenario = self._scenario
         if exposure is not None:
-            return self._exposed(truth, frame_index, exposure)
+            return self._exposed(truth, frame_index, exposure, lit)
         if scenario.active(FaultKind.CAMERA_BLACK, truth.t_s):
             image: Image = np.zeros((self._size[1], self._size[0], 3), dtype=np.uint8)
             return self._noisy(image, frame_index)
@@ -72,6 +78,10 @@ class Painter:
         for glare in glare_at(scenario, truth.t_s):
             share = np.minimum(self._glare(glare) * 255, 255).astype(np.uint8)
             cv2.add(image, cv2.merge([share] * 3), dst=image)
+        if self._led is not None and lit > 0:
+            (x0, y0, x1, y1), cover = self._led
+            part = image[y0:y1, x0:x1]
+            part[:] = np.minimum(part + (cover * np.float32(255 * LED_LEVEL * lit))[..., None], 255)
         return self._noisy(image, frame_index)
 
     def _surface(self, truth: Truth, exposure_s: float) -> Image:
@@ -80,12 +90,15 @@ class Painter:
         self._marker(image, truth)
         image = _blurred(image, truth, exposure_s)
         self._spout.draw(image, truth)
+        if self._led is not None:
+            box, cover = self._led
+            _lay(image, box, np.full((*cover.shape, 3), LED_BODY, np.uint8), cover)
         return self._dusty(image, truth)
 
     def _gain(self, t_s: float) -> float:
         return brightness(self._scenario.light, t_s) * ambient(self._scenario.ambient, t_s)
 
-    def _exposed(self, truth: Truth, frame_index: int, exposure: Exposure) -> Image:
+    def _exposed(self, truth: Truth, frame_index: int, exposure: Exposure, lit: float) -> Image:
         scenario, exposure_s = self._scenario, exposure.time_us / 1e6
         if self._sensor is None:
             self._sensor = Sensor(*self._size, scenario.seed, noise=scenario.camera.noise > 0)
@@ -93,6 +106,9 @@ class Painter:
         light *= self._light
         for glare in glare_at(scenario, truth.t_s):
             light += self._glare(glare)[..., None]
+        if self._led is not None:
+            (x0, y0, x1, y1), cover = self._led
+            light[y0:y1, x0:x1] += (cover * np.float32(LED_LEVEL * lit))[..., None]
         if scenario.active(FaultKind.CAMERA_BLACK, truth.t_s):
             light[:] = 0
         return self._sensor.picture(light, exposure_s / fills_s(scenario.camera), exposure.gain_db, frame_index)
@@ -123,7 +139,7 @@ class Painter:
         radius = truth.radius_px
         scale = radius / self._scenario.marker.radius_mm
         covered = self._scenario.active(FaultKind.MARKER_HIDDEN, truth.t_s)
-        box = _window(truth, COVER * radius if covered else radius + 1, self._size)
+        box = _window(truth.u_px, truth.v_px, COVER * radius if covered else radius + 1, self._size)
         if box is None:
             return
         if covered:
@@ -194,9 +210,9 @@ def _lay(image: Image, box: Box, over: Image, share: NDArray[np.float32]) -> Non
     part[:] = cv2.blendLinear(over, np.ascontiguousarray(part), share, 1 - share)
 
 
-def _window(truth: Truth, half: float, size: tuple[int, int]) -> Box | None:
-    x0, y0 = max(0, math.floor(truth.u_px - half)), max(0, math.floor(truth.v_px - half))
-    x1, y1 = min(size[0], math.ceil(truth.u_px + half) + 1), min(size[1], math.ceil(truth.v_px + half) + 1)
+def _window(u_px: float, v_px: float, half: float, size: tuple[int, int]) -> Box | None:
+    x0, y0 = max(0, math.floor(u_px - half)), max(0, math.floor(v_px - half))
+    x1, y1 = min(size[0], math.ceil(u_px + half) + 1), min(size[1], math.ceil(v_px + half) + 1)
     return (x0, y0, x1, y1) if x0 < x1 and y0 < y1 else None
 
 
@@ -247,6 +263,13 @@ def _streak(du: float, dv: float) -> NDArray[np.float32]:
                 if weight_a * weight_b > 0:
                     kernel[b, a] += weight_a * weight_b
     return kernel / np.float32(samples)
+
+
+def _led_cover(led: Led, size: tuple[int, int]) -> tuple[Box, NDArray[np.float32]] | None:
+    """Its window, and how much of each pixel it covers; None: it is not in the picture."""
+    radius = LED_SIZE * led.radius_px
+    box = _window(led.u_px, led.v_px, radius + 1, size)
+    return None if box is None else (box, disc_cover(led.u_px, led.v_px, radius, box))
 
 
 def _light_map(light: Light, size: tuple[int, int]) -> Image:

@@ -22,6 +22,8 @@ class FaultKind(StrEnum):
     CAMERA_LOST = "camera_lost"
     CAMERA_BLACK = "camera_black"
     CAMERA_STUCK = "camera_stuck"
+    CAMERA_LATE = "camera_late"
+    CAMERA_LOOPED = "camera_looped"
     MARKER_HIDDEN = "marker_hidden"
     SPOUT_DOWN = "spout_down"
     DUST_CLOUD = "dust_cloud"
@@ -43,6 +45,8 @@ FAULT_MEANING: dict[FaultKind, str] = {
     FaultKind.CAMERA_LOST: "the camera is gone, and opening it fails",
     FaultKind.CAMERA_BLACK: "frames arrive, but black, as behind a lens cap",
     FaultKind.CAMERA_STUCK: "frames arrive, each with a new time, but all show the same picture",
+    FaultKind.CAMERA_LATE: "frames arrive, each with a new time, but show what was `delay_s` ago",
+    FaultKind.CAMERA_LOOPED: "frames arrive, each with a new time, but repeat the last `delay_s` before the fault",
     FaultKind.MARKER_HIDDEN: "a grey tarpaulin hangs over the marker",
     FaultKind.SPOUT_DOWN: "the loading spout comes down before the marker, covers it and goes up again at the end",
     FaultKind.DUST_CLOUD: "loading raises so much dust that hardly anything can be seen",
@@ -69,6 +73,7 @@ class Fault(Section):
     distance_cm: float = Field(
         20.0, ge=2, le=400, description="distance of the echo of a ranger_echo; others have no distance"
     )
+    delay_s: float = Field(2.0, gt=0, le=10, description="of a camera_late or camera_looped; others have none")
 
     def active(self, t_s: float) -> bool:
         """Does it hold at world time `t_s`?"""
@@ -260,10 +265,19 @@ class Scenario(Section):
 
     def since_s(self, kind: FaultKind, t_s: float) -> float | None:
         """When the fault of this kind began that holds at world time `t_s`; None: there is none."""
-        for fault in self.faults:
-            if fault.kind is kind and fault.active(t_s):
-                return fault.at_s
-        return None
+        fault = self._fault(kind, t_s)
+        return None if fault is None else fault.at_s
+
+    def shown_s(self, t_s: float) -> float:
+        """World time of what the camera's picture of `t_s` shows, where it is late or repeats itself."""
+        if (late := self._fault(FaultKind.CAMERA_LATE, t_s)) is not None:
+            return t_s - late.delay_s
+        if (looped := self._fault(FaultKind.CAMERA_LOOPED, t_s)) is not None:
+            return looped.at_s - looped.delay_s + (t_s - looped.at_s) % looped.delay_s
+        return t_s
+
+    def _fault(self, kind: FaultKind, t_s: float) -> Fault | None:
+        return next((fault for fault in self.faults if fault.kind is kind and fault.active(t_s)), None)
 
 
 def load(path: Path, overrides: Mapping[str, Any] | None = None) -> Scenario:

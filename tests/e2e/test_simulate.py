@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 
+from gateway.core.beacon import BeaconStatus
 from gateway.core.readings import Quality
 from gateway.core.state import Reason
 from gateway.modbus.registers.register_map import REGISTERS
@@ -274,6 +275,31 @@ def test_a_stuck_picture_of_a_truck_far_away_gives_no_leave_to_move(tmp_path: Pa
         plc.wait_for(lambda image: image["reason"] == Reason.CAMERA_DOWN, timeout_s=60)
         stuck = plc.wait_for_beats(100)
         assert {(p.image["stop"], p.image["may_move"], p.image["radius"]) for p in stuck} == {(1, 0, None)}
+
+
+@pytest.mark.parametrize("ranger", mostly_long(["simulated", "firmware"]))
+def test_a_beacon_is_seen_in_rendered_pictures_and_late_ones_stop_the_truck(ranger: str, tmp_path: Path) -> None:
+    """The pictures are 0.9 s late, again and again."""
+    text = STANDING + "".join(
+        f'[[faults]]\nkind = "camera_late"\nat_s = {at_s}\nfor_s = 10\ndelay_s = 0.9\n' for at_s in range(10, 300, 20)
+    )
+    path = tmp_path / "beacon.toml"
+    path.write_text(
+        f'instance = "test-{os.getpid()}"\n[ranger.hcsr04]\nbeacon = true\n'
+        "[camera.beacon]\nu_px = 600\nv_px = 40\nradius_px = 8\n"
+    )
+    with (
+        Gateway(
+            *("simulate", "--config", str(path), "--scenario", scenario(tmp_path, text), "--ranger", ranger),
+            *("--modbus-port", "0", "--json", *LIGHT),
+        ) as gateway,
+        Plc(gateway.started()["modbus_port"]) as plc,
+    ):
+        proven = plc.wait_for(lambda image: image["beacon_status"] == BeaconStatus.PROVEN, timeout_s=60)
+        assert proven.image["beacon_latency"] < 250
+        plc.wait_for(lambda image: image["may_move"] == 1, timeout_s=60)
+        lost = plc.wait_for(lambda image: image["reason"] == Reason.BEACON_LOST, timeout_s=60)
+        assert (lost.image["stop"], lost.image["may_move"], lost.image["radius"]) == (1, 0, None)
 
 
 @pytest.mark.failure_mode("Q1")

@@ -42,6 +42,14 @@ class Framing:
             size = width, height
         return size[::-1] if self.rotation_deg % 180 else size
 
+    def delivered(self, u_px: float, v_px: float, delivered_px: SizePx) -> tuple[float, float]:
+        """Where a point of what is used lies in the delivered picture. Raises LinkError as `size_px`."""
+        width, height = self.size_px(delivered_px)
+        for _ in range(self.rotation_deg // 90):
+            u_px, v_px, width, height = v_px, width - 1 - u_px, height, width
+        left, top = (0, 0) if self.crop is None else self.crop[:2]
+        return u_px + left, v_px + top
+
     def used(self, frame: Frame) -> Frame:
         """What is used of a frame whose size has been checked."""
         pixels = frame.pixels
