@@ -86,12 +86,14 @@ def plant(
     records: Callable[[Path], None] | None = None,
     hmi_port: int = 0,
     keeps: bool = False,
+    more: str = "",
 ) -> Iterator[Plant]:
     """Runs until the block ends; leaves no process behind. `records`: it records, and this makes what it has recorded
-    already, in the folder of all bays. `hmi_port`: 0: any. `keeps`: it has a folder for its state."""
+    already, in the folder of all bays. `hmi_port`: 0: any. `keeps`: it has a folder for its state. `more`: of the
+    configuration."""
     config, story = folder / "plant.toml", folder / "scenario.toml"
     instance = f"test-{uuid4().hex[:12]}"
-    text = CONFIG.format(instance=instance, role=role, users=users)
+    text = CONFIG.format(instance=instance, role=role, users=users) + more
     config.write_text(text if records is None else text + FOR_EVER)
     story.write_text(scenario)
     state = ("--state-dir", str(folder / "state")) if keeps or records is not None else ()

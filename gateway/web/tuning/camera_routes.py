@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import Field
 
 from gateway.config import ControlsConfig
-from gateway.config.sections.vision import CropConfig
+from gateway.config.sections.vision import BeaconConfig, CropConfig
 from gateway.vision.source.v4l2_controls import AUTOMATIC_OF, CONTROLS, FLAGS, MENUS, OfferedControl, in_file
 from gateway.web.auth.access import Level
 from gateway.web.auth.addresses import ApiAddresses
@@ -60,6 +60,8 @@ class CameraView(View):
     fault: str = Field(description="what the camera refuses; empty: nothing")
     rotation_deg: int = Field(description="of the file that the gateway was started with")
     crop: CropConfig | None
+    beacon: BeaconConfig | None
+    blinks: bool | None = Field(description="the ranger's board blinks the beacon's code; null: it has none that can")
 
 
 @ADDRESSES.get("", "camera", "the camera's controls and what is tried")
@@ -75,6 +77,8 @@ async def _camera(services: WebServices, bay: Bay, caller: RequestCaller) -> Cam
         fault="" if report is None else report.fault,
         rotation_deg=camera.rotation_deg,
         crop=camera.crop,
+        beacon=camera.beacon,
+        blinks=bay.ranger.has_beacon if bay.ranger.type == "hcsr04" else None,
     )
 
 

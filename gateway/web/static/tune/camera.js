@@ -1,4 +1,5 @@
-// The camera's own controls, tried on the bay's camera while a function check is on; and crop and rotation, for the file.
+// The camera's own controls, tried on the bay's camera while a function check is on; and crop, rotation and the beacon's
+// place, for the file.
 
 import { html, translated, useEffect, useRef, useState } from '../lib/page.js';
 import { get } from '../lib/api.js';
@@ -76,6 +77,23 @@ function Framing({ view, look, busy }) {
   </fieldset>`;
 }
 
+const SEEN = { SEARCHING: 'The code is not found in the pictures yet.', PROVEN: 'PROVEN: the pictures are of the present.', LATE: 'LATE: the pictures are older than the camera says.', LOST: 'LOST: the pictures no longer show the code.' };
+
+/** The beacon: what it proves now, and where its LED was clicked in the picture. Read at the gateway's start. */
+function Beacon({ view, led, seen, look, busy }) {
+  const changes = view.blinks || !led ? [] : [{ path: ['ranger', 'hcsr04', 'beacon'], value: true }];
+  for (const key of Object.keys(led ?? {})) if (led[key] !== view.beacon?.[key]) changes.push({ path: ['camera', 'beacon', key], value: led[key] });
+  const place = led ?? view.beacon;
+  return html`<fieldset class="framing beacon"><legend>Beacon</legend>
+    ${view.blinks === null
+      ? html`<p class="hint">It needs the board of an HC-SR04.</p>`
+      : html`<p class="hint">An LED of the ranger's board, whose code proves that the pictures are of the present. Set the eyedropper's click to the beacon's LED, and click it in the picture. It takes effect at the next start of the gateway.</p>
+        <p role="status">${seen ? html`<b>${SEEN[seen.status]}</b>${seen.latency_ms === null ? '' : html` <span class="nowrap">${text('From the light to the state: {0} ms', Math.round(seen.latency_ms))}</span>`}` : 'No beacon is in force.'}</p>
+        <p class="mono">${place ? `u ${place.u_px}  v ${place.v_px}  r ${place.radius_px}` : 'u –  v –  r –'}</p>
+        <div class="row"><button type="button" disabled=${busy || !changes.length} onClick=${() => look(changes)}>Look at the change in the file…</button></div>`}
+  </fieldset>`;
+}
+
 /** What the file must say so that it has what is tried: a value and its automatic exclude each other. */
 function changesOf(view) {
   const changes = [];
@@ -90,8 +108,11 @@ function changesOf(view) {
   return changes;
 }
 
-/** `send(path, body)` as the page's; `url`: of the bay's camera; `checking`: a function check is on. */
-export function Camera({ bay, send, url, checking }) {
+/**
+ * `send(path, body)` as the page's; `url`: of the bay's camera; `checking`: a function check is on; `led`: where it was
+ * clicked; `seen`: the state's beacon.
+ */
+export function Camera({ bay, send, url, checking, led, seen }) {
   const [open, setOpen] = useState(location.hash === '#camera');
   const [view, setView] = useState(null);
   const [before, setBefore] = useState([]); // what was tried before, newest last
@@ -127,6 +148,9 @@ export function Camera({ bay, send, url, checking }) {
   useEffect(() => {
     if (!checking) setBefore([]);
   }, [checking]);
+  useEffect(() => {
+    if (led) setOpen(true);
+  }, [led]);
 
   const took = (next) => setView((was) => (next.known || !was?.controls.length ? next : { ...next, known: true, controls: was.controls }));
   // One request at a time, as of two beside each other the first may arrive last; of those that wait, the newest.
@@ -173,7 +197,7 @@ export function Camera({ bay, send, url, checking }) {
 
   const tried = view ? Object.keys(view.tried).length : 0;
   return html`<details class="panel camera-panel" id="camera" open=${open} onToggle=${(event) => setOpen(event.target.open)}>
-    <summary><h2>Camera: exposure, gain, white balance, focus, crop, rotation</h2></summary>
+    <summary><h2>Camera: exposure, gain, white balance, focus, crop, rotation, beacon</h2></summary>
     ${trouble && html`<p class="notice bad" role="alert">${trouble}</p>`}
     ${view && html`
       ${view.fault && html`<p class="notice bad" role="alert">The camera refuses: <span translate="no">${view.fault}</span></p>`}
@@ -190,7 +214,8 @@ export function Camera({ bay, send, url, checking }) {
           <button type="button" disabled=${busy || !checking || !tried} onClick=${back}>All back to the file</button>
           <button type="button" class="primary" disabled=${busy || !tried} onClick=${() => look(changesOf(view))}>Save to file…</button>
           <span class="small" role="status">${tried ? `${tried} tried` : 'as the file says'}</span></div>`}
-      <${Framing} key=${JSON.stringify([view.rotation_deg, view.crop])} view=${view} look=${look} busy=${busy} />`}
+      <${Framing} key=${JSON.stringify([view.rotation_deg, view.crop])} view=${view} look=${look} busy=${busy} />
+      <${Beacon} view=${view} led=${led} seen=${seen} look=${look} busy=${busy} />`}
     ${plan && html`<${SaveDialog} plan=${plan} live=${true} save=${save} close=${() => setPlan(null)} />`}
   </details>`;
 }

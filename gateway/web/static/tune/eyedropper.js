@@ -85,7 +85,7 @@ export function Eyedropper({ bitmap, frame, frameId, elsewhere, pick, picked, fa
   };
   const patch = picked?.patch;
   return html`<figure class="tile picture" data-frame=${frameId}>
-      <figcaption><h3>Picture${frameId === null ? '' : frameId < 0 ? html` <span class="small">uploaded</span>` : html` <span class="small">${text('frame {0}', frameId)}</span>`}</h3><span class="small">${elsewhere ? 'not yet the chosen picture' : 'click the marker to take its colours'}</span></figcaption>
+      <figcaption><h3>Picture${frameId === null ? '' : frameId < 0 ? html` <span class="small">uploaded</span>` : html` <span class="small">${text('frame {0}', frameId)}</span>`}</h3><span class="small">${elsewhere ? 'not yet the chosen picture' : mode === 'led' ? 'click the LED of the beacon' : 'click the marker to take its colours'}</span></figcaption>
       ${bitmap
         ? html`<canvas ref=${canvas} class="shot" tabindex="0" role="application" aria-label="picture; arrow keys move the eyedropper, Shift by ten, Enter takes the colours there"
             aria-disabled=${elsewhere} aria-describedby="picked" onPointerMove=${(event) => event.pointerType === 'mouse' && setAt(place(event))}
@@ -106,7 +106,8 @@ export function Eyedropper({ bitmap, frame, frameId, elsewhere, pick, picked, fa
             ${SIZES.map((n) => html`<option value=${n} selected=${n === size}>${n} × ${n} px</option>`)}</select></label>
           <fieldset class="small"><legend class="sr">a click</legend>
             <label class="choice"><input type="radio" name="pick-mode" checked=${mode === 'replace'} onChange=${() => setMode('replace')} /> sets both ranges</label>
-            <label class="choice"><input type="radio" name="pick-mode" checked=${mode === 'widen'} onChange=${() => setMode('widen')} /> widens them</label></fieldset>
+            <label class="choice"><input type="radio" name="pick-mode" checked=${mode === 'widen'} onChange=${() => setMode('widen')} /> widens them</label>
+            <label class="choice"><input type="radio" name="pick-mode" checked=${mode === 'led'} onChange=${() => setMode('led')} /> is the beacon's LED</label></fieldset>
         </div></div>
       <div id="picked" aria-live="polite" class="small">
         ${failed ? html`<p class="said warning"><span aria-hidden="true">▲</span> ${failed}</p>` : ''}
@@ -115,7 +116,7 @@ export function Eyedropper({ bitmap, frame, frameId, elsewhere, pick, picked, fa
               H <b>${patch.hue}</b> (${signedRange(patch, 0)}), S <b>${patch.s}</b> (${text('{0} to {1}', patch.low[1], patch.high[1])}), V <b>${patch.v}</b> (${text('{0} to {1}', patch.low[2], patch.high[2])})</p>
             <p>${text('these ranges admit {0} of the picture; {1} of {2} px are connected here', number(100 * picked.admitted_share, 1, '%'), picked.hanging_px, picked.admitted_px)}</p>
             ${picked.warnings.map((one) => html`<p class="said warning"><span aria-hidden="true">▲</span> ${one}</p>`)}`
-          : html`<p class="muted">${live ? 'A click freezes the picture first.' : 'Ranges for the clicked patch, with room for the light to change.'}</p>`}
+          : html`<p class="muted">${mode === 'led' ? 'The patch is to be as large as its light reaches.' : live ? 'A click freezes the picture first.' : 'Ranges for the clicked patch, with room for the light to change.'}</p>`}
       </div>
     </section>`;
 }

@@ -21,6 +21,7 @@ export const begun = (profile, taken) => ({
   source: { kind: 'live' }, // what they are tried on
   result: null, // the newest trial's
   picked: { answer: null, failed: '' }, // by the eyedropper
+  led: null, // where the beacon's LED was clicked
   said: { text: '', bad: false },
   trouble: '', // of the newest trial
   waiting: false, // a trial is under way

@@ -95,7 +95,7 @@ function Page({ session, profile: first, taken: kept, renew }) {
   const send = useSend(session, renew);
   const { schema } = first;
   const [state, set] = useReducer(changed, null, () => begun(first, kept));
-  const { inForce, settings, file, undoSteps, untried, restarting, undone, mode, taken, source, result, trouble, waiting, busy, picked, plan, question } = state;
+  const { inForce, settings, file, undoSteps, untried, restarting, undone, mode, taken, source, result, trouble, waiting, busy, picked, led, plan, question } = state;
   const known = useRef(first.vision); // what was told to be in force last, drawn or not
   const testSets = useTestSets(send, at);
   const tiles = useRef(null);
@@ -178,6 +178,7 @@ function Page({ session, profile: first, taken: kept, renew }) {
     tell(files.length === 1 ? '1 picture uploaded' : `${files.length} pictures uploaded`);
   });
   const pick = async (place, size, way) => {
+    if (way === 'led') return set({ led: { u_px: place.u, v_px: place.v, radius_px: Math.max(1, size / 2) } });
     const seen = shown?.request.source ?? source;
     const on = seen.kind === 'live' ? await freeze() : seen;
     if (!on) return;
@@ -326,7 +327,7 @@ function Page({ session, profile: first, taken: kept, renew }) {
       ${restarting && html`<${Restart} session=${session} seconds=${restarting.restart_s} close=${() => set({ restarting: null })} />`}
       <${TeachIn} send=${send} url=${at('teach-in')} checking=${on} />
       <div class="controls">
-        <${Camera} bay=${bay} send=${send} url=${at('camera')} checking=${on} />
+        <${Camera} bay=${bay} send=${send} url=${at('camera')} checking=${on} led=${led} seen=${mine?.state?.beacon ?? null} />
         <section class="panel" id="settings" aria-labelledby="settings-title">
           <header><h2 id="settings-title">Settings</h2><span class="small">${unlive.length ? `${unlive.length} changed, not live` : 'as in force'}</span>
             <a class="small" href=${`/calibrate/${encodeURIComponent(bay)}`}>Calibrate the lens</a></header>
