@@ -60,6 +60,7 @@ void board_reset(void);                    // the reset line, pulled once
 void board_hold(bool on);                  // the reset button, held down
 void board_hang(bool interrupts);          // runs away, interrupts served or not: only the watchdog can help
 void board_echo(bool high);                // drives PB0
+void board_wire(bool high);                // drives PD2, as long as the board does not hold it low
 void board_adc(double millivolt);          // drives ADC0
 void board_hear(uint8_t byte);             // the byte that the UART's receiver made of the line
 double board_bit_cycles(void);             // of the UART's baud rate as the firmware set it
@@ -91,6 +92,14 @@ void sensor_mode(sensor_mode_t mode, double at_mm);
 void sensor_restarted(void);               // the count of triggers begins anew, as the firmware's does
 void sensor_distance(double mm);           // from now on; below 0: nothing in the beam
 bool sensor_track(uint64_t at, double mm); // a point of a polyline in time; false: not later than the point before
+
+// -- ds18b20.c: the thermometer
+typedef enum { DS18B20_NONE, DS18B20_OK, DS18B20_CRC, DS18B20_SHORT } ds18b20_mode_t; // SHORT: its line is held low
+typedef struct { ds18b20_mode_t mode; double c; } ds18b20_t;
+extern ds18b20_t ds18b20;
+void ds18b20_set(ds18b20_mode_t mode, double c);
+void ds18b20_wire(bool held_low);          // by the board
+void ds18b20_power(bool on);
 
 // -- wire.c: a serial line, bit by bit: what one end sends at its baud rate, the other end samples at its own
 #define WIRE_BYTES 1024u

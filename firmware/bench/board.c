@@ -19,19 +19,19 @@
 #include "bench.h"
 
 // ATmega328P data sheet, register summary; data memory addresses.
-enum { PINB = 0x23, MCUSR = 0x54, UCSR0A = 0xC0, UCSR0C = 0xC2, UBRR0L = 0xC4, UBRR0H = 0xC5, RAM = 0x100 };
-enum { ECHO_PIN = 0, RELAY_PIN = 4, RELAY_PINS = 2, BEACON_PIN = 6, TRIG_PIN = 7, U2X0 = 1 << 1 };
+enum { PINB = 0x23, PIND = 0x29, DDRD = 0x2A, PORTD = 0x2B, MCUSR = 0x54, UCSR0A = 0xC0, UCSR0C = 0xC2, UBRR0L = 0xC4, UBRR0H = 0xC5, RAM = 0x100 };
+enum { ECHO_PIN = 0, WIRE_PIN = 2, RELAY_PIN = 4, RELAY_PINS = 2, BEACON_PIN = 6, TRIG_PIN = 7, U2X0 = 1 << 1 };
 enum { BOOT_START = 0x7E00, RUNAWAY = 0x7DFE };
 
 static avr_t *avr;
 static avr_uart_t *uart;
-static avr_irq_t *echo_pin, *trig_pin, *adc_pin, *uart_in;
+static avr_irq_t *echo_pin, *wire_pin, *trig_pin, *adc_pin, *uart_in;
 static elf_firmware_t elf;
 static board_options_t options;
 static rng_t garbage;
 static uint64_t offset;      // bench time less simavr's
 static uint64_t idle_until;  // the boot delay: the processor does not run before
-static bool powered, held, echo_high, was_reset;
+static bool powered, held, echo_high, wire_high = true, was_reset;
 static unsigned relay_pins; // D4 and D5, one bit each
 static bool lit;            // D6
 static double adc_mv = 750.0;
@@ -92,6 +92,11 @@ static void on_beacon(avr_irq_t *irq, uint32_t value, void *param) {
     beacon_is(value & 1u);
 }
 
+static void on_direction(avr_irq_t *irq, uint32_t value, void *param) {
+    (void)irq, (void)param;
+    ds18b20_wire(value >> WIRE_PIN & 1u && !(avr->data[PORTD] >> WIRE_PIN & 1u));
+}
+
 static void on_reset(avr_t *unused) {
     (void)unused;
     was_reset = true;
@@ -118,6 +123,8 @@ static void after_reset(int cause) {
     avr->run_cycle_limit = CYCLES_PER_MS; // instructions in a row between two looks at the timers
     trig_pin->value = 0;
     board_echo(echo_high);
+    ds18b20_wire(false);
+    board_wire(wire_high);
     board_adc(adc_mv);
     link_silence();
     sensor_restarted();
@@ -191,15 +198,17 @@ bool board_open(const board_options_t *wanted) {
         avr->io[flags].w.param = timer;
     }
     echo_pin = avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('B'), ECHO_PIN);
+    wire_pin = avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('D'), WIRE_PIN);
     trig_pin = avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('D'), TRIG_PIN);
     adc_pin = avr_io_getirq(avr, AVR_IOCTL_ADC_GETIRQ, ADC_IRQ_ADC0);
     uart_in = avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_INPUT);
     avr_irq_t *const uart_out = avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_OUTPUT);
-    if (!uart || !echo_pin || !trig_pin || !adc_pin || !uart_in || !uart_out) {
+    if (!uart || !echo_pin || !wire_pin || !trig_pin || !adc_pin || !uart_in || !uart_out) {
         fputs("bench: this simavr has another ATmega328P\n", stderr);
         return false;
     }
     avr_irq_register_notify(trig_pin, on_trig, NULL);
+    avr_irq_register_notify(avr_iomem_getirq(avr, DDRD, NULL, AVR_IOMEM_IRQ_ALL), on_direction, NULL);
     avr_irq_register_notify(uart_out, on_uart_out, NULL);
     for (uintptr_t i = 0; i < RELAY_PINS; i++)
         avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('D'), (int)(RELAY_PIN + i)), on_relay, (void *)i);
@@ -221,10 +230,12 @@ void board_power(bool on) {
         beacon_is(false);
         link_silence();
         sensor_power(false);
+        ds18b20_power(false);
         return;
     }
     for (size_t i = RAM; i <= avr->ramend; i++) avr->data[i] = (uint8_t)rng_next(&garbage);
     sensor_power(true);
+    ds18b20_power(true);
     restart(POWER_ON);
 }
 
@@ -246,14 +257,23 @@ void board_hang(bool interrupts) {
     truth(board_now(), "hang", ", \"interrupts\": %s", interrupts ? "true" : "false");
 }
 
+static void drive(unsigned port, uint16_t pins, unsigned pin, avr_irq_t *irq, bool high) {
+    // "external": without it simavr would drive a pin with a pull-up high at the next write to any pin of the port.
+    avr_ioport_external_t pull = {.mask = 1u << pin, .value = high ? 1u << pin : 0u};
+    pull.name = port & 0x7Fu;
+    avr_ioctl(avr, AVR_IOCTL_IOPORT_SET_EXTERNAL(port), &pull);
+    avr_raise_irq(irq, high);
+    avr->data[pins] = (uint8_t)((avr->data[pins] & ~(1u << pin)) | (high ? 1u << pin : 0u));
+}
+
 void board_echo(bool high) {
     echo_high = high;
-    // "external": without it simavr would drive a pin with a pull-up high at the next write to any pin of the port.
-    avr_ioport_external_t pull = {.mask = 1u << ECHO_PIN, .value = high ? 1u << ECHO_PIN : 0u};
-    pull.name = 'B';
-    avr_ioctl(avr, AVR_IOCTL_IOPORT_SET_EXTERNAL('B'), &pull);
-    avr_raise_irq(echo_pin, high);
-    avr->data[PINB] = (uint8_t)((avr->data[PINB] & ~(1u << ECHO_PIN)) | (high ? 1u << ECHO_PIN : 0u));
+    drive('B', PINB, ECHO_PIN, echo_pin, high);
+}
+
+void board_wire(bool high) {
+    wire_high = high;
+    drive('D', PIND, WIRE_PIN, wire_pin, high);
 }
 
 void board_adc(double millivolt) {

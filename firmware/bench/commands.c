@@ -19,6 +19,8 @@ const char COMMANDS_HELP[] =
     "  air C                temperature of the air: the true speed of sound; 20\n"
     "  adc MV               voltage on ADC0; 750 (a TMP36 at 25 C)\n"
     "  temperature C        the same for a TMP36: 500 mV + 10 mV / C\n"
+    "  ds18b20 C            a DS18B20 on D2, at this temperature; none: it is not there\n"
+    "  ds18b20 crc|short    what it says is damaged; its line is held low\n"
     "  sensor ok|no_echo|dead|stuck   dead: ECHO never rises; stuck: it is held high\n"
     "  sensor at MM         it says this, whatever is there\n"
     "  no_echo_ms MS        ECHO's width when nothing came back; 38; 0: held high until the power is cut\n"
@@ -112,6 +114,17 @@ static bool sensor_command(char **rest) {
     return true;
 }
 
+static bool ds18b20_command(char **rest) {
+    static const struct { const char *word; ds18b20_mode_t mode; } modes[] = {
+        {"none", DS18B20_NONE}, {"crc", DS18B20_CRC}, {"short", DS18B20_SHORT}};
+    double c = 0;
+    char *const given = *rest + strspn(*rest, " \t");
+    for (size_t i = 0; i < sizeof modes / sizeof *modes; i++)
+        if (!strncmp(given, modes[i].word, strlen(modes[i].word)))
+            return (void)word(rest), ds18b20_set(modes[i].mode, ds18b20.c), true;
+    return number(rest, -55, 125, &c) ? ds18b20_set(DS18B20_OK, c), true : false;
+}
+
 static bool version_command(char **rest) {
     double version = -1;
     char *const given = *rest + strspn(*rest, " \t");
@@ -148,6 +161,7 @@ static bool obeyed(const char *verb, char **rest) {
     bool on = false;
     if (!strcmp(verb, "at") || !strcmp(verb, "track")) return timed(verb, rest);
     if (!strcmp(verb, "sensor")) return sensor_command(rest);
+    if (!strcmp(verb, "ds18b20")) return ds18b20_command(rest);
     if (!strcmp(verb, "renew")) return renew_command(rest);
     if (!strcmp(verb, "version")) return version_command(rest);
     if (!strcmp(verb, "distance")) return distance(rest, &a) ? sensor_distance(a), true : false;

@@ -34,6 +34,8 @@ def library() -> ctypes.CDLL:
     lib.harness_new.restype = ctypes.c_void_p
     lib.harness_free.argtypes = [ctypes.c_void_p]
     lib.harness_command.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_char_p]
+    lib.harness_quiet.argtypes = [ctypes.c_void_p, ctypes.c_uint32]
+    lib.harness_quiet.restype = ctypes.c_bool
     lib.harness_measurement.argtypes = [
         ctypes.c_uint16, ctypes.c_uint32, ctypes.c_uint8, ctypes.c_int16, ctypes.c_int32, ctypes.c_int32,
         ctypes.c_char_p,
@@ -45,6 +47,8 @@ def library() -> ctypes.CDLL:
     lib.ranger_crc.restype = ctypes.c_uint16
     lib.ranger_tmp36.argtypes = [ctypes.c_uint16, ctypes.c_uint16]
     lib.ranger_tmp36.restype = ctypes.c_int16
+    lib.harness_ds18b20.argtypes = [ctypes.c_char_p, ctypes.c_uint32, ctypes.c_uint32]
+    lib.harness_ds18b20.restype = ctypes.c_int16
     return lib
 
 
@@ -92,6 +96,10 @@ class Core:
 
     def poll(self, now: int, high: bool = False) -> Answer:
         return self._do(f"poll {now % 2**32} {int(high)}")
+
+    def quiet(self, now: int) -> bool:
+        answer: bool = self._library.harness_quiet(self._harness, now % 2**32)
+        return answer
 
     def edge(self, ticks: int, high: bool) -> Answer:
         return self._do(f"edge {ticks % 2**32} {int(high)}")

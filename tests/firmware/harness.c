@@ -11,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "ds18b20.h"
 #include "ranger.h"
 
 #define SENT_MAX 256
@@ -105,6 +106,11 @@ int harness_command(struct harness *harness, const char *line, char *answer)
     return 1;
 }
 
+bool harness_quiet(const struct harness *harness, uint32_t now)
+{
+    return ranger_quiet(&harness->ranger, now);
+}
+
 /* For codec tests. `relay`: run * 16 + state; it and `beacon` below 0: without. */
 int harness_measurement(uint16_t seq, uint32_t ticks, uint8_t flags, int16_t temperature_dc, int32_t relay,
                         int32_t beacon, char *line)
@@ -125,6 +131,39 @@ int harness_hello(const char *name, uint16_t period_ms, uint8_t mcusr, char *lin
 {
     const struct ranger_hello hello = {name, period_ms, mcusr};
     return ranger_write_hello(line, &hello);
+}
+
+/* A DS18B20 whose memory has these bytes. */
+static const uint8_t *pad;
+static unsigned slots; /* since the reset */
+
+static void wire_hold(bool low)
+{
+    (void)low;
+    slots = 0;
+}
+
+static bool wire_slot(bool bit)
+{
+    const unsigned at = slots++;
+    return at < 16 ? bit : (pad[(at - 16) / 8] >> (at - 16) % 8 & 1) != 0;
+}
+
+/* The temperature `later` ticks after `bytes` were read for the first time; begun at `now`. */
+int16_t harness_ds18b20(const uint8_t *bytes, uint32_t now, uint32_t later)
+{
+    static const struct ds18b20_wire wire = {wire_hold, wire_slot};
+    struct ds18b20 thermometer;
+    memset(&thermometer, 0xA5, sizeof thermometer);
+    pad = bytes;
+    slots = 0;
+    ds18b20_begin(&thermometer, &wire, now);
+    for (; slots < 16 + 72; now += 500) {
+        ds18b20_poll(&thermometer, now, false);
+        ds18b20_poll(&thermometer, now, true);
+    }
+    ds18b20_poll(&thermometer, now - 500 + later, false);
+    return thermometer.temperature_dc;
 }
 
 #ifdef HARNESS_MAIN

@@ -17,7 +17,7 @@ from tools.hcsr04 import header
 
 ROOT = FIRMWARE.parent
 SOURCES = FIRMWARE / "ranger" / "src"
-CORE = ("ranger.c", "ranger_wire.c", "relay.c")
+CORE = ("ds18b20.c", "ranger.c", "ranger_wire.c", "relay.c")
 
 
 def test_the_constants_are_the_gateways() -> None:
@@ -41,10 +41,10 @@ def test_the_thermometer_builds_too(tmp_path: Path) -> None:
     assert b"board_sample_a0" in (tmp_path / "ranger.elf").read_bytes()
 
 
-@pytest.mark.parametrize("name", ["ranger.c", "ranger.h", "ranger_wire.c", "ranger_wire.h", "relay.c", "relay.h"])
+@pytest.mark.parametrize("name", [*CORE, *(name.replace(".c", ".h") for name in CORE)])
 def test_the_core_knows_no_board(name: str) -> None:
     includes = set(re.findall(r'#include [<"](.*?)[>"]', (SOURCES / name).read_text(encoding="utf-8")))
-    assert includes <= {"stdbool.h", "stdint.h", "ranger.h", "ranger_wire.h", "relay.h", "protocol_constants.h"}
+    assert includes <= {"stdbool.h", "stdint.h", "protocol_constants.h"} | {name.replace(".c", ".h") for name in CORE}
 
 
 def test_the_arduino_ide_finds_what_it_needs() -> None:

@@ -22,7 +22,7 @@ from gateway.ranger.hcsr04.protocol import (
     encode_measurement,
     tenths_at_20c,
 )
-from tests.firmware.core import Core, library
+from tests.firmware.core import MS, Core, library
 
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_.-"
 NO_TEMPERATURE = -(2**15)
@@ -142,3 +142,57 @@ def test_the_thermometers_volts_become_degrees() -> None:
             assert tmp36(sum_of_64, reference_mv) == tenths
     assert tmp36(0, 1100) == -500  # nothing connected, input low: no temperature
     assert tmp36(64 * 1023, 1100) == 599
+
+
+# -- DS18B20: the bytes of its memory ---------------------------------------------------------------------------------
+
+HOLD = 10_000 * MS
+POWER_ON = 0x0550
+
+
+def crc8(data: bytes) -> int:
+    crc = 0
+    for byte in data:
+        crc ^= byte
+        for _ in range(8):
+            crc = crc >> 1 ^ 0x8C if crc & 1 else crc >> 1
+    return crc
+
+
+def pad(raw: int, configuration: int = 0x7F) -> bytes:
+    """Its memory, for a temperature in 1/16 degree."""
+    body = (raw & 0xFFFF).to_bytes(2, "little") + bytes([0x4B, 0x46, configuration, 0xFF, 0x0C, 0x10])
+    return body + bytes([crc8(body)])
+
+
+def taken(memory: bytes, *, now: int = 0, later: int = 0) -> int:
+    answer: int = library().harness_ds18b20(memory, now, later)
+    return answer
+
+
+def test_the_crc_of_this_test_is_that_of_1_wire() -> None:
+    assert crc8(bytes.fromhex("02 1C B8 01 00 00 00")) == 0xA2  # application note 27
+
+
+def test_every_temperature_of_a_ds18b20_is_right_or_refused() -> None:
+    for raw in range(-880, 2001):
+        tenths = raw * 10 / 16
+        possible = raw != POWER_ON and -400 <= tenths <= 850
+        assert abs(taken(pad(raw)) - tenths) <= 0.5 if possible else taken(pad(raw)) == NO_TEMPERATURE, raw
+    assert [taken(pad(raw)) for raw in (0x0158, -8, -197, -640)] == [215, -5, -123, -400]
+    assert {taken(pad(raw)) for raw in (-641, 0x7FFF, -0x8000, POWER_ON)} == {NO_TEMPERATURE}
+    assert taken(pad(0x0158, configuration=0x1F)) == 215  # nine bits
+
+
+def test_what_no_ds18b20_says_is_refused() -> None:
+    """Open, held low, all damage to one bit, and a chip that is another one."""
+    assert {taken(memory) for memory in (b"\xff" * 9, b"\0" * 9)} == {NO_TEMPERATURE}
+    good = pad(0x0158)
+    for bit in range(72):
+        assert taken((int.from_bytes(good) ^ 1 << bit).to_bytes(9)) == NO_TEMPERATURE
+    assert taken(pad(0x0158, configuration=0xFF)) == NO_TEMPERATURE
+
+
+def test_its_temperature_ends_ten_seconds_after_it_was_read() -> None:
+    for now in (0, 2**32 - HOLD // 2):  # the clock may wrap
+        assert [taken(pad(0x0158), now=now, later=later) for later in (HOLD - 1, HOLD)] == [215, NO_TEMPERATURE]

@@ -406,6 +406,20 @@ def test_a_thermometer_that_dies_takes_the_field_with_it(core: Core) -> None:
     assert core.cycle().temperature_dc is None
 
 
+def test_it_is_quiet_while_no_echo_is_timed_and_no_cycle_is_near(core: Core) -> None:
+    """A slot of the thermometer's line fits into 1 ms."""
+    assert [core.quiet(core.due - before) for before in (MS, MS - 1, -MS)] == [True, False, False]
+    start = core.due
+    core.begin()
+    assert not core.quiet(start + 1)
+    core.edge(start + RISE, True)
+    assert not core.quiet(start + RISE + 1)
+    core.edge(start + RISE + 2912, False)
+    assert core.quiet(start + RISE + 2913)
+    core.begin(high=True)  # blocked: nothing is timed
+    assert core.quiet(core.due - 2 * MS)
+
+
 # -- the LED -----------------------------------------------------------------------------------------------------------
 
 

@@ -15,6 +15,7 @@
 #define ECHO_BIT _BV(PINB0)
 #define LED_BIT _BV(PORTB5)
 #define BEACON_BIT _BV(PORTD6)
+#define WIRE_BIT _BV(PORTD2)
 #define RELAY_SHIFT PORTD4 /* RELAY_IN_PLACE is D4, RELAY_MAY_MOVE D5 */
 #define RELAY_BITS ((uint8_t)((RELAY_IN_PLACE | RELAY_MAY_MOVE) << RELAY_SHIFT))
 
@@ -272,6 +273,40 @@ bool board_sample_a0(uint16_t *sum_of_64)
     return complete;
 }
 
+/* -- 1-Wire: D2 --------------------------------------------------------------------------------------------------- */
+
+/* No interrupt writes PORTD or DDRD. Pulled up weakly, too: without a sensor the line is high, not open. */
+static void wire_hold(bool low)
+{
+    if (low) {
+        PORTD = (uint8_t)(PORTD & ~WIRE_BIT);
+        DDRD |= WIRE_BIT;
+    } else {
+        DDRD = (uint8_t)(DDRD & ~WIRE_BIT);
+        PORTD |= WIRE_BIT;
+    }
+}
+
+static bool wire_slot(bool bit)
+{
+    bool high = false;
+    if (!bit) {
+        wire_hold(true);
+        _delay_us(65); /* 60 to 120 us; all interrupts together take less than 30 */
+        wire_hold(false);
+        return high;
+    }
+    ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
+    {
+        wire_hold(true);
+        _delay_us(2); /* 1 to 15 us */
+        wire_hold(false);
+        _delay_us(9); /* what the sensor says holds until 15 us after the line fell */
+        high = (PIND & WIRE_BIT) != 0;
+    }
+    return high;
+}
+
 void board_begin(void)
 {
     reset_cause = find_reset_cause();
@@ -303,3 +338,4 @@ void board_begin(void)
 }
 
 const struct ranger_board board_uno = {trigger, tx_space, tx_byte, 0};
+const struct ds18b20_wire board_wire = {wire_hold, wire_slot};

@@ -3,7 +3,8 @@
  *     TRIG  D7 (PD7)          any output
  *     ECHO  D8 (PB0, ICP1)    Timer1 copies its count into ICR1 in the cycle in which the pin changes
  *     LED   D13 (PB5)         the Uno's own
- *     A0    TMP36, optional
+ *     D2    DS18B20, optional: an open drain, pulled up weakly
+ *     A0    TMP36 instead, optional
  *     D6    LED of the beacon (PD6), optional: an input until the host asks for it
  *     D4    relay "in place" (PD4), D5 relay "may move" (PD5), optional: inputs until the host asks for them
  *
@@ -12,6 +13,7 @@
 #ifndef BOARD_UNO_H
 #define BOARD_UNO_H
 
+#include "ds18b20.h"
 #include "ranger.h"
 
 #ifdef __cplusplus
@@ -19,6 +21,8 @@ extern "C" {
 #endif
 
 extern const struct ranger_board board_uno;
+/* A 0 is low for 65 us and longer with interrupts on; in a 1 they are off for 13 us. */
+extern const struct ds18b20_wire board_wire;
 
 /* Take the hardware and start the watchdog (0.25 s). */
 void board_begin(void);

@@ -211,6 +211,12 @@ bool ranger_poll(struct ranger *ranger, uint32_t now, bool echo_is_high)
     return began;
 }
 
+bool ranger_quiet(const struct ranger *ranger, uint32_t now)
+{
+    const bool timed = ranger->state == RANGER_WAIT_RISE || ranger->state == RANGER_WAIT_FALL;
+    return !timed && (int32_t)(ranger->due - now) >= RANGER_QUIET_TICKS;
+}
+
 int16_t ranger_tmp36(uint16_t sum_of_64, uint16_t reference_mv)
 {
     /* sum / 64 / 1024 * reference is the voltage; less 500 mV, one millivolt is one tenth of a degree. */

@@ -43,6 +43,8 @@ extern "C" {
 /* A cycle that would begin later than this (1 ms) moves all later ones, so that no two begin too close together. */
 #define RANGER_LATE_TICKS 2000u
 #define RANGER_NUDGE_CYCLES 8u
+/* Before a cycle begins, 1 ms. */
+#define RANGER_QUIET_TICKS 2000
 
 /* What the core needs of the hardware. None of these may wait longer than some ten microseconds. */
 struct ranger_board {
@@ -111,6 +113,9 @@ void ranger_temperature(struct ranger *ranger, int16_t temperature_dc);
  * 4 TOO_FAR or 5 STUCK_HIGH times, a quarter of a second each, with a pause of about a second. With the beacon it is on
  * or off at random in each cycle. */
 bool ranger_poll(struct ranger *ranger, uint32_t now, bool echo_is_high);
+
+/* Is no echo being timed, and the next cycle 1 ms away at least? Then what takes less than that disturbs nothing. */
+bool ranger_quiet(const struct ranger *ranger, uint32_t now);
 
 /* 0.1 degrees C from the sum of 64 ten-bit samples of a TMP36 (0.5 V at 0 degrees C, 10 mV a degree). */
 int16_t ranger_tmp36(uint16_t sum_of_64, uint16_t reference_mv);
