@@ -211,8 +211,9 @@ class CameraConfig(Section):
     )
     frame_time: Literal["auto", "arrival", "presentation"] = Field(
         "auto",
-        description="what stamps a frame; auto: a camera's buffer time, an RTSP stream's presentation time, "
-        "the arrival of any other; presentation: also for HTTP, where the stream carries true times",
+        description="what stamps a frame; auto: a camera's buffer time, the times that an RTSP stream or the parts of "
+        "an HTTP stream carry, the arrival of any other; presentation: also other HTTP streams, where they carry true "
+        "times",
     )
     unproven_age: Literal["refuse", "accept"] | None = Field(
         None,

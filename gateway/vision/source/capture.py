@@ -1,4 +1,4 @@
-"""Cameras (V4L2) and streams (FFmpeg) through OpenCV. Imported in the vision process only."""
+"""What gives frames at its own pace: all that is live, and cameras (V4L2). Imported in the vision process only."""
 
 import os
 from dataclasses import replace
@@ -15,7 +15,7 @@ from gateway.vision.exposure.settings import ExposureRules
 from gateway.vision.pixels import bgr
 from gateway.vision.source import ffmpeg, raw, v4l2_controls, v4l2_exposure
 from gateway.vision.source.contract import Frame, Source
-from gateway.vision.source.frame_time import ArrivalTime, BufferTime, FrameTime, PresentationTime
+from gateway.vision.source.frame_time import ArrivalTime, BufferTime, FrameTime
 from gateway.vision.source.v4l2_controls import CameraControls
 from gateway.vision.source.v4l2_device import V4l2Device, device_path
 from gateway.vision.source.v4l2_exposure import V4l2Exposure
@@ -213,22 +213,3 @@ def _why_not(path: str) -> str:
     except OSError as error:
         return f"{path}: {error.strerror}".lower()
     return "another program has it, or it is no camera"
-
-
-def open_stream(spec: "StreamSpec", clock: Clock) -> CaptureSource:
-    """A stream. Raises LinkError when the server cannot be reached, refuses, or sends what is not accepted.
-
-    The process monitor's deadlines hold whatever FFmpeg does with its own time limits.
-    """
-    parameters = [
-        *(cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, round(spec.open_timeout_s * 1000)),
-        *(cv2.CAP_PROP_READ_TIMEOUT_MSEC, round(spec.read_timeout_s * 1000)),
-        *(cv2.CAP_PROP_N_THREADS, 1),  # FFmpeg's frame threads each hold a frame back
-    ]
-    capture = ffmpeg.opened(spec.url, ffmpeg.NETWORK, parameters)
-    if not capture.isOpened():
-        raise LinkError(f"{spec.label}: cannot be opened: no answer, refused, or not a video stream that is accepted")
-    if (codec := ffmpeg.codec_of(capture)) not in ffmpeg.CODECS:
-        capture.release()
-        raise LinkError(f"{spec.label}: cannot be opened: codec {codec!r}; accepted: {', '.join(ffmpeg.CODECS)}")
-    return CaptureSource(capture, spec, clock, PresentationTime())

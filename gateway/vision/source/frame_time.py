@@ -31,7 +31,7 @@ class FrameTime(Protocol):
 
 
 class ArrivalTime:
-    """For sources whose stamps mean nothing (an HTTP stream of JPEGs carries none, FFmpeg makes them up)."""
+    """For sources whose stamps mean nothing (of an HTTP stream without times FFmpeg makes them up)."""
 
     proof = AgeProof.UNPROVEN
 

@@ -70,6 +70,7 @@ class StreamSpec:
     read_timeout_s: float
     by_arrival: bool = False  # else by presentation time
     late_s: float = LATE_S
+    stamped: bool = True  # the times that FFmpeg reads are the stream's own; parts of an HTTP stream have theirs
 
     @property
     def label(self) -> str:
@@ -77,7 +78,7 @@ class StreamSpec:
         return f"{parts.scheme}://{parts.netloc.rpartition('@')[2]}{parts.path}"
 
     def open(self, clock: Clock) -> Source:
-        from gateway.vision.source.capture import open_stream  # noqa: PLC0415 - as above
+        from gateway.vision.source.streams import open_stream  # noqa: PLC0415 - as above
 
         return open_stream(self, clock)
 
@@ -210,11 +211,11 @@ def stream_spec(config: "CameraConfig") -> StreamSpec:
     scheme = url.partition("://")[0]
     # FFmpeg gives up opening just before the deadline, because its reason is the better message. It must not give up
     # reading before the deadline: it then returns the frame it was holding back, which is old but looks new.
-    has_times = scheme.lower().startswith("rtsp")
     return StreamSpec(
         url,
         open_timeout_s=0.9 * config.open_deadline_s,
         read_timeout_s=2 * config.deadline_s,
-        by_arrival=config.frame_time == "arrival" or (config.frame_time == "auto" and not has_times),
+        by_arrival=config.frame_time == "arrival",
         late_s=config.deadline_s,
+        stamped=config.frame_time == "presentation" or scheme.lower().startswith("rtsp"),
     )

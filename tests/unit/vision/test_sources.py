@@ -67,7 +67,7 @@ def clock() -> StepClock:
         ("1234567890", FileSpec("1234567890")),
         ("rtsp://cam/1", StreamSpec("rtsp://cam/1", 9.0, 2.0)),
         ("RTSP://cam:8554/1", StreamSpec("RTSP://cam:8554/1", 9.0, 2.0)),
-        ("https://[::1]:8080/mjpg", StreamSpec("https://[::1]:8080/mjpg", 9.0, 2.0, by_arrival=True)),
+        ("https://[::1]:8080/mjpg", StreamSpec("https://[::1]:8080/mjpg", 9.0, 2.0, stamped=False)),
     ],
 )
 def test_the_url_decides(url: str, spec: object) -> None:
@@ -80,7 +80,7 @@ def test_the_configuration_reaches_the_source() -> None:
     files = CameraConfig(url="~/x", fps=5, pace="fast", loop=True)
     assert source_spec(files) == FileSpec(str(Path.home() / "x"), 5.0, fast=True, loop=True)
     stream = CameraConfig(url="http://h/", open_deadline_s=3, deadline_s=0.4)
-    assert source_spec(stream) == StreamSpec("http://h/", 0.9 * 3, 2 * 0.4, by_arrival=True, late_s=0.4)
+    assert source_spec(stream) == StreamSpec("http://h/", 0.9 * 3, 2 * 0.4, late_s=0.4, stamped=False)
 
 
 @pytest.mark.parametrize(
@@ -93,13 +93,15 @@ def test_the_configuration_reaches_the_source() -> None:
         ("RTSPS://cam/1", "auto", False),
         ("rtsp://cam/1", "arrival", True),
         ("http://cam/mjpg", "auto", True),
+        ("http://cam/mjpg", "arrival", True),
         ("http://cam/live.ts", "presentation", False),
     ],
 )
 def test_where_the_stamps_come_from(url: str, frame_time: Any, by_arrival: bool) -> None:
     spec = source_spec(CameraConfig(url=url, frame_time=frame_time))
     assert isinstance(spec, CameraSpec | StreamSpec)
-    assert spec.by_arrival == by_arrival
+    stamped = not isinstance(spec, StreamSpec) or spec.stamped
+    assert (spec.by_arrival or not stamped) == by_arrival
 
 
 @pytest.mark.parametrize(
