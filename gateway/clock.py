@@ -29,7 +29,7 @@ class Clock(Protocol):
         """Monotonic time, ns; never steps back, origin arbitrary."""
 
     def wall_ns(self) -> int:
-        """Unix time, ns; for publishing only, may step."""
+        """Unix time, ns; may step: for publishing, and to compare with a clock that is set by NTP, too."""
 
     async def sleep(self, seconds: float) -> None:
         """Yield to the event loop for `seconds` of this clock."""

@@ -10,7 +10,7 @@ import pytest
 
 from gateway.clock import SystemClock
 from gateway.config import CameraConfig
-from gateway.core.readings import Quality
+from gateway.core.readings import AgeProof, Quality
 from gateway.errors import LinkError
 from gateway.vision.source.specs import source_spec
 from tests.e2e.rtsp_server import LOGIN, RtspServer, rtsp_server
@@ -48,6 +48,23 @@ def test_a_server_that_asks_for_a_digest_takes_the_login_and_no_other(tmp_path: 
                 with pytest.raises(LinkError, match="cannot be opened: no answer, refused") as error:
                     source_spec(config).open(SystemClock())
                 assert "guess" not in str(error.value)
+
+
+@pytest.mark.long
+def test_sender_reports_of_a_synchronised_clock_show_a_constant_delay() -> None:
+    """300 ms in the network; and FFmpeg holds an H.264 frame back until the next one comes."""
+    clock = SystemClock()
+    with rtsp_server() as server, Proxy(server.port, conditions=NetworkConditions(delay_s=0.3)) as proxy:
+        url = server.url.replace(str(server.port), str(proxy.port))
+        source = source_spec(CameraConfig(url=url, clock="synchronised", deadline_s=5)).open(clock)
+        until_ns = clock.now_ns() + int(60e9)
+        while (frame := source.read()).age_proof is AgeProof.UNPROVEN and clock.now_ns() < until_ns:
+            pass
+        age_s = (clock.now_ns() - frame.t_capture_ns) / 1e9
+        source.close()
+        proxy.cut()
+    assert frame.age_proof is AgeProof.DEVICE_TIME
+    assert 0.33 < age_s < 1.0
 
 
 Scene = Callable[[Bay, RtspServer], Coroutine[Any, Any, None]]

@@ -215,6 +215,11 @@ class CameraConfig(Section):
         "an HTTP stream carry, the arrival of any other; presentation: also other HTTP streams, where they carry true "
         "times",
     )
+    clock: Literal["free", "synchronised"] = Field(
+        "free",
+        description="clock of an RTSP or HTTP camera that sends times; synchronised: it and the gateway's are set by "
+        "NTP, so that a constant delay of its frames is seen, too",
+    )
     unproven_age: Literal["refuse", "accept"] | None = Field(
         None,
         description="frames of which nothing proves how old they are; refuse: stop is on, as with stale ones; "

@@ -1,15 +1,20 @@
-"""When a frame was taken, by the time that its source stamped it with. Pure.
+"""When a frame was taken, by the time that its source stamped it with.
 
 Frames that a driver or a network held back arrive in a burst, and a link that is slower than its stream delivers each
 one later than the one before: by the time of arrival they all look new.
 """
 
+import logging
 import math
 from collections.abc import Callable
 from typing import Protocol
 
+from gateway.clock import Clock
 from gateway.core.readings import AgeProof
 from gateway.durations import NS_PER_MS, NS_PER_S
+from gateway.errors import LinkError
+
+log = logging.getLogger(__name__)
 
 SAME_CLOCK_NS = 10 * NS_PER_S  # a buffer's stamp that lies so near before its arrival is of CLOCK_MONOTONIC
 CLOCK_SET_NS = NS_PER_S  # arriving so much earlier than ever before: its clock was set, or its film began again
@@ -18,6 +23,8 @@ LATCH_NS = 10 * NS_PER_S  # between two looks at a camera's clock: 50 ppm are 0.
 MOST_DRIFT = 500e-6  # between two clocks; what grows faster is a backlog
 SETTLED_NS = 5 * NS_PER_S  # without a frame that is faster than those before it by more than clocks drift in it
 FASTER_NS = 20 * NS_PER_MS  # once settled: a frame faster by more than this shows that those before it were older
+AHEAD_NS = 50 * NS_PER_MS  # two clocks that are set by NTP agree to less
+WRONG_NS = 60 * NS_PER_S  # then the stream is opened again: its clock may have been set
 STANDING_NS = NS_PER_S  # stamps that do not go on for so long say nothing
 
 
@@ -154,6 +161,63 @@ class LatchedTime:
             found.append((after_ns - before_ns, (before_ns + after_ns) // 2 - value_ns))
         width_ns, shift_ns = min(found)
         return None if width_ns > 2 * FASTER_NS else shift_ns  # it may be wrong by half the width
+
+
+class SynchronisedTime:
+    """Stamps of a camera whose clock is set by NTP, as the gateway's is: a constant delay is seen, too.
+
+    `unix_ms` returns the Unix time of a stamp of 0, NaN where it is not known. It is exact for a moment only, because
+    the stamps may drift against the camera's clock. So what the fastest frame was late by is measured once, when
+    `PresentationTime` has settled, plus what may have drifted by then; each frame is older by that than the latter
+    says. Not seen is a clock that is up to 50 ms ahead. A wrong one proves nothing, and is looked at anew after 60 s.
+    """
+
+    def __init__(self, unix_ms: Callable[[], float], clock: Clock, label: str) -> None:
+        self._unix_ms = unix_ms
+        self._clock = clock
+        self._label = label
+        self._by_arrival = PresentationTime()
+        self._first_ns: int | None = None
+        self._known_ns: int | None = None  # since when the camera has stated its clock
+        self._wrong_ns: int | None = None  # since when it has been wrong
+        self._told = False
+        self._shift_ns: float | None = None  # our time less the camera's wall clock, of the fastest frame
+        self.proof = AgeProof.UNPROVEN
+
+    def taken_ns(self, arrival_ns: int, stamp_ms: float) -> int:
+        """Raises LinkError where the camera's clock stays wrong."""
+        self._first_ns = arrival_ns if self._first_ns is None else self._first_ns
+        latest_ns = self._by_arrival.taken_ns(arrival_ns, stamp_ms)
+        settled = self._by_arrival.proof is not AgeProof.UNPROVEN
+        self.proof = AgeProof.UNPROVEN
+        shift_ns = self._shift_ns
+        if shift_ns is None:
+            shift_ns = latest_ns - (self._unix_ms() + stamp_ms) * NS_PER_MS
+            if not math.isfinite(shift_ns):
+                if self._known_ns is None and arrival_ns - self._first_ns > WRONG_NS:
+                    self._tell("it does not state its clock: no RTCP sender report, no Unix time")
+                return latest_ns
+            self._known_ns = arrival_ns if self._known_ns is None else self._known_ns
+            shift_ns += MOST_DRIFT * (arrival_ns - self._known_ns)
+        delay_ns = shift_ns + self._clock.wall_ns() - self._clock.now_ns()  # anew each time: a wall clock is set
+        if not -AHEAD_NS <= delay_ns <= SAME_CLOCK_NS:
+            self._wrong_ns = arrival_ns if self._wrong_ns is None else self._wrong_ns
+            side = "behind" if delay_ns > 0 else "ahead of"
+            what = f"its clock is {abs(delay_ns) / NS_PER_S:.1f} s {side} the gateway's"
+            self._tell(what)
+            if arrival_ns - self._wrong_ns > WRONG_NS:
+                raise LinkError(f"{self._label}: {what}")
+            return latest_ns
+        self._wrong_ns = None
+        if settled:
+            self._shift_ns = shift_ns
+            self.proof = AgeProof.DEVICE_TIME
+        return latest_ns - max(0, round(delay_ns))
+
+    def _tell(self, what: str) -> None:
+        if not self._told:
+            log.error("%s: %s; the age of its frames is not proven (camera.clock)", self._label, what)
+        self._told = True
 
 
 class BufferTime:

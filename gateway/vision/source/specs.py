@@ -71,6 +71,7 @@ class StreamSpec:
     by_arrival: bool = False  # else by presentation time
     late_s: float = LATE_S
     stamped: bool = True  # the times that FFmpeg reads are the stream's own; parts of an HTTP stream have theirs
+    synchronised: bool = False  # its clock is set by NTP
 
     @property
     def label(self) -> str:
@@ -175,6 +176,10 @@ def source_spec(config: "CameraConfig") -> SourceSpec:
     if config.gige != GigeConfig() and config.scheme not in MACHINE_VISION:
         raise ConfigError("camera.gige: only gige:// and usb3:// take it")
     by_arrival = config.frame_time == "arrival"
+    if config.clock == "synchronised" and (by_arrival or not config.streams):
+        raise ConfigError(
+            "camera.clock: only the times of an rtsp:// or http:// stream show it, with another frame_time"
+        )
     number = re.fullmatch("[0-9]{1,9}", url)  # a longer one is a path
     if number or url.startswith("/dev/"):
         device = int(url) if number else url
@@ -218,4 +223,5 @@ def stream_spec(config: "CameraConfig") -> StreamSpec:
         by_arrival=config.frame_time == "arrival",
         late_s=config.deadline_s,
         stamped=config.frame_time == "presentation" or scheme.lower().startswith("rtsp"),
+        synchronised=config.clock == "synchronised",
     )

@@ -7,6 +7,7 @@ taken, and FFmpeg makes such times up. All that comes from the network here is b
 import math
 import re
 import ssl
+from collections.abc import Callable
 from datetime import UTC, datetime
 from http.client import HTTPException, HTTPMessage, HTTPResponse, parse_headers
 from typing import IO, TYPE_CHECKING
@@ -24,7 +25,7 @@ from gateway.vision.pixels import bgr8
 from gateway.vision.source import ffmpeg
 from gateway.vision.source.capture import CaptureSource, LiveSource
 from gateway.vision.source.contract import Frame
-from gateway.vision.source.frame_time import ArrivalTime, PresentationTime
+from gateway.vision.source.frame_time import ArrivalTime, FrameTime, PresentationTime, SynchronisedTime
 
 if TYPE_CHECKING:
     from gateway.vision.source.specs import StreamSpec
@@ -58,7 +59,23 @@ def open_stream(spec: "StreamSpec", clock: Clock) -> LiveSource:
     if (codec := ffmpeg.codec_of(capture)) not in ffmpeg.CODECS:
         capture.release()
         raise LinkError(f"{spec.label}: cannot be opened: codec {codec!r}; accepted: {', '.join(ffmpeg.CODECS)}")
-    return CaptureSource(capture, spec, clock, PresentationTime() if spec.stamped else ArrivalTime())
+    return CaptureSource(
+        capture, spec, clock, _stamps(spec, clock, lambda: _unix_ms(capture)) if spec.stamped else ArrivalTime()
+    )
+
+
+def _stamps(spec: "StreamSpec", clock: Clock, unix_ms: Callable[[], float]) -> FrameTime:
+    return SynchronisedTime(unix_ms, clock, spec.label) if spec.synchronised else PresentationTime()
+
+
+def _unix_ms(capture: cv2.VideoCapture) -> float:
+    """By the first RTCP sender report; NaN: there was none. Half a frame too early: FFmpeg's position begins with the
+    first frame, and OpenCV states the time from the opening on in whole frames only."""
+    opened_us, fps = capture.get(cv2.CAP_PROP_STREAM_OPEN_TIME_USEC), capture.get(cv2.CAP_PROP_FPS)
+    if not (opened_us > 0 and fps > 0):
+        return math.nan
+    began_ms = 1000 * capture.get(cv2.CAP_PROP_PTS) / fps - capture.get(cv2.CAP_PROP_POS_MSEC)
+    return opened_us / 1000 + began_ms - 500 / fps
 
 
 def _parts_of(spec: "StreamSpec") -> HTTPResponse | None:
@@ -169,7 +186,7 @@ def stamp_ms(text: str) -> float:
 
 class PartsSource(LiveSource):
     def __init__(self, answer: HTTPResponse, spec: "StreamSpec", clock: Clock) -> None:
-        super().__init__(spec, clock, PresentationTime())
+        super().__init__(spec, clock, _stamps(spec, clock, lambda: 0.0))
         self._answer = answer
         self._parts = Parts(answer)
 

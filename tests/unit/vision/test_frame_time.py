@@ -7,7 +7,15 @@ from collections.abc import Iterable
 import pytest
 
 from gateway.core.readings import AgeProof
-from gateway.vision.source.frame_time import ArrivalTime, BufferTime, LatchedTime, PresentationTime
+from gateway.errors import LinkError
+from gateway.vision.source.frame_time import (
+    ArrivalTime,
+    BufferTime,
+    LatchedTime,
+    PresentationTime,
+    SynchronisedTime,
+)
+from tests.virtual_time import LoopClock
 
 MS = 1_000_000
 S = 1000 * MS
@@ -269,3 +277,76 @@ def test_a_clock_that_cant_be_read_or_is_not_that_of_the_stamps_changes_nothing(
             stamp_ms = (arrival_ns + ahead_s * S - 7 * (n % 3) * MS) / MS
             assert stamps.taken_ns(arrival_ns, stamp_ms) == plain.taken_ns(arrival_ns, stamp_ms)
             assert stamps.proof is plain.proof
+
+
+class WallClock(LoopClock):
+    """At the arrival of a frame: the gateway's clock, and its wall clock, which is `ahead_ns` of it."""
+
+    def __init__(self) -> None:
+        self.now = 0
+        self.ahead_ns = 1_700_000_000 * S
+
+    def now_ns(self) -> int:
+        return self.now
+
+    def wall_ns(self) -> int:
+        return self.now + self.ahead_ns
+
+
+def synchronised(
+    frames: list[tuple[int, float]], clock: WallClock, camera_ahead_ns: int = 0, known_from: int = 75
+) -> Iterable[tuple[int, AgeProof]]:
+    """Age and proof of each frame. The camera states its clock from the 75th frame on, as it was then."""
+    unix_ms = math.nan
+    time = SynchronisedTime(lambda: unix_ms, clock, "rtsp://cam/1")
+    for n, (clock.now, stamp) in enumerate(frames):
+        if n == known_from:
+            unix_ms = (ZERO + n * FRAME + clock.ahead_ns + camera_ahead_ns) / MS - stamp
+        yield clock.now - time.taken_ns(clock.now, stamp), time.proof
+
+
+@pytest.mark.failure_mode("C8")
+@pytest.mark.parametrize("drift", [-300e-6, -50e-6, 0.0, 50e-6, 300e-6])
+def test_two_clocks_set_by_ntp_show_a_constant_delay_however_the_stamps_drift(drift: float) -> None:
+    """An hour at 300 ms, then 200 ms more. Before it is known, the delay is not seen, and nothing proven."""
+    told = list(synchronised(delays([300 * MS] * 90_000 + [500 * MS] * 100, drift=drift), WallClock()))
+    assert {proof for _, proof in told[:125]} == {AgeProof.UNPROVEN}
+    assert {proof for _, proof in told[130:]} == {AgeProof.DEVICE_TIME}
+    assert min(age for age, _ in told[75:]) + MS >= 300 * MS
+    assert max(age for age, _ in told[75:90_000]) < 330 * MS
+    assert min(age for age, _ in told[90_000:]) + MS >= 500 * MS
+
+
+@pytest.mark.parametrize(
+    ("camera_ahead_ns", "known_from", "words"),
+    [
+        (400 * MS, 75, "its clock is 0.1 s ahead of the gateway's"),
+        (-11 * S, 75, "its clock is 11.3 s behind the gateway's"),
+        (3600 * S, 130, "its clock is 3599.7 s ahead of the gateway's"),
+        (0, 10_000, "it does not state its clock: no RTCP sender report, no Unix time"),
+    ],
+)
+def test_a_wrong_clock_proves_nothing_and_is_told_once(
+    camera_ahead_ns: int, known_from: int, words: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    told: list[tuple[int, AgeProof]] = []
+    frames = delays([300 * MS] * 2000)
+    if known_from < 2000:
+        with pytest.raises(LinkError, match=f"^rtsp://cam/1: {words}$"):
+            told.extend(synchronised(frames, WallClock(), camera_ahead_ns, known_from))
+    else:
+        told.extend(synchronised(frames, WallClock(), camera_ahead_ns, known_from))
+    assert {proof for _, proof in told} <= {AgeProof.UNPROVEN}
+    assert [words in record.getMessage() for record in caplog.records] == [True]
+
+
+def test_a_gateway_s_wall_clock_that_is_set_is_followed() -> None:
+    """2 s ahead until the 500th frame."""
+    clock = WallClock()
+    true_ns, clock.ahead_ns = clock.ahead_ns, clock.ahead_ns + 2 * S
+    ages = []
+    for n, (age, _) in enumerate(synchronised(delays([300 * MS] * 1000), clock, -2 * S)):
+        ages.append(age)
+        clock.ahead_ns = true_ns if n >= 500 else clock.ahead_ns
+    assert ages[499] == pytest.approx(2300 * MS, abs=2 * MS)
+    assert ages[999] == pytest.approx(300 * MS, abs=2 * MS)

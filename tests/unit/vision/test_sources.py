@@ -167,6 +167,15 @@ def test_keys_for_a_login_that_could_never_work(tmp_path: Path, values: dict[str
         source_spec(CameraConfig(**given))
 
 
+@pytest.mark.parametrize("keys", [{"url": "0"}, {"url": "gst:///a"}, {"url": "rtsp://cam/1", "frame_time": "arrival"}])
+def test_a_clock_that_the_source_does_not_show_is_refused(keys: dict[str, Any]) -> None:
+    with pytest.raises(ConfigError, match=r"camera\.clock: only the times of an rtsp:// or http:// stream show it"):
+        source_spec(CameraConfig(clock="synchronised", **keys))
+    shown = source_spec(CameraConfig(clock="synchronised", url="rtsp://cam/1"))
+    assert isinstance(shown, StreamSpec)
+    assert shown.synchronised
+
+
 def test_a_pace_slower_than_the_deadline_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"fps = 0\.5 is one frame in 2 s, but camera\.deadline_s = 1"):
         source_spec(CameraConfig(url="frames", fps=0.5, deadline_s=1))
