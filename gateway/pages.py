@@ -19,6 +19,7 @@ from gateway.net.listener import listening, url
 from gateway.net.tls import TlsFiles
 from gateway.parts import BayOutputs, BayTasks, Sensors, Shared
 from gateway.processes.request_service import RequestService
+from gateway.ranger.ranger_service import RangerService
 from gateway.records.questions import ReaderSetup
 from gateway.reload import InForce, ReloadRequests
 from gateway.supervisor import Task
@@ -74,7 +75,7 @@ def build_pages(
             partial(in_force.of, bay.name),
             partial(_signed_keys, in_force, bay.name),
             lambda: [user.name for user in in_force.config.hmi.users if user.role == "technician"],
-            sensors.rangers[bay.name][0].released,
+            partial(_released, sensors.rangers[bay.name]),
         )
         for bay in config.bays
     }
@@ -83,7 +84,7 @@ def build_pages(
             bays.controls[bay.name],
             bays.units[bay.unit_id].read,
             sensors.visions[bay.name],
-            sensors.rangers[bay.name][0],
+            sensors.rangers[bay.name],
             releases[bay.name],
             partial(outputs.files.untried, bay.name),
         )
@@ -147,6 +148,10 @@ def build_pages(
     scheme = "https" if config.hmi.tls_cert else "http"
     address = url(scheme, config.hmi.host, sockets[0].getsockname()[1])
     return Pages(service, f"{address.rstrip('/')}{config.hmi.base_path}/", tasks)
+
+
+def _released(rangers: Sequence[RangerService]) -> list[int]:
+    return [n for n, one in enumerate(rangers) if one.released()]
 
 
 def _signed_keys(in_force: InForce, bay: str) -> dict[str, Any]:

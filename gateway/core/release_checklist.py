@@ -47,7 +47,8 @@ class HeartbeatLoss:
 @dataclass(frozen=True, slots=True)
 class Checklist:
     """Of one bay, from its beginning to its signature. `marker`: when the camera has seen one. `confirmed`: items of
-    CONFIRMED. `good`: sensors that were good under the function check in this run of the gateway."""
+    CONFIRMED. `good`: sensors that were good under the function check in this run of the gateway. `more_rangers_out`:
+    of the second and the third one."""
 
     begun_unix_s: float
     by: str
@@ -57,6 +58,7 @@ class Checklist:
     heartbeat: HeartbeatLoss | None = None
     confirmed: tuple[str, ...] = ()
     good: tuple[str, ...] = ()
+    more_rangers_out: tuple[Outage | None, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,13 +80,20 @@ class Signature:
 def resumed(kept: Checklist) -> Checklist:
     """After a restart: what had not ended by then must be seen again."""
     camera, ranger = _ended_outage(kept.camera_out), _ended_outage(kept.ranger_out)
-    return replace(kept, camera_out=camera, ranger_out=ranger, good=())
+    more = tuple(map(_ended_outage, kept.more_rangers_out))
+    return replace(kept, camera_out=camera, ranger_out=ranger, more_rangers_out=more, good=())
 
 
 def step(
-    checklist: Checklist, state: StateVector, polled: Polled | None, unix_s: float, *, port_released: bool = False
+    checklist: Checklist,
+    state: StateVector,
+    polled: Polled | None,
+    unix_s: float,
+    *,
+    ports_released: Collection[int] = (),
 ) -> Checklist:
-    """`state`: as it may be shown at `unix_s`. `port_released`: the ranger's loss is the gateway's own doing."""
+    """`state`: as it may be shown at `unix_s`. `ports_released`: rangers, from 0 on, whose loss is the gateway's own
+    doing."""
     if state.reason is Reason.SHUTDOWN:
         return _ended(checklist, polled)
     if not state.running:
@@ -92,19 +101,27 @@ def step(
     checklist = replace(checklist, heartbeat=_returned(checklist.heartbeat, polled))
     if state.function_check is FunctionCheck.OFF:
         return resumed(checklist)
-    vision, distance = state.vision.quality, state.range.quality
-    seen = {"camera": vision is Quality.GOOD, "ranger": distance is Quality.GOOD}
-    good = checklist.good
-    if port_released:
-        seen["ranger"], good = False, tuple(name for name in good if name != "ranger")
-        checklist = replace(checklist, ranger_out=_ended_outage(checklist.ranger_out))
+    vision, rangers = state.vision.quality, _rangers(state)
+    names = ["ranger", "ranger 2", "ranger 3"][: len(rangers)]
+    seen = {"camera": vision is Quality.GOOD} | {
+        name: quality is Quality.GOOD and n not in ports_released
+        for n, (name, quality) in enumerate(zip(names, rangers, strict=True))
+    }
+    good = [name for name in checklist.good if name not in {names[n] for n in ports_released if n < len(names)}]
+    # One of three may be out without a stop, as long as the others measure.
+    stop = state.stop or (len(rangers) > 1 and state.range.quality is Quality.GOOD)
+    outs = _rangers_out(checklist, len(rangers))
+    outs = [_ended_outage(out) if n in ports_released else out for n, out in enumerate(outs)]
+    first, *more = [
+        _outage(out, name in good and quality in RANGER_OUT, quality, stop, unix_s)
+        for out, name, quality in zip(outs, names, rangers, strict=True)
+    ]
     return replace(
         checklist,
         marker_unix_s=checklist.marker_unix_s or (unix_s if seen["camera"] else None),
         camera_out=_outage(checklist.camera_out, "camera" in good and vision in CAMERA_OUT, vision, state.stop, unix_s),
-        ranger_out=_outage(
-            checklist.ranger_out, "ranger" in good and distance in RANGER_OUT, distance, state.stop, unix_s
-        ),
+        ranger_out=first,
+        more_rangers_out=tuple(more),
         good=tuple(name for name, now in seen.items() if now or name in good),
     )
 
@@ -112,14 +129,15 @@ def step(
 def done(checklist: Checklist, state: StateVector, polled: Polled | None) -> dict[str, bool]:
     """Every item, in the order in which it is shown, and whether it holds now."""
     lost = checklist.heartbeat is not None and checklist.heartbeat.after_unix_s is not None
+    rangers = _rangers(state)
     return {
         "function_check": state.function_check is not FunctionCheck.OFF,
         "camera": state.vision.quality in FRESH_FRAME and state.running,
         "marker": checklist.marker_unix_s is not None,
-        "ranger": state.range.quality is Quality.GOOD and state.running,
+        "ranger": all(one is Quality.GOOD for one in (state.range.quality, *rangers)) and state.running,
         "plc": polled is not None,
         "camera_out": _over(checklist.camera_out),
-        "ranger_out": _over(checklist.ranger_out),
+        "ranger_out": all(map(_over, _rangers_out(checklist, len(rangers)))),
         "heartbeat": lost and "heartbeat" in checklist.confirmed,
         "thresholds": "thresholds" in checklist.confirmed,
     }
@@ -129,6 +147,16 @@ def confirmable(checklist: Checklist) -> Collection[str]:
     """What a person may confirm now."""
     lost = checklist.heartbeat is not None and checklist.heartbeat.after_unix_s is not None
     return CONFIRMED if lost else ("thresholds",)
+
+
+def _rangers(state: StateVector) -> list[Quality]:
+    """Of each ranger by itself."""
+    return [one.quality for one in state.range.rangers] or [state.range.quality]
+
+
+def _rangers_out(checklist: Checklist, rangers: int) -> list[Outage | None]:
+    known = [checklist.ranger_out, *checklist.more_rangers_out]
+    return (known + [None] * rangers)[:rangers]
 
 
 def _ended(checklist: Checklist, polled: Polled | None) -> Checklist:

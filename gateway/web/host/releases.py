@@ -156,7 +156,7 @@ class BayRelease:
         basis: Callable[[], tuple[object, ...]],
         keys: Callable[[], dict[str, Any]],
         technicians: Callable[[], Collection[str]],
-        port_released: Callable[[], bool],
+        ports_released: Callable[[], Collection[int]],
     ) -> None:
         """Reads what was kept; may wait for the disk."""
         self._path = path
@@ -167,7 +167,7 @@ class BayRelease:
         self._basis = basis
         self._keys_now = keys
         self._technicians = technicians
-        self._port_released = port_released
+        self._ports_released = ports_released
         self._known = basis()
         self._keys = keys()
         self._checklist: Checklist | None = None
@@ -207,9 +207,9 @@ class BayRelease:
                 self._begin(self._checklist.by)
         if self._checklist is not None:
             state = self._control.state()
-            released = self._port_released()
+            released = self._ports_released()
             polled, unix_s = self._polled(), self._unix_s()
-            self._replace(release_checklist.step(self._checklist, state, polled, unix_s, port_released=released))
+            self._replace(release_checklist.step(self._checklist, state, polled, unix_s, ports_released=released))
 
     def now(self) -> ReleaseNow:
         checklist, state, polled = self._checklist, self._control.state(), self._polled()

@@ -24,6 +24,7 @@ from gateway.core.plc import Writer
 from gateway.core.state import VISIT_PHASE_MEANING, FunctionCheck, VisitPhase
 from gateway.durations import NS_PER_S
 from gateway.errors import ConfigError, GatewayError
+from gateway.files import device_at
 from gateway.hub import Hub
 from gateway.modbus.protocol.answers import ReadImage
 from gateway.net import rate_limit
@@ -107,7 +108,7 @@ class BayParts:
     control: BayControl
     image: ReadImage
     vision: VisionService
-    ranger: RangerService
+    rangers: Sequence[RangerService]
     release: BayRelease
     untried: Callable[[], Sequence[str]] = tuple
     former: deque[VisionConfig] = field(default_factory=lambda: deque(maxlen=KEPT_FORMER))
@@ -261,9 +262,17 @@ def _perform(what: BayAction, bay: BayParts, who: Writer) -> str:
                 return str(error)
             said = ", ".join(f"{key}: {value}" for key, value in controls.model_dump(exclude_none=True).items())
             bay.control.settings_changed(f"the camera's controls: {said or 'as the file has them'}", who)
-        case ReleaseRanger():
-            bay.ranger.release(RELEASED_S)
-            bay.control.settings_changed(f"the ranger's port: released for {RELEASED_S:g} s, for its firmware", who)
+    return _release_ranger(what.port, bay, who) if isinstance(what, ReleaseRanger) else ""
+
+
+def _release_ranger(port: str, bay: BayParts, who: Writer) -> str:
+    """As `_perform`."""
+    several = len(bay.rangers) > 1
+    found = [one for one in bay.rangers if not several or device_at(one.config.port) == device_at(port)]
+    if not found:
+        return f"no ranger of this bay has the port {port}"[:MAX_DETAIL_CHARS]
+    found[0].release(RELEASED_S)
+    bay.control.settings_changed(f"the ranger's port: released for {RELEASED_S:g} s, for its firmware", who)
     return ""
 
 

@@ -105,10 +105,11 @@ class TryControls(Message, frozen=True):
 
 
 class ReleaseRanger(Message, frozen=True):
-    """Close the ranger's port for some seconds, so that its board can be given a firmware; only while a function check
-    is on. The bay's distance is LINK_DOWN meanwhile."""
+    """Close a ranger's port for some seconds, so that its board can be given a firmware; only while a function check
+    is on. Its distance is LINK_DOWN meanwhile. `port`: as the file names it, or the same device by another name."""
 
     bay: str
+    port: str
 
 
 class ActOnRelease(Message, frozen=True):

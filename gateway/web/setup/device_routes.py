@@ -69,7 +69,7 @@ async def _begin(services: WebServices, body: LookBody) -> JSONResponse:
 @ADDRESSES.post("/flash", Level.TECHNICIAN, "put the gateway's firmware on an Arduino; followed as a look")
 async def _flash(services: WebServices, caller: RequestCaller, body: FlashBody) -> JSONResponse:
     if body.bay:
-        await services.client.command(ReleaseRanger(body.bay), caller.writer)
+        await services.client.command(ReleaseRanger(body.bay, body.port), caller.writer)
     return _look_json(services.devices.begin(FlashRanger(body.port, body.bay), body.replaces))
 
 

@@ -50,6 +50,7 @@ class ChecklistView(View):
     marker_unix_s: float | None = UnixS
     camera_out: OutageView | None
     ranger_out: OutageView | None
+    more_rangers_out: list[OutageView | None] = Field(description="of the second and the third ranger")
     heartbeat: HeartbeatLossView | None
     confirmed: list[str]
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from gateway.core.detection import Circle
-from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.readings import Quality, RangeReading, RangerVote, VisionReading
 from gateway.core.release_checklist import Checklist, HeartbeatLoss, Outage, Polled, confirmable, done, resumed, step
 from gateway.core.state import FunctionCheck, Reason, StateVector
 
@@ -53,12 +53,45 @@ def test_a_port_that_the_gateway_itself_gave_away_was_not_tried() -> None:
     """For the board's firmware: nobody has drawn a cable."""
     now = step(BEGUN, state(), None, 1000.0)
     for n, one in enumerate([state(), state(distance=DOWN, stop=True), state(distance=DOWN, stop=True)], 1):
-        now = step(now, one, None, 1000.0 + n, port_released=True)
+        now = step(now, one, None, 1000.0 + n, ports_released=[0])
     for n, one in enumerate([state(distance=DOWN, stop=True), state(distance=DOWN, stop=True), state(stop=True)], 4):
         now = step(now, one, None, 1000.0 + n)
     assert now.ranger_out is None
     tried = run(state(), state(distance=DOWN, stop=True), state(stop=True))
-    assert step(tried, state(distance=DOWN), None, 1010.0, port_released=True).ranger_out == tried.ranger_out
+    assert step(tried, state(distance=DOWN), None, 1010.0, ports_released=[0]).ranger_out == tried.ranger_out
+
+
+def several(*qualities: Quality, stop: bool | None = None) -> StateVector:
+    """Two must agree; those that are good do."""
+    agree = qualities.count(GOOD) >= 2
+    votes = tuple(RangerVote(one, 900.0 if one is GOOD else None, one is GOOD and agree) for one in qualities)
+    found = state(distance=GOOD if agree else DOWN, stop=not agree if stop is None else stop)
+    return replace(found, range=replace(found.range, rangers=votes))
+
+
+@pytest.mark.parametrize("of", [2, 3])
+def test_of_several_rangers_each_must_be_tried(of: int) -> None:
+    """One of three may be out without a stop: the two others measure."""
+    good, now, unix_s = several(*[GOOD] * of), BEGUN, 1000.0
+    for n in range(of):
+        out = several(*(DOWN if m == n else GOOD for m in range(of)))
+        assert out.stop == (of == 2)
+        assert not done(now, out, None)["ranger"]
+        for one in (good, out, out, good):
+            assert not done(now, good, None)["ranger_out"], f"{n} of {of} tried"
+            now, unix_s = step(now, one, None, unix_s), unix_s + 1
+    assert done(now, good, None)["ranger_out"]
+    assert done(now, good, None)["ranger"]
+    assert len(now.more_rangers_out) == of - 1
+    assert not done(resumed(step(BEGUN, good, None, 0.0)), good, None)["ranger_out"]
+
+
+def test_of_several_rangers_only_the_port_that_was_given_away_is_not_tried() -> None:
+    now = step(BEGUN, several(GOOD, GOOD), None, 1000.0)
+    for n in (1, 2):
+        now = step(now, several(DOWN, DOWN), None, 1000.0 + n, ports_released=[1])
+    now = step(now, several(GOOD, GOOD), None, 1003.0)
+    assert (now.ranger_out, now.more_rangers_out) == (Outage("link_down", 1001.0, 1003.0), (None,))
 
 
 OFF = FunctionCheck.OFF

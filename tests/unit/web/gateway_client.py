@@ -14,7 +14,16 @@ from gateway.alarms.monitor import AlarmMonitor
 from gateway.bay import BayControl
 from gateway.bay_file import path_of
 from gateway.clock import SystemClock
-from gateway.config import BayConfig, CameraConfig, ControlsConfig, FusionConfig, GatewayConfig, VisionConfig, decision
+from gateway.config import (
+    BayConfig,
+    CameraConfig,
+    ControlsConfig,
+    FusionConfig,
+    GatewayConfig,
+    RangerConfig,
+    VisionConfig,
+    decision,
+)
 from gateway.core.detection import Circle
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.release_checklist import Polled
@@ -50,6 +59,7 @@ from tests.virtual_time import AtOnce, LoopClock
 class StandInRanger:
     """In place of the ranger service."""
 
+    config: RangerConfig
     released_s: float = 0.0
 
     def release(self, seconds: float) -> None:
@@ -91,7 +101,7 @@ class Plant:
     hub: Hub
     controls: dict[str, BayControl]
     vision: dict[str, StandInVision]
-    rangers: dict[str, StandInRanger]
+    rangers: dict[str, list[StandInRanger]]
     rings: dict[str, Ring]
     monitor: AlarmMonitor
     links: SystemStatus = field(default_factory=SystemStatus)  # how everything but the alarms does
@@ -131,7 +141,7 @@ async def plant(
     history = EventHistory(hub)
     controls = {bay.name: BayControl(bay, hub, clock, gateway=config) for bay in config.bays}
     vision = {name: StandInVision() for name in names}
-    rangers = {name: StandInRanger() for name in names}
+    rangers = {name: [StandInRanger(RangerConfig(port=f"/dev/ttyS{n}")) for n in (0, 1)] for name in names}
 
     def in_force(bay: str) -> dict[str, Any]:
         (own,) = [one for one in config.bays if one.name == bay]
@@ -160,7 +170,7 @@ async def plant(
                 *(path_of(config, name) if config.state_dir != "auto" else None, controls[name], clock, store),
                 *(polled, partial(lambda bay: (vision[bay].settings,), name), partial(signed, name)),
                 lambda: ("anna",),
-                lambda: False,
+                tuple,
             ),
         )
         for name in names

@@ -195,12 +195,16 @@ async def test_settings_go_live_only_while_a_function_check_is_on() -> None:
 @in_virtual_time
 async def test_a_ranger_is_released_only_while_a_function_check_is_on() -> None:
     async with plant() as made:
+        first, second = made.rangers["bay1"]
+        order = ReleaseRanger("bay1", second.config.port)
         with pytest.raises(RefusedError, match="begin a function check first"):
-            await made.client.command(ReleaseRanger("bay1"), ANNA)
-        assert made.rangers["bay1"].released_s == 0
+            await made.client.command(order, ANNA)
         await made.client.command(SetFunctionCheck("bay1", FunctionCheck.MAY_MOVE_OFF), ANNA)
-        await made.client.command(ReleaseRanger("bay1"), ANNA)
-        assert made.rangers["bay1"].released_s == 15
+        with pytest.raises(RefusedError, match="no ranger of this bay has the port /dev/ttyS9"):
+            await made.client.command(ReleaseRanger("bay1", "/dev/ttyS9"), ANNA)
+        assert (first.released_s, second.released_s) == (0, 0)
+        await made.client.command(order, ANNA)
+        assert (first.released_s, second.released_s) == (0, 15)
 
 
 @in_virtual_time

@@ -27,7 +27,7 @@ const SEEN = {
   ranger: (_, { state }) => state && listed([t(words(state.range.quality.name)), state.distance_mm !== null && `Z ${number(state.distance_mm, 0, 'mm')}`]),
   plc: (_, { polled }) => polled && text('{0}: {1} polls', polled.address, number(polled.rate_hz, 1, '/s')),
   camera_out: ({ camera_out: out }) => outage(out),
-  ranger_out: ({ ranger_out: out }) => outage(out),
+  ranger_out: ({ ranger_out, more_rangers_out }) => listed([ranger_out, ...more_rangers_out].map(outage)),
   heartbeat: ({ heartbeat: lost }) => lost && (lost.after_unix_s === null ? text('{0} polled until {1}, and not since', lost.address, at(lost.before_unix_s)) : text('{0} polled until {1}, and again from {2}', lost.address, at(lost.before_unix_s), at(lost.after_unix_s))),
   thresholds: () => '',
 };
@@ -72,7 +72,7 @@ function Item({ name, so, view, state, act, busy, restart, begin }) {
 }
 
 const Signed = ({ one }) => html`<li><span translate="no">${text('{0}, by {1} ({2})', on(one.unix_s), one.who, one.address)}</span>${one.void_unix_s !== null && html` <span class="tag warn">void</span> <span translate="no">${text('since {0}: {1}', on(one.void_unix_s), one.void_keys.join(', '))}</span>`}
-  <span class="small muted" translate="no"> ${listed([`R ${px(one.radius_px)}`, `Z ${number(one.distance_mm, 0, 'mm')}`, one.polled?.address, outage(one.checklist.camera_out), outage(one.checklist.ranger_out), SEEN.heartbeat(one.checklist)])}</span></li>`;
+  <span class="small muted" translate="no"> ${listed([`R ${px(one.radius_px)}`, `Z ${number(one.distance_mm, 0, 'mm')}`, one.polled?.address, outage(one.checklist.camera_out), SEEN.ranger_out(one.checklist), SEEN.heartbeat(one.checklist)])}</span></li>`;
 
 function Verdict({ signed }) {
   const newest = signed[0];
