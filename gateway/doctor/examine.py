@@ -5,7 +5,7 @@ from contextlib import suppress
 
 from gateway.clock import SystemClock
 from gateway.config import BayConfig, GatewayConfig
-from gateway.doctor import machine, network, sensors, settings
+from gateway.doctor import machine, network, plc, sensors, settings
 from gateway.doctor.brokers import brokers
 from gateway.doctor.databases import databases
 from gateway.doctor.exposure import exposure
@@ -25,7 +25,10 @@ def findings(config: GatewayConfig, seconds: float, *, beside: bool = False) -> 
     parts: list[tuple[str, str, Iterable[Finding]]] = [
         ("versions", "", _one(machine.versions)),
         ("settings", "", _settings(config)),
-        *(("bay", bay.name, _bay(bay, vectors.get(bay.name), clock, seconds, beside=beside)) for bay in config.bays),
+        *(
+            ("bay", bay.name, _bay(config, bay, vectors.get(bay.name), clock, seconds, beside=beside))
+            for bay in config.bays
+        ),
         ("permission", "", permissions(config)),
         ("port", "", network.ports(config, running=beside or bool(vectors))),
         ("plc", "", _one(lambda: network.reached(config.modbus.host))),
@@ -59,10 +62,18 @@ def _settings(config: GatewayConfig) -> Iterator[Finding]:
 
 
 def _bay(
-    bay: BayConfig, vector: SharedVector | None, clock: SystemClock, seconds: float, *, beside: bool
+    config: GatewayConfig,
+    bay: BayConfig,
+    vector: SharedVector | None,
+    clock: SystemClock,
+    seconds: float,
+    *,
+    beside: bool,
 ) -> Iterator[Finding]:
     if vector is not None:
         yield from sensors.running(bay, vector, clock.now_ns())
+        if bay.ranger.more:
+            yield from plc.rangers(config, bay)
         if not beside:
             yield from exposure(bay)
     elif beside:

@@ -1,10 +1,10 @@
-"""The gateway's own Modbus port, tried as a PLC would: does it answer, does its heartbeat run? IO; connects to this
-machine only."""
+"""The gateway's own Modbus port, tried as a PLC would: does it answer, does its heartbeat run, what does it say of each
+of several rangers? IO; connects to this machine only."""
 
 from collections.abc import Iterator
 
 from gateway.clock import Clock
-from gateway.config import GatewayConfig
+from gateway.config import BayConfig, GatewayConfig
 from gateway.doctor import network
 from gateway.doctor.finding import Finding, Verdict
 from gateway.errors import ProtocolError
@@ -47,3 +47,29 @@ def _answers(host: str, port: int, config: GatewayConfig, clock: Clock) -> Findi
         return Finding("port", "modbus", Verdict.FAULT, tried, result, "look at the gateway's log and alarms")
     result = f"it answers; the heartbeat runs; stop is {then['stop']}, reason {then['reason']}"
     return Finding("port", "modbus", Verdict.OK, tried, result)
+
+
+def rangers(config: GatewayConfig, bay: BayConfig) -> Iterator[Finding]:
+    """Each of several rangers of a bay, as the running gateway sees it: its shared state has only their vote."""
+    modbus = config.modbus
+    here, ports = from_here(modbus.host), [sensor.port for sensor in bay.ranger.sensors]
+    tried = f"connect to {here} port {modbus.port}, read register rangers of unit {bay.unit_id}"
+    try:
+        if not (modbus.plain and modbus.port):
+            raise ProtocolError("no port for plain Modbus TCP is configured")
+        with client.connect(here, modbus.port) as sock:
+            bits = int(decode(client.holding_registers(sock, bay.unit_id, BLOCK_WORDS))["rangers"] or 0)
+    except (OSError, ProtocolError) as error:
+        result = (error.strerror if isinstance(error, OSError) else None) or str(error)
+        yield Finding("ranger", bay.name, Verdict.WARNING, tried, result, "look at the operator's page")
+        return
+    for n, port in enumerate(ports):
+        good, agrees = bits >> n & 1, bits >> n + 4 & 1
+        verdict, result = {
+            (1, 1): (Verdict.OK, "good; the bay's distance rests on it"),
+            (0, 1): (Verdict.OK, "it has no echo, and the bay rests on that"),
+            (1, 0): (Verdict.WARNING, "good, but too few others agree with it"),
+            (0, 0): (Verdict.FAULT, "no fresh, valid distance"),
+        }[good, agrees]
+        remedy = "" if agrees else "look at the operator's page, at its cable and at what stands before it"
+        yield Finding("ranger", bay.name, verdict, tried, f"ranger {n + 1}, {port}: {result}", remedy)

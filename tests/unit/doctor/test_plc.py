@@ -1,5 +1,6 @@
 """The gateway's own Modbus port as the doctor tries it: what each kind of answer is called."""
 
+import math
 import socket
 import struct
 import threading
@@ -8,10 +9,14 @@ from contextlib import closing
 
 import pytest
 
+from gateway.clock import SystemClock
 from gateway.config import GatewayConfig
-from gateway.doctor import plc
+from gateway.core.readings import Quality
+from gateway.core.state import Moved, Reason
+from gateway.doctor import examine, plc
 from gateway.doctor.finding import Finding, Verdict
 from gateway.modbus.registers.register_map import BLOCK_WORDS, MAP_VERSION, REGISTERS
+from gateway.shared_state import SharedVector
 from tests.virtual_time import BlockingClock
 
 ADDRESS = {register.name: register.address for register in REGISTERS}
@@ -27,11 +32,12 @@ def answered(server: socket.socket, answer: Answer) -> None:
             sock.sendall(struct.pack(">HHHB", 1, 0, len(pdu) + 1, 1) + pdu)
 
 
-def block(heartbeat: int) -> bytes:
+def block(heartbeat: int, rangers: int = 0) -> bytes:
     values = [0] * BLOCK_WORDS
     values[ADDRESS["map_version"]] = MAP_VERSION
     values[ADDRESS["heartbeat"]] = heartbeat
     values[ADDRESS["stop"]] = 1
+    values[ADDRESS["rangers"]] = rangers
     values[40:42] = 0x1234, 0x5678  # the known value that shows the order of words
     return struct.pack(f">BB{BLOCK_WORDS}H", 3, 2 * BLOCK_WORDS, *values)
 
@@ -88,3 +94,44 @@ def test_an_exception_is_a_fault(served: Callable[[Answer], int]) -> None:
 def test_no_open_port() -> None:
     found = port_line({}, None)
     assert (found.verdict, found.result) == (Verdict.WARNING, "no port for plain Modbus TCP is open")
+
+
+@pytest.mark.parametrize(
+    ("answer", "verdicts", "results"),
+    [
+        (
+            block(7, 0b0001_0011),
+            [Verdict.OK, Verdict.WARNING, Verdict.FAULT],
+            [
+                "ranger 1, /dev/ttyUSB0: good; the bay's distance rests on it",
+                "ranger 2, /dev/ttyUSB1: good, but too few others agree with it",
+                "ranger 3, /dev/ttyUSB2: no fresh, valid distance",
+            ],
+        ),
+        (
+            block(7, 0b0111_0000),
+            [Verdict.OK] * 3,
+            [f"ranger {n + 1}, /dev/ttyUSB{n}: it has no echo, and the bay rests on that" for n in range(3)],
+        ),
+        (bytes([0x83, 0x0B]), [Verdict.WARNING], ["it answers with exception 0B"]),
+        (None, [Verdict.WARNING], ["no port for plain Modbus TCP is configured"]),
+    ],
+)
+def test_the_rangers_of_a_gateway_that_runs_one_by_one(
+    served: Callable[[Answer], int], answer: bytes | None, verdicts: list[Verdict], results: list[str]
+) -> None:
+    port = served(lambda _: answer) if answer else 0
+    more = [{"port": "/dev/ttyUSB1"}, {"port": "/dev/ttyUSB2"}]
+    config = GatewayConfig.model_validate(
+        {
+            "modbus": {"host": "127.0.0.1", "port": port},
+            "bays": [{"ranger": {"port": "/dev/ttyUSB0", "more": more}}],
+        }
+    )
+    nan = math.nan
+    vector = SharedVector("bay1", 1, 7, 0, 0, 0, 0, 33, nan, nan, nan, nan, nan, Quality.NO_TARGET, Quality.UNSTABLE,
+                          Reason.RANGERS_DISAGREE, None, True, False, False, Moved.NO)  # fmt: skip
+    found = list(examine._bay(config, config.bays[0], vector, SystemClock(), 0, beside=True))
+    each = [one for one in found if one.part == "ranger"][1:]
+    assert [one.verdict for one in each] == verdicts
+    assert [one.result for one in each] == results
