@@ -72,8 +72,7 @@ def _bay(
 ) -> Iterator[Finding]:
     if vector is not None:
         yield from sensors.running(bay, vector, clock.now_ns())
-        if bay.ranger.more:
-            yield from plc.rangers(config, bay)
+        yield from plc.of_bay(config, bay, config.modbus.port)
         if not beside:
             yield from exposure(bay)
     elif beside:

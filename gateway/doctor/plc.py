@@ -1,18 +1,31 @@
-"""The gateway's own Modbus port, tried as a PLC would: does it answer, does its heartbeat run, what does it say of each
-of several rangers? IO; connects to this machine only."""
+"""The gateway's own Modbus port, tried as a PLC would: does it answer, does its heartbeat run, what does it say of
+rangers, beacon and relay? IO; connects to this machine only."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 
 from gateway.clock import Clock
 from gateway.config import BayConfig, GatewayConfig
+from gateway.core.beacon import BEACON_MEANING, BeaconStatus
 from gateway.doctor import network
 from gateway.doctor.finding import Finding, Verdict
 from gateway.errors import ProtocolError
 from gateway.modbus import client
-from gateway.modbus.registers.register_map import BLOCK_WORDS, decode
+from gateway.modbus.registers.register import Value
+from gateway.modbus.registers.register_map import BLOCK_WORDS, RELAY, decode
 from gateway.net.listener import from_here
 
+Judgement = tuple[Verdict, str, str]  # result, what to do
+Judge = Callable[[dict[str, Value]], Judgement]
+
 BEAT_S = 0.3  # between two reads: many ticks of the control task
+LED_REMEDY = "does the LED blink, and does the picture show it where camera.beacon says? Clean both (docs/beacon.md)"
+BEACON_REMEDIES = {
+    BeaconStatus.OFF: "start the gateway again: it runs without this beacon",
+    BeaconStatus.SEARCHING: LED_REMEDY,
+    BeaconStatus.LATE: "a camera or network with less delay; else camera.beacon.tolerance_ms (docs/beacon.md)",
+    BeaconStatus.LOST: LED_REMEDY,
+}
 
 
 def findings(config: GatewayConfig, port: int | None, clock: Clock) -> Iterator[Finding]:
@@ -49,27 +62,62 @@ def _answers(host: str, port: int, config: GatewayConfig, clock: Clock) -> Findi
     return Finding("port", "modbus", Verdict.OK, tried, result)
 
 
-def rangers(config: GatewayConfig, bay: BayConfig) -> Iterator[Finding]:
-    """Each of several rangers of a bay, as the running gateway sees it: its shared state has only their vote."""
-    modbus = config.modbus
-    here, ports = from_here(modbus.host), [sensor.port for sensor in bay.ranger.sensors]
-    tried = f"connect to {here} port {modbus.port}, read register rangers of unit {bay.unit_id}"
+def of_bay(config: GatewayConfig, bay: BayConfig, port: int) -> Iterator[Finding]:
+    """What the running gateway's registers say of each of several rangers, of the beacon and of the relay of a bay.
+
+    Nothing of what it has not. `port`: of plain Modbus TCP; 0: none is known.
+    """
+    judges: list[tuple[str, Judge]] = [("ranger", partial(_ranger, bay, n)) for n in range(len(bay.ranger.sensors))]
+    judges = judges if bay.ranger.more else []
+    judges += [("beacon", _beacon)] if bay.camera.beacon is not None else []
+    judges += [("relay", _relay)] if bay.ranger.has_relay else []
+    if not judges:
+        return
+    here = from_here(config.modbus.host)
+    tried = f"read registers 104 to 107 of unit {bay.unit_id} of the running gateway at {here} port {port}"
     try:
-        if not (modbus.plain and modbus.port):
-            raise ProtocolError("no port for plain Modbus TCP is configured")
-        with client.connect(here, modbus.port) as sock:
-            bits = int(decode(client.holding_registers(sock, bay.unit_id, BLOCK_WORDS))["rangers"] or 0)
+        if not port or not config.modbus.plain:
+            raise ProtocolError("it has no port for plain Modbus TCP that is known")
+        with client.connect(here, port) as sock:
+            image = decode(client.holding_registers(sock, bay.unit_id, BLOCK_WORDS))
     except (OSError, ProtocolError) as error:
         result = (error.strerror if isinstance(error, OSError) else None) or str(error)
-        yield Finding("ranger", bay.name, Verdict.WARNING, tried, result, "look at the operator's page")
+        for part in dict.fromkeys(part for part, _ in judges):
+            yield Finding(part, bay.name, Verdict.WARNING, tried, result, "look at these registers with the PLC")
         return
-    for n, port in enumerate(ports):
-        good, agrees = bits >> n & 1, bits >> n + 4 & 1
-        verdict, result = {
-            (1, 1): (Verdict.OK, "good; the bay's distance rests on it"),
-            (0, 1): (Verdict.OK, "it has no echo, and the bay rests on that"),
-            (1, 0): (Verdict.WARNING, "good, but too few others agree with it"),
-            (0, 0): (Verdict.FAULT, "no fresh, valid distance"),
-        }[good, agrees]
-        remedy = "" if agrees else "look at the operator's page, at its cable and at what stands before it"
-        yield Finding("ranger", bay.name, verdict, tried, f"ranger {n + 1}, {port}: {result}", remedy)
+    for part, judge in judges:
+        verdict, result, remedy = judge(image)
+        yield Finding(part, bay.name, verdict, tried, result, remedy)
+
+
+def _ranger(bay: BayConfig, n: int, image: dict[str, Value]) -> Judgement:
+    """The shared state of a gateway has only the vote of several."""
+    bits = int(image["rangers"] or 0)
+    verdict, result = {
+        (1, 1): (Verdict.OK, "good; the bay's distance rests on it"),
+        (0, 1): (Verdict.OK, "it has no echo, and the bay rests on that"),
+        (1, 0): (Verdict.WARNING, "good, but too few others agree with it"),
+        (0, 0): (Verdict.FAULT, "no fresh, valid distance"),
+    }[bits >> n & 1, bits >> n + 4 & 1]
+    remedy = "" if verdict is Verdict.OK else "look at the operator's page, at its cable and at what stands before it"
+    return verdict, f"ranger {n + 1}, {bay.ranger.sensors[n].port}: {result}", remedy
+
+
+def _beacon(image: dict[str, Value]) -> Judgement:
+    status, latency_ms = BeaconStatus(int(image["beacon_status"] or 0)), image["beacon_latency"]
+    found = "" if latency_ms is None else f"; {latency_ms} ms from the LED's light to the state"
+    remedy = BEACON_REMEDIES.get(status, "")
+    return Verdict.FAULT if remedy else Verdict.OK, f"{status.name}: {BEACON_MEANING[status]}{found}", remedy
+
+
+def _relay(image: dict[str, Value]) -> Judgement:
+    held = RELAY.on(int(image["relay_status"] or 0))
+    if "known" not in held:
+        remedy = "put this version's firmware on the board (docs/firmware.md)"
+        return Verdict.FAULT, "its outputs are not reported", remedy
+    on = [name for name in ("in_place", "may_move") if f"pin_{name}" in held]
+    result = f"by its pins {' and '.join(on) or 'nothing'} is on"
+    if "relay_fault" in held:
+        remedy = "check D4 and D5 and what hangs on them (docs/wiring.md)"
+        return Verdict.FAULT, f"{result}, which is not what is commanded", remedy
+    return Verdict.OK, result, ""

@@ -1,16 +1,17 @@
 """The gateway's own Modbus port as the doctor tries it: what each kind of answer is called."""
 
 import math
+import re
 import socket
 import struct
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 
 import pytest
 
 from gateway.clock import SystemClock
-from gateway.config import GatewayConfig
+from gateway.config import GatewayConfig, parse
 from gateway.core.readings import Quality
 from gateway.core.state import Moved, Reason
 from gateway.doctor import examine, plc
@@ -32,12 +33,13 @@ def answered(server: socket.socket, answer: Answer) -> None:
             sock.sendall(struct.pack(">HHHB", 1, 0, len(pdu) + 1, 1) + pdu)
 
 
-def block(heartbeat: int, rangers: int = 0) -> bytes:
+def block(heartbeat: int, more: Mapping[str, int] | None = None) -> bytes:
     values = [0] * BLOCK_WORDS
     values[ADDRESS["map_version"]] = MAP_VERSION
     values[ADDRESS["heartbeat"]] = heartbeat
     values[ADDRESS["stop"]] = 1
-    values[ADDRESS["rangers"]] = rangers
+    for name, value in (more or {}).items():
+        values[ADDRESS[name]] = value
     values[40:42] = 0x1234, 0x5678  # the known value that shows the order of words
     return struct.pack(f">BB{BLOCK_WORDS}H", 3, 2 * BLOCK_WORDS, *values)
 
@@ -100,7 +102,7 @@ def test_no_open_port() -> None:
     ("answer", "verdicts", "results"),
     [
         (
-            block(7, 0b0001_0011),
+            block(7, {"rangers": 0b0001_0011}),
             [Verdict.OK, Verdict.WARNING, Verdict.FAULT],
             [
                 "ranger 1, /dev/ttyUSB0: good; the bay's distance rests on it",
@@ -109,12 +111,12 @@ def test_no_open_port() -> None:
             ],
         ),
         (
-            block(7, 0b0111_0000),
+            block(7, {"rangers": 0b0111_0000}),
             [Verdict.OK] * 3,
             [f"ranger {n + 1}, /dev/ttyUSB{n}: it has no echo, and the bay rests on that" for n in range(3)],
         ),
         (bytes([0x83, 0x0B]), [Verdict.WARNING], ["it answers with exception 0B"]),
-        (None, [Verdict.WARNING], ["no port for plain Modbus TCP is configured"]),
+        (None, [Verdict.WARNING], ["it has no port for plain Modbus TCP that is known"]),
     ],
 )
 def test_the_rangers_of_a_gateway_that_runs_one_by_one(
@@ -135,3 +137,35 @@ def test_the_rangers_of_a_gateway_that_runs_one_by_one(
     each = [one for one in found if one.part == "ranger"][1:]
     assert [one.verdict for one in each] == verdicts
     assert [one.result for one in each] == results
+
+
+@pytest.mark.parametrize(
+    ("beacon", "latency", "said", "relay", "wire"),
+    [
+        (2, 85, "PROVEN: .* 85 ms from the LED", 0b001011, "by its pins in_place is on$"),
+        (3, 900, "LATE: .* 900 ms from the LED", 0b111001, "in_place and may_move is on, which is not"),
+        (4, 0xFFFF, "LOST: the pictures no longer show the code$", 0, "its outputs are not reported"),
+    ],
+)
+def test_beacon_and_relay_of_a_running_gateway(
+    served: Callable[[Answer], int], beacon: int, latency: int, said: str, relay: int, wire: str
+) -> None:
+    shown = {"beacon_status": beacon, "beacon_latency": latency, "relay_status": relay}
+    hcsr04 = {"beacon": True, "relay": True}
+    config = parse(
+        {"camera": {"beacon": {"u_px": 9, "v_px": 9}}, "ranger": {"hcsr04": hcsr04}, "fusion": {"period_s": 0.02}}
+    )
+    found = list(plc.of_bay(config, config.bays[0], served(lambda _: block(7, shown))))
+    assert [one.part for one in found] == ["beacon", "relay"]
+    assert {one.verdict for one in found} == {Verdict.OK if beacon == 2 else Verdict.FAULT}
+    assert re.search(said, found[0].result)
+    assert re.search(wire, found[1].result)
+    assert [bool(one.remedy) for one in found] == [beacon != 2] * 2
+
+
+def test_without_beacon_and_relay_nothing_is_read_and_without_a_port_nothing_is_known() -> None:
+    config = parse({"camera": {"beacon": {"u_px": 9, "v_px": 9}}, "ranger": {"hcsr04": {"beacon": True}}})
+    (found,) = plc.of_bay(config, config.bays[0], 0)
+    assert (found.part, found.verdict) == ("beacon", Verdict.WARNING)
+    plain = parse({})
+    assert list(plc.of_bay(plain, plain.bays[0], 0)) == []
