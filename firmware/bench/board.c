@@ -25,7 +25,7 @@ enum { BOOT_START = 0x7E00, RUNAWAY = 0x7DFE };
 
 static avr_t *avr;
 static avr_uart_t *uart;
-static avr_irq_t *echo_pin, *wire_pin, *trig_pin, *adc_pin, *uart_in;
+static avr_irq_t *echo_pin, *wire_pin, *trig_pin, *beacon_pin, *adc_pin, *uart_in;
 static elf_firmware_t elf;
 static board_options_t options;
 static rng_t garbage;
@@ -121,7 +121,7 @@ static void after_reset(int cause) {
     avr_ioctl(avr, AVR_IOCTL_UART_SET_FLAGS('0'), &no_flags);
     if (cause != WATCHDOG) avr->data[MCUSR] = (uint8_t)cause; // simavr sets WDRF itself
     avr->run_cycle_limit = CYCLES_PER_MS; // instructions in a row between two looks at the timers
-    trig_pin->value = 0;
+    trig_pin->value = beacon_pin->value = 0;
     board_echo(echo_high);
     ds18b20_wire(false);
     board_wire(wire_high);
@@ -200,10 +200,11 @@ bool board_open(const board_options_t *wanted) {
     echo_pin = avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('B'), ECHO_PIN);
     wire_pin = avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('D'), WIRE_PIN);
     trig_pin = avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('D'), TRIG_PIN);
+    beacon_pin = avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('D'), BEACON_PIN);
     adc_pin = avr_io_getirq(avr, AVR_IOCTL_ADC_GETIRQ, ADC_IRQ_ADC0);
     uart_in = avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_INPUT);
     avr_irq_t *const uart_out = avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_OUTPUT);
-    if (!uart || !echo_pin || !wire_pin || !trig_pin || !adc_pin || !uart_in || !uart_out) {
+    if (!uart || !echo_pin || !wire_pin || !trig_pin || !beacon_pin || !adc_pin || !uart_in || !uart_out) {
         fputs("bench: this simavr has another ATmega328P\n", stderr);
         return false;
     }
@@ -212,7 +213,7 @@ bool board_open(const board_options_t *wanted) {
     avr_irq_register_notify(uart_out, on_uart_out, NULL);
     for (uintptr_t i = 0; i < RELAY_PINS; i++)
         avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('D'), (int)(RELAY_PIN + i)), on_relay, (void *)i);
-    avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('D'), BEACON_PIN), on_beacon, NULL);
+    avr_irq_register_notify(beacon_pin, on_beacon, NULL);
     static const uint16_t pace[] = {UCSR0A, UCSR0C, UBRR0L, UBRR0H};
     for (size_t i = 0; i < sizeof pace / sizeof *pace; i++)
         avr_irq_register_notify(avr_iomem_getirq(avr, pace[i], NULL, AVR_IOMEM_IRQ_ALL), on_uart_register, NULL);

@@ -105,7 +105,7 @@ def _ranger(bay: BayConfig, n: int, image: dict[str, Value]) -> Judgement:
 
 def _beacon(image: dict[str, Value]) -> Judgement:
     status, latency_ms = BeaconStatus(int(image["beacon_status"] or 0)), image["beacon_latency"]
-    found = "" if latency_ms is None else f"; {latency_ms} ms from the LED's light to the state"
+    found = "" if latency_ms is None else f"; {latency_ms:.0f} ms from the LED's light to the state"
     remedy = BEACON_REMEDIES.get(status, "")
     return Verdict.FAULT if remedy else Verdict.OK, f"{status.name}: {BEACON_MEANING[status]}{found}", remedy
 
