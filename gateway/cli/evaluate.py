@@ -53,10 +53,8 @@ from gateway.cli import vision_args
 from gateway.errors import ConfigError
 
 if TYPE_CHECKING:
-    from gateway.config import VisionConfig
     from gateway.vision.offline.evaluation.labels import Label, Labels
     from gateway.vision.offline.evaluation.report import About
-    from gateway.vision.offline.evaluation.runner import MakeDetector
     from gateway.vision.offline.evaluation.stress import Stressed
     from gateway.vision.offline.evaluation.summary import SeriesOf, Summary
 
@@ -106,7 +104,7 @@ def main(args: argparse.Namespace) -> int:
         raise ConfigError(f"--worst {args.worst}: must be 0 to 500")
     required = requirements.parse(args.require)
     series = _series(args.series)
-    registry = _methods(vision_args.bay_vision(args.config, args.bay), args.method)
+    registry = vision_args.methods(vision_args.bay_vision(args.config, args.bay), args.method)
     found = labels.load(args.folder)
     chosen = _half(found, args.split)
     if args.tracking and all(label.frame is None for label in chosen):
@@ -180,27 +178,6 @@ def _series(pattern: str | None) -> "SeriesOf":
         return series_by(pattern)
     except re.error as error:
         raise ConfigError(f"--series {pattern}: not a regular expression: {error}") from error
-
-
-def _methods(params: "VisionConfig", asked: str | None) -> dict[str, "MakeDetector"]:
-    """A maker of detectors for each method asked for."""
-    from gateway.clock import SystemClock
-    from gateway.config.sections.vision import DETECTION_METHODS
-    from gateway.vision.detect import registry
-
-    known = DETECTION_METHODS.names()
-    if asked is not None and asked != "all" and asked not in known:
-        raise ConfigError(f"--method {asked}: there is: {', '.join(known)}, all")
-    now_ns = SystemClock().now_ns
-
-    def maker(name: str) -> "MakeDetector":
-        def make(follow: bool) -> Any:
-            return registry.detector(params.model_copy(update={"method": name, "tracking": follow}), now_ns)
-
-        return make
-
-    names = known if asked == "all" else (asked or params.method,)
-    return {name: maker(name) for name in names}
 
 
 def _half(found: "Labels", split: str | None) -> Sequence["Label"]:

@@ -22,6 +22,7 @@ VERBS = (
     "update",
     "detect",
     "evaluate",
+    "benchmark",
     "tune",
     "calibrate",
     "replay",

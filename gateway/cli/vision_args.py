@@ -5,12 +5,13 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from gateway.errors import ConfigError
 
 if TYPE_CHECKING:
     from gateway.config import VisionConfig
+    from gateway.vision.offline.evaluation.runner import MakeDetector
 
 # Read by OpenCV when it is loaded, so set before; the user's settings are kept. The pixel limit keeps a few bytes of
 # hostile or broken file from requesting gigabytes; the decoders' own output would be mixed with ours.
@@ -43,6 +44,27 @@ def bay_vision(config: Path | None, bay: str | None) -> "VisionConfig":
     if name not in bays:
         raise ConfigError(f"{config}: no bay {name}; there is: {', '.join(bays)}")
     return bays[name].vision
+
+
+def methods(params: "VisionConfig", asked: str | None) -> dict[str, "MakeDetector"]:
+    """A maker of detectors for the method asked for, all of them, or the configuration's. Raises ConfigError."""
+    from gateway.clock import SystemClock
+    from gateway.config.sections.vision import DETECTION_METHODS
+    from gateway.vision.detect import registry
+
+    known = DETECTION_METHODS.names()
+    if asked is not None and asked != "all" and asked not in known:
+        raise ConfigError(f"--method {asked}: there is: {', '.join(known)}, all")
+    now_ns = SystemClock().now_ns
+
+    def maker(name: str) -> "MakeDetector":
+        def make(follow: bool) -> Any:
+            return registry.detector(params.model_copy(update={"method": name, "tracking": follow}), now_ns)
+
+        return make
+
+    names = known if asked == "all" else (asked or params.method,)
+    return {name: maker(name) for name in names}
 
 
 def made_now() -> str:

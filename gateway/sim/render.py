@@ -6,6 +6,7 @@ truck, marker, motion blur, the bay's own spout and lamp, dust, light, sensor no
 
 import math
 import random
+from copy import copy
 from functools import lru_cache
 
 import cv2
@@ -18,7 +19,7 @@ from gateway.sim.led import Led
 from gateway.sim.scenario import DEFAULT_EXPOSURE_MS, Camera, Dust, FaultKind, Glare, Light, Scenario
 from gateway.sim.sensor import Sensor
 from gateway.sim.spout import Spout
-from gateway.sim.textures import COVER, NEAR_MM, TANK_AXES, TextureLevel, surfaces
+from gateway.sim.textures import COVER, NEAR_MM, TANK_AXES, Surfaces, TextureLevel, surfaces
 from gateway.sim.world import Truth
 from gateway.vision.exposure.settings import Exposure
 from gateway.vision.pixels import Image
@@ -63,6 +64,12 @@ class Painter:
         self._glares: dict[Glare, NDArray[np.float32]] = {}
         self._sensor: Sensor | None = None
         self._led = None if led is None else _led_cover(led, self._size)
+
+    def repainted(self, surfaces: Surfaces) -> "Painter":
+        """The same bay with other surfaces."""
+        made = copy(self)
+        made._surfaces = surfaces
+        return made
 
     def frame(self, truth: Truth, frame_index: int, exposure: Exposure | None = None, lit: float = 0.0) -> Image:
         """`exposure`: the camera is set to this; None: it always gives what the scenario says. `lit`: for which part of
@@ -146,8 +153,13 @@ class Painter:
             level = _fitting(self._surfaces.cover, scale)
             _lay(image, box, _warp(level, truth, scale, box), _cover(level, truth, scale, box))
             return
-        paint = _warp(_fitting(self._surfaces.paint, scale), truth, scale, box)
-        _lay(image, box, paint, disc_cover(truth.u_px, truth.v_px, radius, box))
+        if self._surfaces.paint:
+            paint = _warp(_fitting(self._surfaces.paint, scale), truth, scale, box)
+            _lay(image, box, paint, disc_cover(truth.u_px, truth.v_px, radius, box))
+        if self._surfaces.over:
+            level = _fitting(self._surfaces.over, scale)
+            if wide := _window(truth.u_px, truth.v_px, -level.left_mm * scale, self._size):
+                _lay(image, wide, _warp(level, truth, scale, wide), _cover(level, truth, scale, wide))
 
     def _dusty(self, image: Image, truth: Truth) -> Image:
         dust = self._scenario.dust

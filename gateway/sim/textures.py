@@ -49,9 +49,10 @@ class TextureLevel:
 class Surfaces:
     near: TextureLevel  # the truck round the port, fine
     truck: tuple[TextureLevel, ...]  # all of it, finest first
-    paint: tuple[TextureLevel, ...]  # the marker, a square somewhat larger than the disc
+    paint: tuple[TextureLevel, ...]  # the marker, a square somewhat larger than the disc; none: no marker
     cover: tuple[TextureLevel, ...]  # a tarpaulin over the port
     yard: Image  # (H, W, 3): the fixed background behind the truck
+    over: tuple[TextureLevel, ...] = ()  # what lies over the marker, or in its place
 
 
 def surfaces(scenario: Scenario) -> Surfaces:
@@ -88,13 +89,13 @@ def _painted(scenario: Scenario) -> Surfaces:
     return Surfaces(
         near=TextureLevel(fine.image, None, FINE, NEAR_MM[0], NEAR_MM[1]),
         truck=tuple(levels),
-        paint=_pyramid(_paint(scenario, chance)),
-        cover=_pyramid(_tarpaulin(r, chance)),
+        paint=pyramid(_paint(scenario, chance)),
+        cover=pyramid(_tarpaulin(r, chance)),
         yard=_yard(scenario, chance),
     )
 
 
-def _pyramid(level: TextureLevel) -> tuple[TextureLevel, ...]:
+def pyramid(level: TextureLevel) -> tuple[TextureLevel, ...]:
     levels = [level]
     while levels[-1].scale > FINE / 8:
         levels.append(levels[-1].halved())

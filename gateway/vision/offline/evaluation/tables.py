@@ -1,6 +1,6 @@
 """The tables of an evaluation. Pure."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from gateway.vision.offline.evaluation.scoring import Scores
 from gateway.vision.offline.evaluation.stress import FOUND, Stressed
@@ -32,6 +32,23 @@ def parts(result: Summary) -> ReportTable:
     named += [("", name, part) for name, part in result.groups.items()]
     rows: list[Row] = [(style, [name, *(cell(part) for _, cell in _COLUMNS)]) for style, name, part in named]
     return ReportTable(f"Method {result.method}", ("part", *(head for head, _ in _COLUMNS)), rows)
+
+
+def side_by_side(results: Sequence[Summary]) -> ReportTable:
+    """A row a group and method, and the whole set at the end. Centre and radius: median and p95."""
+    heads = ("condition", "method", "found", "wrong", "false", "centre px", "p95", "radius %", "p95", "ms")
+    names = [*results[0].groups, "all"]
+    rows: list[Row] = []
+    for name in names:
+        for n, result in enumerate(results):
+            f = result.groups.get(name, result.total)
+            found = f"{f.on_target} of {f.with_marker}" if f.with_marker else "–"
+            wrong = faults(f.wrong if f.with_marker else None)
+            false: Cell = (f"{f.false} of {f.without}", "bad" if f.false else "good") if f.without else "–"
+            errors = (f.centre_median_px, f.centre_p95_px, f.radius_median_pct, f.radius_p95_pct, f.ms_median)
+            start = (name if n == 0 else "", (result.method, "left"), found, wrong, false)
+            rows.append(("whole" if name == names[-1] else "", [*start, *map(number, errors)]))
+    return ReportTable("Benchmark", heads, rows)
 
 
 def sequences(result: Summary) -> ReportTable:
