@@ -6,9 +6,9 @@
     .venv/bin/python -m bench.dust --sum 4 8            # what the sum of so many frames adds, where one shows nothing
 
 The simulator's bay (other surfaces, distances, light and red clutter for each seed) and drawn scenes (a disc beside a
-decoy on each ground), rendered without noise, seen through `tests.disturb.dust`: the share of airlight at the marker is
-exactly that of the row; noise and rounding to 8 bits come after it. Each picture is seen through an even and an uneven
-veil. Without a marker: bays with a tarpaulin over it and nothing else that is red and round, and decoys alone.
+decoy on each ground), rendered without noise, seen through `gateway.sim.weather.dust`: the share of airlight at the
+marker is exactly that of the row; noise and rounding to 8 bits come after it. Each picture is seen through an even and
+an uneven veil. Without a marker: bays with a tarpaulin over it and nothing else that is red and round, and decoys.
 
 "Found" counts answers on the target (centre and radius within a quarter of the radius); errors are those of found ones.
 """
@@ -26,19 +26,20 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from bench.stress import METHODS, Picture
 from gateway.config import VisionConfig
 from gateway.core.detection import Detection
 from gateway.sim.render import render
 from gateway.sim.scenario import Camera, Clutter, Dust, Fault, FaultKind, Light, Marker, Pose, Scenario, Surface
+from gateway.sim.weather import dust
 from gateway.sim.world import World
 from gateway.vision.detect.method import TimedPicture
+from gateway.vision.detect.paper import pipeline
+from gateway.vision.detect.robust import detect as robust
 from gateway.vision.detect.robust import frame_sum
 from gateway.vision.offline.evaluation.labels import Label
 from gateway.vision.offline.evaluation.scoring import ON, Closeness, judge
 from gateway.vision.pixels import Image
 from tests import decoys
-from tests.disturb import dust
 
 VEILS = (0.0, 0.5, 0.7, 0.8, 0.85, 0.9, 0.93, 0.96)
 HALVES = {"tuning": 0, "reporting": 500}  # first seed
@@ -78,6 +79,8 @@ class Tally:
         return [*cells, str(self.wrong), f"{self.false} of {self.without}"]
 
 
+Picture = tuple[Label, Image]
+METHODS = {"paper": pipeline.detect, "robust": robust.detect}
 PARAMS = VisionConfig()
 SHOT_NS = 15_000_000  # between frames
 

@@ -14,7 +14,7 @@ elsewhere; "false" circles in pictures without one. Time is CPU time of one thre
 import argparse
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -23,67 +23,41 @@ import cv2
 import numpy as np
 
 from bench import dust
-from bench.stress import Picture, photos
+from bench.dust import Picture
 from gateway.config import VisionConfig
 from gateway.config.sections.vision import Proposals
+from gateway.sim import weather
 from gateway.vision.detect.robust import proposer, search
 from gateway.vision.detect.robust.detect import detect, limits_of
+from gateway.vision.offline.evaluation import labels, runner
 from gateway.vision.offline.evaluation.labels import Label
 from gateway.vision.offline.evaluation.scoring import ON, Closeness, judge
 from gateway.vision.pixels import Image
-from tests import disturb
 
 MODES: tuple[Proposals, ...] = ("classical", "learned", "both")
-NOISE = 2.0  # grey levels
+Effect = Callable[[weather.Light, weather.Chance], weather.Light]
 Apply = Callable[[Label, Image, int], Image]
+
+
+def photos(folder: Path) -> Iterator[Picture]:
+    found = labels.load(folder)
+    return ((label, runner.picture(found, label)) for label in found.labels)
 
 
 def veil(share: float, uneven: bool, label: Label, image: Image, seed: int) -> Image:
     return dust.through(label, image, share, uneven=uneven, seed=seed)
 
 
-def dark(label: Label, image: Image, seed: int) -> Image:
+def in_weather(
+    effect: Callable[[weather.Light, weather.Chance], weather.Light], label: Label, image: Image, seed: int
+) -> Image:
+    chance = np.random.default_rng([seed, 21])
+    return weather.photographed(effect(image.astype(np.float32), chance), chance)
+
+
+def dark(light: weather.Light, chance: weather.Chance) -> weather.Light:
     """A twentieth of the light."""
-    return disturb.gain(image, 0.05, seed)
-
-
-def dirt(label: Label, image: Image, seed: int) -> Image:
-    """Blurred spots on the lens over some 22 % of the picture."""
-    (height, width), chance = image.shape[:2], np.random.default_rng([seed, 21])
-    cover = np.zeros((height, width), np.float32)
-    while cover.mean() < 0.22:
-        at = (int(chance.integers(width)), int(chance.integers(height)))
-        cv2.circle(cover, at, int(chance.integers(width // 60, width // 14)), 1.0, -1)
-    soft = np.asarray(cv2.GaussianBlur(cover, (0, 0), width / 100))[..., None] * 0.85
-    return _noisy(image * (1 - soft) + np.array([60.0, 70.0, 76.0]) * soft, chance)
-
-
-def rain(label: Label, image: Image, seed: int) -> Image:
-    """Light streaks, all slanted alike, and a thin haze."""
-    (height, width), chance = image.shape[:2], np.random.default_rng([seed, 22])
-    cover = np.zeros((height, width), np.float32)
-    slant = float(chance.uniform(-0.25, 0.25))
-    for _ in range(500):
-        x, y = int(chance.integers(width)), int(chance.integers(height))
-        length = float(chance.uniform(0.02, 0.09)) * height
-        cv2.line(cover, (x, y), (round(x + slant * length), round(y + length)), float(chance.uniform(0.2, 0.6)), 1)
-    soft = np.maximum(np.asarray(cv2.GaussianBlur(cover, (0, 0), 0.7)), 0.12)[..., None]
-    return _noisy(image * (1 - soft) + 205 * soft, chance)
-
-
-def snow(label: Label, image: Image, seed: int) -> Image:
-    """White flakes, near ones large, and a thin haze."""
-    (height, width), chance = image.shape[:2], np.random.default_rng([seed, 23])
-    cover = np.zeros((height, width), np.float32)
-    for _ in range(700):
-        at = (int(chance.integers(width)), int(chance.integers(height)))
-        cv2.circle(cover, at, int(chance.choice([1, 1, 2, 3, 5])), float(chance.uniform(0.5, 1.0)), -1)
-    soft = np.maximum(np.asarray(cv2.GaussianBlur(cover, (0, 0), 0.8)), 0.15)[..., None]
-    return _noisy(image * (1 - soft) + 228 * soft, chance)
-
-
-def _noisy(picture: np.ndarray, chance: np.random.Generator) -> Image:
-    return np.clip(np.rint(picture + NOISE * chance.standard_normal(picture.shape)), 0, 255).astype(np.uint8)
+    return light * np.float32(0.05)
 
 
 CONDITIONS: dict[str, Apply] = {
@@ -93,10 +67,10 @@ CONDITIONS: dict[str, Apply] = {
     "veil 0.93": partial(veil, 0.93, False),
     "veil 0.85, uneven": partial(veil, 0.85, True),
     "veil 0.9, uneven": partial(veil, 0.9, True),
-    "a twentieth of the light": dark,
-    "dirt over 22 %": dirt,
-    "rain": rain,
-    "snow": snow,
+    "a twentieth of the light": partial(in_weather, dark),
+    "dirt over 22 %": partial(in_weather, weather.dirt),
+    "rain": partial(in_weather, weather.rain),
+    "snow": partial(in_weather, weather.snow),
 }
 
 
@@ -149,7 +123,7 @@ def main() -> None:
         name: [(label, apply(label, image, first + n)) for n, (label, image) in enumerate(known)]
         for name, apply in CONDITIONS.items()
     }
-    sets |= {folder.name: list(photos(folder, "both")) for folder in args.photos or ()}
+    sets |= {folder.name: list(photos(folder)) for folder in args.photos or ()}
     print("\n".join(f"| {' | '.join(cells)} |" for cells in (HEADINGS, ["---"] * len(HEADINGS))), flush=True)
     for name, pictures in sets.items():
         if pictures:

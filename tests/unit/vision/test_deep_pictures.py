@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from gateway.config import CameraConfig, VisionConfig
 from gateway.core.detection import Circle, Tracking
 from gateway.errors import ConfigError, LinkError
+from gateway.sim.weather import dust
 from gateway.vision.detect import registry
 from gateway.vision.detect.robust.detect import detect
 from gateway.vision.offline import inputs
@@ -24,7 +25,6 @@ from gateway.vision.source.contract import Frame
 from gateway.vision.source.raw_format import FOURCC, RawFormat, raw_format
 from gateway.vision.source.specs import CameraSpec, FileSpec, source_spec
 from tests import decoys
-from tests.disturb import dust
 from tests.virtual_time import LoopClock
 
 pytestmark = pytest.mark.one_interpreter

@@ -18,6 +18,7 @@ from gateway.core import fusion
 from gateway.core.detection import Circle, Detection, Ellipse, Tracking
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import Tick
+from gateway.sim.weather import AIRLIGHT
 from gateway.vision.detect import registry, robust
 from gateway.vision.detect.method import Summing, TimedPicture
 from gateway.vision.detect.robust import frame_sum
@@ -30,7 +31,6 @@ from gateway.vision.process.vision_process import CheckedFrame, RecentFrames, de
 from gateway.vision.source.freshness import TILES
 from gateway.vision.transport.messages import FrameResult
 from tests import decoys, fused
-from tests.disturb import AIRLIGHT
 
 pytestmark = pytest.mark.one_interpreter
 

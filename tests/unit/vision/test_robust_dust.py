@@ -7,6 +7,7 @@ import pytest
 
 from gateway.config import VisionConfig
 from gateway.core.detection import Circle, Ellipse
+from gateway.sim.weather import dust
 from gateway.vision.detect.robust.clearest_rim import rim_behind_veil
 from gateway.vision.detect.robust.decision import Limits
 from gateway.vision.detect.robust.detect import detect
@@ -16,7 +17,6 @@ from gateway.vision.detect.robust.search import search_expected
 from gateway.vision.detect.robust.veil import Veil, contrast_left, estimate, less_veil, unveiled
 from gateway.vision.pixels import Image
 from tests import decoys
-from tests.disturb import dust
 from tests.long import mostly_long
 
 pytestmark = pytest.mark.one_interpreter
