@@ -132,5 +132,5 @@ BLOCKS: dict[str, Callable[[], str]] = {
     "topics": topics_markdown,
     "events": events_markdown,
     "home assistant": home_assistant_markdown,
-    **{f"example {name}": partial(_example, name) for name in ("status", "will", "state", "event", "alarms")},
+    **{f"example {name}": partial(_example, name) for name in ("status", "state", "event", "alarms")},
 }
