@@ -109,7 +109,10 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
         "situations": situations.markdown,
         "rolling": rolling_bench.latency_markdown,
     },
-    "vision.md": {"stages": detection_methods.paper_stages},
+    "vision.md": {
+        "stages": detection_methods.paper_stages,
+        "benchmark": detection_methods.benchmark_conditions,
+    },
     "vision-robust.md": detection_methods.ROBUST_BLOCKS,
 }
 REPORTS: dict[str, Mapping[str, Callable[[], str]]] = {

@@ -7,6 +7,7 @@ and red things that are not the marker.
   gateway benchmark --count 24 --seed 7                 more frames of each, of other bays
   gateway benchmark --out bench/                        a picture of each condition with truth and answers drawn in it
   gateway benchmark --frames frames/                    only write the frames, with labels.jsonl for gateway evaluate
+  gateway benchmark --markdown                          the table as Markdown
 
 Your own detector against them, in one command:
   gateway benchmark --method paper robust hough-circles my_module:find
@@ -61,6 +62,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", metavar="DIR", type=Path, help="write a picture of each condition: truth and answers")
     parser.add_argument("--frames", metavar="DIR", type=Path, help="write the frames and labels.jsonl, compare nothing")
     parser.add_argument("--list", action="store_true", help="list the conditions")
+    parser.add_argument("--markdown", action="store_true", help="print the table as Markdown")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
 
 
@@ -88,7 +90,7 @@ def main(args: argparse.Namespace) -> int:
     if args.json:
         _print_json(args, results)
     else:
-        _show(results)
+        _show(results, markdown=args.markdown)
     return 0
 
 
@@ -150,12 +152,17 @@ def _write_frames(args: argparse.Namespace, conditions: "Sequence[Condition]") -
     print(f"{len(lines)} frames: gateway evaluate {args.frames} --method all")
 
 
-def _show(results: "Sequence[Summary]") -> None:
+def _show(results: "Sequence[Summary]", *, markdown: bool) -> None:
     from gateway.cli.tables import console, show
+    from gateway.modbus.exports.tables import markdown_table
     from gateway.vision.offline.evaluation import tables
 
-    out = console()
-    show(out, tables.side_by_side(results), widest=22)
+    out, table = console(), tables.side_by_side(results)
+    if markdown:
+        cells = ([cell if isinstance(cell, str) else cell[0] for cell in row] for _, row in table.rows)
+        print(markdown_table(table.heads, cells))
+        return
+    show(out, table, widest=22)
     for result in results:
         f = result.total
         found = f"{f.on_target} of {f.with_marker} markers found, {f.wrong} wrong; " if f.with_marker else ""
