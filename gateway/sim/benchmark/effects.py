@@ -11,7 +11,7 @@ import numpy as np
 
 from gateway.sim import weather
 from gateway.sim.ambient import glare_map
-from gateway.sim.benchmark.scene import Rim, Shot
+from gateway.sim.benchmark.scene import Shot, TrueRim
 from gateway.sim.render import disc_cover
 from gateway.sim.scenario import Glare
 from gateway.sim.weather import Chance
@@ -147,7 +147,7 @@ def reduced(shot: Shot, chance: Chance) -> Shot:
     light = shot.light[cut : height - cut]
     small = cv2.resize(light, (light.shape[1] // 2, light.shape[0] // 2), interpolation=cv2.INTER_AREA)
     rim = shot.rim
-    small_rim = Rim((rim.u + 0.5) / 2 - 0.5, (rim.v - cut + 0.5) / 2 - 0.5, rim.a / 2, rim.b / 2)
+    small_rim = TrueRim((rim.u + 0.5) / 2 - 0.5, (rim.v - cut + 0.5) / 2 - 0.5, rim.a / 2, rim.b / 2)
     return replace(shot, light=np.asarray(small, np.float32), rim=small_rim)
 
 
@@ -181,13 +181,13 @@ def half_lost(image: Image) -> Image:
     return lost
 
 
-def _projected(plane: np.ndarray) -> Rim:
+def _projected(plane: np.ndarray) -> TrueRim:
     """The image of the circle of 90 mm in a plane: C = H^-T diag(1, 1, -r^2) H^-1."""
     back = np.linalg.inv(plane)
     conic = back.T @ np.diag([1.0, 1.0, -(90.0**2)]) @ back
     centre = np.linalg.solve(conic[:2, :2], -conic[:2, 2])
     axes = 1 / np.sqrt(np.linalg.eigvalsh(-conic[:2, :2] / (conic[:2, 2] @ centre + conic[2, 2])))
-    return Rim(float(centre[0]), float(centre[1]), float(axes[0]), float(axes[1]))
+    return TrueRim(float(centre[0]), float(centre[1]), float(axes[0]), float(axes[1]))
 
 
 def _away(shot: Shot, u: float, v: float) -> tuple[np.ndarray, np.ndarray]:

@@ -22,7 +22,7 @@ RADIUS_MM = 90.0
 Place = Callable[[Chance, float, int, int], tuple[float, float]]  # radius, frame's width and height, px -> u, v
 
 
-class Rim(NamedTuple):
+class TrueRim(NamedTuple):
     """The marker's rim in the frame, px; a circle has a = b. What stands in its place has one, too."""
 
     u: float
@@ -34,7 +34,7 @@ class Rim(NamedTuple):
 @dataclass(frozen=True, slots=True)
 class Shot:
     light: weather.Light
-    rim: Rim
+    rim: TrueRim
     z_mm: float
     visible: float | None = None  # share of the rim, where something covers it
 
@@ -46,14 +46,14 @@ def anywhere(chance: Chance, radius: float, width: int, height: int) -> tuple[fl
     return float(u), float(v)
 
 
-class Bay(NamedTuple):
+class PaintedBay(NamedTuple):
     scenario: Scenario
     surfaces: Surfaces
     painter: Painter
 
 
 @lru_cache(maxsize=2)
-def bay(seed: int, number: int, width: int, height: int, red: bool) -> Bay:
+def bay(seed: int, number: int, width: int, height: int, red: bool) -> PaintedBay:
     """The bay of one number: its surfaces, light and, where `red`, things that are red besides the marker."""
     chance = random.Random(f"benchmark {seed} {number}")
     scenario = Scenario(
@@ -68,11 +68,11 @@ def bay(seed: int, number: int, width: int, height: int, red: bool) -> Bay:
         surface=Surface(stains=chance.uniform(0, 1), rust=chance.choice((0.0, 0.0, 0.5)) if red else 0.0),
         clutter=Clutter(things=chance.choice((0, 3, 5)) if red else 0),
     )
-    return Bay(scenario, surfaces(scenario), Painter(scenario))
+    return PaintedBay(scenario, surfaces(scenario), Painter(scenario))
 
 
 def view(
-    here: Bay,
+    here: PaintedBay,
     place: tuple[float, float],
     radius: float,
     chance: Chance,
@@ -105,5 +105,5 @@ def view(
         v_px_s=0.0,
     )
     image = here.painter.repainted(replace(own, paint=layers, over=over)).frame(truth, 0)
-    rim = Rim(*place, radius, radius)
+    rim = TrueRim(*place, radius, radius)
     return Shot(np.asarray(image, np.float32), rim, z_mm, visible)

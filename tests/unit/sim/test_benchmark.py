@@ -90,7 +90,7 @@ def test_a_marker_is_where_one_is_claimed_and_nowhere_else(
         assert far.max() > 0.9
 
 
-def painted_green(*where: Any) -> scene.Bay:
+def painted_green(*where: Any) -> scene.PaintedBay:
     here = scene.bay(*where)
     level = here.surfaces.paint[0]
     paint = pyramid(replace(level, image=np.full_like(level.image, (0, 230, 0))))
