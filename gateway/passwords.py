@@ -28,13 +28,17 @@ def password(section: str, file: str | None, variable: str | None, prefix: str =
     return None
 
 
-def one_line(key: str, name: str) -> str:
-    """The file's text less one newline at its end. Raises SettingError."""
+def one_line(key: str, name: str, *, read_only: bool = False) -> str:
+    """The file's text less one newline at its end. `read_only`: nobody may have a permission to write it. Raises
+    SettingError."""
     try:
         fd = os.open(name, os.O_RDONLY | os.O_NONBLOCK)
         with os.fdopen(fd, "rb") as file:
-            if not stat.S_ISREG(os.fstat(fd).st_mode):  # read more than once, and a pipe would be waited for
+            mode = os.fstat(fd).st_mode  # of what is read: the name may be another file's by then
+            if not stat.S_ISREG(mode):  # read more than once, and a pipe would be waited for
                 raise SettingError(key, "must be a plain file", name)
+            if read_only and mode & 0o222:
+                raise SettingError(key, "must be read-only for everybody: chmod a-w", name)
             data = file.read(MAX_FILE_BYTES + 1)
         text = data.decode().removesuffix("\n").removesuffix("\r")
     except OSError as error:

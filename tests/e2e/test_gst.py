@@ -3,9 +3,13 @@
 import asyncio
 import io
 import math
+import os
 import signal
 import struct
+import subprocess
+import sys
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
@@ -14,7 +18,7 @@ from gateway.clock import SystemClock
 from gateway.config import CameraConfig
 from gateway.core.readings import AgeProof, Quality
 from gateway.errors import ConfigError, LinkError
-from gateway.vision.source.gst_source import BUFFER, CAPS, Packet, packet, size_px
+from gateway.vision.source.gst_source import BUFFER, CAPS, ChildOutput, Packet, packet, size_px
 from gateway.vision.source.specs import source_spec
 from tests.e2e.test_vision_pool import Bay
 
@@ -112,3 +116,39 @@ def test_packets_of_the_data_protocol() -> None:
             packet(io.BytesIO(wrong))
     with pytest.raises(ValueError, match="without a size"):
         size_px(b"video/x-raw, format=(string)RGB, width=(int)3, height=(int)2")
+
+
+def test_a_pipeline_that_says_much_before_its_first_frame_is_not_held_up(tmp_path: Path) -> None:
+    """5 MB, of which a pipe takes 64 KiB."""
+    child = subprocess.Popen(
+        [sys.executable, "-c", "import sys; sys.stderr.write('word ' * 1_000_000); sys.stdout.write('frame')"],
+        bufsize=0,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    assert child.stdout is not None
+    assert child.stderr is not None
+    os.set_blocking(child.stderr.fileno(), False)
+    output = ChildOutput(child.stdout, child.stderr)
+    assert output.read(6) == b"frame"
+    assert "word word" in output.said
+    child.wait(30)
+    child.stdout.close()
+    child.stderr.close()
+
+
+def test_the_permission_is_that_of_the_file_that_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another one, which nobody may write, takes its name after it was opened."""
+    address, other, opened = url(tmp_path, LIVE, mode=0o644), tmp_path / "other", os.open
+    other.write_text(LIVE)
+    other.chmod(0o444)
+
+    def swapped(path: str, flags: int, *args: Any, **kwargs: Any) -> int:
+        fd = opened(path, flags, *args, **kwargs)
+        if str(path) == address.removeprefix("gst://"):
+            other.replace(path)
+        return fd
+
+    monkeypatch.setattr(os, "open", swapped)
+    with pytest.raises(ConfigError, match="must be read-only for everybody"):
+        source_spec(CameraConfig(url=address))

@@ -4,9 +4,7 @@ A pipeline can write files, run on the network and load plugins: whoever sets it
 key, so the pipeline stands in a file that they can't have written: one without a write permission.
 """
 
-import os
 import shlex
-import stat
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
@@ -46,9 +44,7 @@ def gst_spec(config: "CameraConfig") -> GstSpec:
         raise ConfigError("camera.url: gst:// needs the path of a file that holds the pipeline, gst:///etc/...")
     if config.username or config.password_file:
         raise SettingError("camera.username", "only a stream (rtsp://, http://) has users")
-    line = one_line("camera.url", file)
-    if stat.S_IMODE(os.stat(file).st_mode) & 0o222:
-        raise SettingError("camera.url", "the pipeline's file must be read-only for everybody: chmod a-w", file)
+    line = one_line("camera.url", file, read_only=True)
     try:
         pipeline = tuple(shlex.split(line))
     except ValueError as error:

@@ -6,10 +6,11 @@ They come through a pipe as the GStreamer Data Protocol has them, version 1.0: a
 import math
 import os
 import re
+import select
 import struct
 import subprocess
 from dataclasses import dataclass
-from typing import IO
+from typing import IO, Protocol
 
 import numpy as np
 
@@ -28,6 +29,7 @@ HEADER = struct.Struct(">BBBxHIQQQQ20x")  # version, flags, type, length, time s
 BUFFER, CAPS = 1, 2  # types
 NO_TIME = 2**64 - 1
 MOST_BYTES = 400_000_000
+PIPE_BYTES = 65_536
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +41,11 @@ class Packet:
     stamp_ms: float
 
 
-def packet(stream: IO[bytes]) -> Packet | None:
+class Readable(Protocol):
+    def read(self, size: int, /) -> bytes: ...
+
+
+def packet(stream: Readable) -> Packet | None:
     """The next one; None: the stream has ended. Raises ValueError for what is none."""
     header = stream.read(HEADER.size)
     if len(header) < HEADER.size:
@@ -65,26 +71,62 @@ def size_px(caps: bytes) -> tuple[int, int]:
     return width, height
 
 
+class ChildOutput:
+    """What the child sends. Its errors are read meanwhile: a full pipe would stop it. `said`: the first that names an
+    ERROR, else the newest."""
+
+    def __init__(self, output: IO[bytes], errors: IO[bytes]) -> None:
+        self._output, self._errors = output, errors
+        self._open = [output, errors]
+        self.said = ""
+
+    def read(self, size: int, /) -> bytes:
+        """Less than `size` where it has ended."""
+        data = bytearray()
+        while len(data) < size:
+            ready, _, _ = select.select(self._open, (), ())
+            if self._errors in ready:
+                self.listen()
+            if self._output in ready:
+                part = os.read(self._output.fileno(), min(size - len(data), PIPE_BYTES))
+                if not part:
+                    break
+                data += part
+        return bytes(data)
+
+    def listen(self) -> None:
+        try:
+            text = os.read(self._errors.fileno(), PIPE_BYTES)
+        except BlockingIOError:
+            return
+        if not text:
+            self._open = [self._output]
+        lines = [line for line in text.decode(errors="replace").splitlines() if line.strip()]
+        told = [line for line in lines if "ERROR" in line] or lines
+        if told and "ERROR" not in self.said:
+            self.said = told[0].strip()[:300]
+
+
 class GstSource(LiveSource):
     def __init__(self, child: subprocess.Popen[bytes], spec: GstSpec, clock: Clock) -> None:
         super().__init__(spec, clock, PresentationTime())
+        assert child.stdout is not None
+        assert child.stderr is not None
         self._child = child
+        self._output = ChildOutput(child.stdout, child.stderr)
         self._size_px = (0, 0)
-        self._said = ""
 
     def _next(self) -> Frame:
-        stream = self._child.stdout
-        assert stream is not None
         while True:
             try:
-                found = packet(stream)
+                found = packet(self._output)
                 if found is not None and found.kind == CAPS:
                     self._size_px = size_px(found.payload)
             except ValueError as error:
                 raise LinkError(f"{self._label}: lost: {error}") from error
-            self._listen()
             if found is None:
-                raise LinkError(f"{self._label}: the pipeline has ended: {self._said or 'without a word'}")
+                self._output.listen()
+                raise LinkError(f"{self._label}: the pipeline has ended: {self._output.said or 'without a word'}")
             if found.kind == BUFFER:
                 break
         t_capture_ns = self._taken_ns(self._clock.now_ns(), found.stamp_ms)
@@ -95,14 +137,6 @@ class GstSource(LiveSource):
         rows = np.frombuffer(found.payload, np.uint8).reshape(height, pitch)[:, : 3 * width]
         pixels = np.ascontiguousarray(rows).reshape(height, width, 3)
         return Frame(pixels, t_capture_ns, age_proof=self._frame_time.proof)
-
-    def _listen(self) -> None:
-        """To the child's errors, the newest of which is kept: a full pipe would stop it."""
-        errors = self._child.stderr
-        assert errors is not None
-        lines = [line for line in (errors.read() or b"").decode(errors="replace").splitlines() if line.strip()]
-        told = [line for line in lines if "ERROR" in line] or lines
-        self._said = told[0].strip()[:300] if told else self._said
 
     def close(self) -> None:
         """A helper of a plugin may hold the pipes open: they are not read to their end."""
@@ -120,7 +154,12 @@ def open_gst(spec: GstSpec, clock: Clock) -> GstSource:
     command = ["setpriv", "--pdeathsig", "KILL", PROGRAM, "-q", *spec.pipeline, *BEFORE_PIPE.split()]
     try:
         child = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=_environment()
+            command,
+            bufsize=0,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            env=_environment(),
         )
     except OSError as error:
         raise LinkError(f"{spec.label}: {command[0]}: {error.strerror}") from error
