@@ -21,6 +21,7 @@ from gateway.errors import LinkError
 LIBRARY = "libaravis-0.8.so.0"
 BUFFERS = 4
 MOST_HELD_BYTES = 64 << 20
+MOST_GAP = 1000  # pictures that may be lost at once
 FIXED = 0  # ArvGvStreamSocketBuffer
 OFF, CONTINUOUS = 0, 2  # ArvAuto; 0 is also ARV_ACQUISITION_MODE_CONTINUOUS
 SUCCESS, MISSING_PACKETS = 0, 3  # ArvBufferStatus
@@ -40,7 +41,8 @@ _PLAIN: dict[str, tuple[Any, ...]] = {  # name: result, arguments
     "arv_stream_timeout_pop_buffer": (c_void_p, c_void_p, c_uint64),
     "arv_stream_try_pop_buffer": (c_void_p, c_void_p),
     "arv_gv_stream_get_statistics": (None, c_void_p, POINTER(c_uint64), POINTER(c_uint64)),
-    "arv_buffer_get_status": (c_int, c_void_p), "arv_buffer_get_timestamp": (c_uint64, c_void_p),
+    "arv_buffer_get_status": (c_int, c_void_p), "arv_buffer_get_frame_id": (c_uint64, c_void_p),
+    "arv_buffer_get_timestamp": (c_uint64, c_void_p),
     "arv_buffer_get_data": (c_void_p, c_void_p, POINTER(c_size_t)),
     "arv_buffer_get_system_timestamp": (c_uint64, c_void_p), "arv_buffer_get_image_pixel_format": (c_uint32, c_void_p),
     "arv_buffer_get_image_padding": (None, c_void_p, _INT, _INT),
@@ -115,7 +117,11 @@ class Buffer:
 
 
 class DamagedError(ValueError):
-    """A picture that did not arrive whole."""
+    """So many pictures that did not arrive whole."""
+
+    def __init__(self, why: str, count: int) -> None:
+        super().__init__(why)
+        self.count = count
 
 
 class AravisCamera:
@@ -124,6 +130,7 @@ class AravisCamera:
     def __init__(self, name: str) -> None:
         self.pixel_format = ""  # from `start` on
         self._format = 0  # its number, which each picture carries
+        self._last_id = 0  # of the picture that came last
         self._stream: int | None = None
         self._camera: int | None = _call("arv_camera_new", name.encode())
         if not self._camera:
@@ -204,6 +211,7 @@ class AravisCamera:
         found, damaged, why = None, 0, ""
         buffer = library.arv_stream_timeout_pop_buffer(self._stream, timeout_us)
         while buffer:
+            damaged += self._lost_before(library.arv_buffer_get_frame_id(buffer))
             status = library.arv_buffer_get_status(buffer)
             if status == SUCCESS:
                 found, buffer = buffer, found
@@ -214,12 +222,18 @@ class AravisCamera:
             buffer = library.arv_stream_try_pop_buffer(self._stream)
         if not found:
             if damaged:
-                raise DamagedError(why)
+                raise DamagedError(why, damaged)
             return None
         try:
             return self._copied(found, damaged)
         finally:
             library.arv_stream_push_buffer(self._stream, found)
+
+    def _lost_before(self, frame_id: int) -> int:
+        """Pictures of which nothing came. The camera's count of them begins anew at 65535, or when it is set to."""
+        before, self._last_id = self._last_id, frame_id
+        gap = frame_id - before - 1
+        return gap if before and 0 < gap <= MOST_GAP else 0
 
     def _copied(self, buffer: int, damaged: int) -> Buffer:
         library = _library()

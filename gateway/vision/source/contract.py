@@ -22,7 +22,7 @@ class Frame:
 
     pixels: AnyImage  # (H, W, 3), BGR; the data type says what is white: uint8, or uint16 of more than 8 bits
     t_capture_ns: int
-    # Frames since the one before that could not be decoded, and were skipped.
+    # Frames since the one before that were lost on their way, or could not be decoded and were skipped.
     damaged: int = field(default=0, kw_only=True)
     # What shows that it was not taken earlier. A source that can't know leaves it: `camera.unproven_age` decides then.
     age_proof: AgeProof = field(default=AgeProof.UNPROVEN, kw_only=True)

@@ -18,7 +18,7 @@ from gateway.vision.exposure.settings import ExposureRules
 from gateway.vision.pixels import AnyImage, bgr
 from gateway.vision.source import raw, v4l2_exposure
 from gateway.vision.source import v4l2_device as v4l2
-from gateway.vision.source.aravis import CONTINUOUS, OFF, AravisCamera, Buffer
+from gateway.vision.source.aravis import CONTINUOUS, OFF, AravisCamera, Buffer, DamagedError
 from gateway.vision.source.capture import LiveSource
 from gateway.vision.source.contract import Frame
 from gateway.vision.source.frame_time import LatchedTime
@@ -153,6 +153,7 @@ class GigeSource(LiveSource):
         self._controls = controls
         self._exposure: V4l2Exposure | None = None
         self._damaged = self._tell_ns = 0
+        self._uncounted = 0  # damaged ones beside that which is counted for its error
 
     def read(self) -> Frame:
         frame = super().read()
@@ -161,7 +162,7 @@ class GigeSource(LiveSource):
         if frame.damaged and now_ns >= self._tell_ns:
             again, missing = self._camera.packets
             log.warning(
-                "%s: since its opening %d damaged pictures were skipped; %d packets are missing, %d were sent again",
+                "%s: since its opening %d pictures were damaged or lost; %d packets are missing, %d were sent again",
                 *(self._label, self._damaged, missing, again),
             )
             self._tell_ns = now_ns + TELL_NS
@@ -174,13 +175,17 @@ class GigeSource(LiveSource):
             buffer = self._camera.newest(round(1e6 * self._spec.late_s))
         except LinkError as error:
             raise LinkError(f"{self._label}: {error}") from error
+        except DamagedError as error:
+            self._uncounted += error.count - 1
+            raise
         if not self._camera.controlled:
             raise LinkError(f"{self._label}: the camera is no longer under control: unplugged, or taken by another")
         if buffer is None:
             raise LinkError(f"{self._label}: it has sent no picture for {self._spec.late_s:g} s")
         t_capture_ns = self._taken_ns(self._clock.now_ns(), buffer.stamp_ns / NS_PER_MS)
         pixels = picture(buffer, self._camera.pixel_format, self._spec.raw)
-        return Frame(pixels, t_capture_ns, damaged=buffer.damaged, age_proof=self._frame_time.proof)
+        damaged, self._uncounted = buffer.damaged + self._uncounted, 0
+        return Frame(pixels, t_capture_ns, damaged=damaged, age_proof=self._frame_time.proof)
 
     def exposure_controls(self, rules: ExposureRules) -> V4l2Exposure | None:
         device, fps = GigeControls(self._camera), self._spec.fps

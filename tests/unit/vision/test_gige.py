@@ -1,6 +1,7 @@
 """The samples of a GigE Vision camera, and its URL, without a camera."""
 
 import ctypes
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from gateway.vision.source import aravis, v4l2_exposure
 from gateway.vision.source.aravis import AravisCamera, Buffer, DamagedError
 from gateway.vision.source.contract import Needs
 from gateway.vision.source.gige import GigeSpec, sample_format
-from gateway.vision.source.gige_source import open_gige, picture, unpacked
+from gateway.vision.source.gige_source import GigeSource, open_gige, picture, unpacked
 from gateway.vision.source.raw_format import RawFormat
 from gateway.vision.source.specs import source_spec
 
@@ -118,6 +119,7 @@ class Library:
         self.status = dict(self.waiting)
         self.padding, self.buffer_format, self.stamp_ns = padding, pixel_format, stamp_ns
         self.name: bytes | None = b"Mono8"
+        self.ids: dict[int, int] = {}  # of pictures that are not counted from 1 on
         self.pixels = ctypes.create_string_buffer(b"abcd", 4)
         self.pushed: list[int] = []
         self.closed: list[int] = []
@@ -133,6 +135,7 @@ class Library:
             "arv_stream_push_buffer": lambda _, buffer: self.pushed.append(buffer),
             "arv_stream_timeout_pop_buffer": lambda *_: self.pop(),
             "arv_stream_try_pop_buffer": lambda *_: self.pop(),
+            "arv_buffer_get_frame_id": lambda buffer: self.ids.get(buffer, buffer),
             "arv_buffer_get_status": lambda buffer: self.status[buffer],
             "arv_buffer_get_timestamp": lambda buffer: buffer + self.stamp_ns,
             "arv_buffer_get_system_timestamp": lambda buffer: buffer + 1000,
@@ -169,9 +172,38 @@ def test_the_newest_whole_picture_counts_and_every_damaged_one_is_counted(monkey
     assert buffer is not None
     assert (buffer.stamp_ns, buffer.damaged, buffer.data.tobytes()) == (3 + 5, 2, b"abcd")
     assert sorted(library.pushed) == [1, 2, 3, 4]
-    with pytest.raises(DamagedError, match="packets were lost"):
+    with pytest.raises(DamagedError, match="packets were lost") as error:
         started(monkeypatch, Library(2, 3)).newest(1)
+    assert error.value.count == 2
     assert started(monkeypatch, Library()).newest(1) is None
+
+
+@pytest.mark.parametrize(
+    ("ids", "lost"), [((7, 8, 9), 0), ((7, 10, 12), 3), ((65534, 65535, 1), 0), ((7, 3, 4), 0), ((0, 0, 0), 0)]
+)
+def test_a_picture_of_which_nothing_came_is_counted_by_the_numbers_of_the_others(
+    monkeypatch: pytest.MonkeyPatch, ids: tuple[int, ...], lost: int
+) -> None:
+    library = Library(0, 0, 0)
+    library.ids = dict(enumerate(ids, 1))
+    buffer = started(monkeypatch, library).newest(1)
+    assert buffer is not None
+    assert buffer.damaged == lost
+
+
+def test_every_damaged_picture_is_counted_though_none_of_them_was_whole() -> None:
+    whole = Buffer(np.zeros(4, np.uint8), 2, 2, 5, damaged=1)
+    lost = [3, 1]
+
+    def newest(timeout_us: int) -> Buffer:
+        if lost:
+            raise DamagedError("packets were lost", lost.pop())
+        return whole
+
+    camera: Any = SimpleNamespace(newest=newest, controlled=True, pixel_format="Mono8", packets=(0, 0), clock_ns=int)
+    controls: Any = SimpleNamespace(look=lambda now_ns: None)
+    source = GigeSource(camera, GigeSpec("gige", "10.0.0.7"), SystemClock(), controls)
+    assert [source.read().damaged for _ in range(2)] == [5, 1]
 
 
 def test_a_stamp_that_aravis_made_at_the_arrival_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
