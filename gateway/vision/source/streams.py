@@ -91,7 +91,8 @@ def _parts_of(spec: "StreamSpec") -> HTTPResponse | None:
     known = request.HTTPPasswordMgrWithDefaultRealm()
     if login:
         user, _, secret = login.partition(":")
-        known.add_password(None, host, unquote(user), unquote(secret))
+        usual = ":443" if parts.scheme == "https" else ":80"  # with its port: for no other that it redirects to
+        known.add_password(None, host if parts.port else host + usual, unquote(user), unquote(secret))
     for handler in (
         OneLogin(),
         request.ProxyHandler(),
@@ -119,7 +120,8 @@ def _parts_of(spec: "StreamSpec") -> HTTPResponse | None:
 
 
 class OneLogin(request.BaseHandler):
-    """A login that was refused is not tried again, as urllib would: cameras lock themselves."""
+    """As FFmpeg does: the digest where it is offered, and a login that was refused is not tried again, because cameras
+    lock themselves."""
 
     handler_order = 100  # before those that log in
 
@@ -127,6 +129,10 @@ class OneLogin(request.BaseHandler):
         fp.close()
         if req.has_header("Authorization"):
             raise PermissionError(msg)
+        offers = headers.get_all("WWW-Authenticate", [])
+        if digests := [offer for offer in offers if offer.lower().startswith("digest")]:
+            del headers["WWW-Authenticate"]
+            headers["WWW-Authenticate"] = min(digests, key=lambda offer: "sha-" in offer.lower())  # urllib has MD5
 
 
 class Parts:

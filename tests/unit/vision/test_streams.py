@@ -4,9 +4,11 @@ import hashlib
 import math
 import re
 import socketserver
+import ssl
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,8 @@ import cv2
 import numpy as np
 import pytest
 
+from gateway.certs import issue
+from gateway.certs.folder import Folder
 from gateway.clock import SystemClock
 from gateway.config import CameraConfig
 from gateway.core.readings import AgeProof
@@ -28,7 +32,7 @@ S = 1000 * MS
 
 
 @contextmanager
-def served(kind: str, *pieces: bytes) -> Iterator[str]:
+def served(kind: str, *pieces: bytes, tls: ssl.SSLContext | None = None) -> Iterator[str]:
     """The address of a server on loopback that answers every request with these."""
 
     class Handler(socketserver.StreamRequestHandler):
@@ -39,6 +43,7 @@ def served(kind: str, *pieces: bytes) -> Iterator[str]:
                 self.wfile.write(f"HTTP/1.0 200 OK\r\nContent-Type: {kind}\r\n\r\n".encode() + b"".join(pieces))
 
     with socketserver.ThreadingTCPServer(("127.0.0.1", 0), Handler) as server:
+        server.socket = server.socket if tls is None else tls.wrap_socket(server.socket, server_side=True)
         thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05})
         thread.start()
         try:
@@ -179,6 +184,7 @@ class LoginHandler(socketserver.StreamRequestHandler):
 
     scheme = "Digest"
     refused = 0
+    others = ""
 
     def handle(self) -> None:
         lines = []
@@ -189,7 +195,7 @@ class LoginHandler(socketserver.StreamRequestHandler):
         answer = "302 Moved\r\nLocation: /live" if path == "/old" else "200 OK\r\nContent-Type: " + MULTIPART
         if path != "/old" and not self.known(path, sent):
             type(self).refused += bool(sent)
-            answer = f'401 Who\r\nWWW-Authenticate: {self.scheme} realm="cam", nonce="n", qop="auth"'
+            answer = f'401 Who\r\n{self.others}WWW-Authenticate: {self.scheme} realm="cam", nonce="n", qop="auth"'
         with suppress(OSError):
             self.wfile.write(f"HTTP/1.0 {answer}\r\n\r\n".encode())
             if answer.startswith("200"):
@@ -204,9 +210,12 @@ class LoginHandler(socketserver.StreamRequestHandler):
         return f'response="{expected}"' in sent
 
 
-@pytest.mark.parametrize("scheme", ["Digest", "Basic"])
-def test_a_login_follows_a_redirection_and_no_other_is_let_in(scheme: str, tmp_path: Path) -> None:
-    handler: Any = type("Handler", (LoginHandler,), {"scheme": scheme})
+WEAKER = 'WWW-Authenticate: Basic realm="cam"\r\nWWW-Authenticate: Digest realm="cam", nonce="n", algorithm=SHA-256\r\n'
+
+
+@pytest.mark.parametrize(("scheme", "others"), [("Digest", ""), ("Basic", ""), ("Digest", WEAKER)])
+def test_a_login_follows_a_redirection_and_no_other_is_let_in(scheme: str, others: str, tmp_path: Path) -> None:
+    handler: Any = type("Handler", (LoginHandler,), {"scheme": scheme, "others": others})
     secret = tmp_path / "password"
     with socketserver.ThreadingTCPServer(("127.0.0.1", 0), handler) as server:
         thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05})
@@ -226,6 +235,21 @@ def test_a_login_follows_a_redirection_and_no_other_is_let_in(scheme: str, tmp_p
         finally:
             server.shutdown()
             thread.join()
+
+
+def test_the_own_certificate_of_a_camera_is_accepted(tmp_path: Path) -> None:
+    folder = Folder(tmp_path)
+    folder.create()
+    key = issue.new_key()
+    folder.replace_key("camera", key)
+    made = issue.self_signed("camera", ["elsewhere.invalid"], key, datetime.now(UTC), 2)
+    folder.replace_certificate("camera", made)
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(tmp_path / "camera.pem", tmp_path / "camera.key")
+    with served(MULTIPART, part(ONE), tls=context) as url:
+        source = source_spec(CameraConfig(url=url.replace("http:", "https:"))).open(SystemClock())
+        assert levels([source.read()]) == pytest.approx([10], abs=2)
+        source.close()
 
 
 class Stepped:
