@@ -201,6 +201,8 @@ def _judged(bay: BayConfig, look: CameraLook, tried: str) -> Iterator[Finding]:
         refused = "the bay stops" if bay.camera.refuses_unproven_age else "they are accepted"
         problem = f"nothing proves that age: {refused} (camera.unproven_age)"
         remedy = "the camera's RTSP address; else docs/vision-processes.md#what-every-frame-must-pass"
+        if bay.camera.clock == "synchronised":
+            remedy = 'set the camera\'s clock by NTP, or camera.clock = "free"; the log says what is wrong with it'
     verdict = Verdict.WARNING if problem else Verdict.OK
     yield Finding("camera", bay.name, verdict, tried, f"{result}; {problem}" if problem else result, remedy)
     for line in settings.of_picture(bay, *used_px):

@@ -121,6 +121,7 @@ def test_a_camera_that_is_well(monkeypatch: pytest.MonkeyPatch) -> None:
         (Camera(0.1), {"fps": 30}, WARNING, "camera.fps asks for 30", "shorter exposure"),
         (Camera(late_ms=300), {}, WARNING, "late", "less delay"),
         (Camera(age_proof=AgeProof.UNPROVEN), {}, WARNING, "(by: not proven)", "RTSP address"),
+        (Camera(age_proof=AgeProof.UNPROVEN), {"clock": "synchronised"}, WARNING, "(by: not proven)", "clock by NTP"),
         (Camera(damaged=1), {}, WARNING, " frames damaged", "cable and connectors"),
     ],
 )
