@@ -11,6 +11,7 @@ examples:
   gateway simulate --scenario head-lamp --exposure marker     exposure time and gain follow the light on the marker
   gateway simulate --trials 10                        the paper's Table II, its figures beside ours
   gateway simulate --bays 4 --modbus-port 0 --json    four bays, a free port, JSON lines for programs
+  gateway simulate --rangers 3 --scenario rangers     one of three is missing or off, then two contradict each other
   gateway simulate --ranger firmware                  the Arduino's compiled firmware in an emulated Uno
 poll it:
   mbpoll -0 -B -a 1 -r 0 -c 8 -p 5020 127.0.0.1       (gateway registers lists their meanings)
@@ -38,6 +39,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, metavar="N", help="of everything random (default: the scenario's)")
     parser.add_argument(
         "--bays", type=int, metavar="N", help="so many bays, unit ids 1 to N (default: as in the settings, 1)"
+    )
+    parser.add_argument(
+        "--rangers", type=int, metavar="N", help="so many rangers a bay (default: as in the settings, 1)"
     )
     parser.add_argument(
         "--modbus-port", type=int, metavar="PORT", help="default 5020 or, where that is taken, a free one"

@@ -83,6 +83,11 @@ def _simulate(args: argparse.Namespace, in_place_restart: InPlaceRestart, *, fir
         bays = []
         for number, bay in enumerate(settings.bays):
             show = _variant(scenario, bay.name, number, len(settings.bays))
+            rangers, hit = len(bay.ranger.sensors), max((fault.ranger for fault in show.faults), default=1)
+            if hit > rangers:
+                raise ConfigError(
+                    f"the scenario has a fault of ranger {hit}, bay {bay.name} has {rangers}: --rangers {hit}"
+                )
             hold = _hold(show, folder / bay.name, args.speed) if folder else None
             bays.append(Bay(bay.name, bay.unit_id, show, bay.fusion, origin_ns, hold))
         live = not (args.json or args.quiet or args.trials) and sys.stdout is not None and sys.stdout.isatty()
@@ -96,7 +101,13 @@ def _hold(scenario: Scenario, path: Path, speed: float) -> TruckHold:
 
 
 def _check(args: argparse.Namespace) -> None:
-    for name, low, high in (("speed", 0.05, 20), ("duration", 0.1, 86_400), ("bays", 1, 64), ("trials", 1, 100)):
+    for name, low, high in (
+        ("speed", 0.05, 20),
+        ("duration", 0.1, 86_400),
+        ("bays", 1, 64),
+        ("rangers", 1, 3),
+        ("trials", 1, 100),
+    ):
         value = getattr(args, name)
         if value is not None and not low <= value <= high:
             raise ConfigError(f"--{name} {value:g}: must lie in {low} to {high}")
@@ -150,6 +161,8 @@ def _overrides(args: argparse.Namespace) -> dict[str, Any]:
         over["vision"] = {"method": args.method}
     if args.exposure is not None:
         over["camera"] = {"exposure": args.exposure}
+    if args.rangers is not None:
+        over["ranger"] = {"more": [{"port": f"/dev/ttyACM{n}"} for n in range(1, args.rangers)]}
     if args.bays is not None:
         over["bays"] = [{"name": f"bay{n}", "unit_id": n} for n in range(1, args.bays + 1)]
     return over
@@ -306,10 +319,7 @@ class _Simulation:
             self._loop.call_soon_threadsafe(self._stop.set)
 
     def _ranger(self, bay: Bay, n: int) -> SimulatedRanger | EmulatedRanger:
-        scenario = bay.scenario
-        if n:  # of several rangers the first has the scenario's faults
-            scenario = scenario.model_copy(update={"faults": (), "seed": scenario.seed + n})
-        options = options_of(scenario, bay.world, bay.origin_ns)
+        options = options_of(bay.scenario, bay.world, bay.origin_ns, n + 1)
         if self._args.ranger == "simulated":
             return SimulatedRanger(clock=self._clock, **options)
         log = self._args.ranger_log

@@ -38,11 +38,11 @@ OF_SCENARIO: Mapping[FaultKind, tuple[RangerFault, float]] = {
 }
 
 
-def faults_of(scenario: Scenario, t_s: float) -> Faults:
-    """What is wrong with the board at world time `t_s`. Of several echoes the nearest is received."""
+def faults_of(scenario: Scenario, t_s: float, ranger: int = 1) -> Faults:
+    """What is wrong with the board of this ranger at world time `t_s`. Of several echoes the nearest is received."""
     found: dict[RangerFault, float] = {}
     for fault in scenario.faults:
-        if fault.kind not in OF_SCENARIO or not fault.active(t_s):
+        if fault.kind not in OF_SCENARIO or fault.ranger != ranger or not fault.active(t_s):
             continue
         kind, amount = OF_SCENARIO[fault.kind]
         if kind is RangerFault.ECHO:
@@ -51,13 +51,19 @@ def faults_of(scenario: Scenario, t_s: float) -> Faults:
     return found
 
 
-def options_of(scenario: Scenario, world: World, origin_ns: int) -> dict[str, Any]:
-    """Of one simulated bay's ranger, simulated or emulated; world time 0 is `origin_ns` of the clock."""
+def options_of(scenario: Scenario, world: World, origin_ns: int, ranger: int = 1) -> dict[str, Any]:
+    """Of one ranger of a simulated bay, simulated or emulated; world time 0 is `origin_ns` of the clock."""
     sensor = scenario.ranger
+
+    def distance_mm(t_ns: int) -> float:
+        t_s = (t_ns - origin_ns) / NS_PER_S
+        offsets = (one for one in scenario.faults if one.kind is FaultKind.RANGER_OFFSET and one.ranger == ranger)
+        return world.distance_mm(t_s) + sum(10 * one.offset_cm for one in offsets if one.active(t_s))
+
     return {
-        "distance_mm": lambda t_ns: world.distance_mm((t_ns - origin_ns) / NS_PER_S),
-        "faults": lambda t_ns: faults_of(scenario, (t_ns - origin_ns) / NS_PER_S),
-        "seed": scenario.seed,
+        "distance_mm": distance_mm,
+        "faults": lambda t_ns: faults_of(scenario, (t_ns - origin_ns) / NS_PER_S, ranger),
+        "seed": scenario.seed + ranger - 1,
         "errors": SensorErrors(sensor.jitter_mm, sensor.step_mm, sensor.dropout),
         "air_c": sensor.temperature_c,
     }

@@ -36,6 +36,7 @@ class FaultKind(StrEnum):
     RANGER_NOISE = "ranger_noise"
     RANGER_WILD = "ranger_wild"
     RANGER_ECHO = "ranger_echo"
+    RANGER_OFFSET = "ranger_offset"
     RANGER_UNPLUGGED = "ranger_unplugged"
     RANGER_WRONG_VERSION = "ranger_wrong_version"
 
@@ -59,6 +60,7 @@ FAULT_MEANING: dict[FaultKind, str] = {
     FaultKind.RANGER_NOISE: "bytes are flipped, lost and made up on the wire",
     FaultKind.RANGER_WILD: "every other reading is wild, as with known clones",
     FaultKind.RANGER_ECHO: "an echo from what is nearer than the truck: the spout, dust, a person; `distance_cm`",
+    FaultKind.RANGER_OFFSET: "the ranger measures `offset_cm` too much, as one that is loose or out of line",
     FaultKind.RANGER_UNPLUGGED: "the serial device is gone",
     FaultKind.RANGER_WRONG_VERSION: "the ranger reboots with another protocol version",
 }
@@ -74,6 +76,8 @@ class Fault(Section):
         20.0, ge=2, le=400, description="distance of the echo of a ranger_echo; others have no distance"
     )
     delay_s: float = Field(2.0, gt=0, le=10, description="of a camera_late or camera_looped; others have none")
+    offset_cm: float = Field(10.0, ge=-100, le=100, description="of a ranger_offset; negative: it measures too little")
+    ranger: int = Field(1, ge=1, le=3, description="of a ranger's fault: of several rangers at the bay, which one")
 
     def active(self, t_s: float) -> bool:
         """Does it hold at world time `t_s`?"""

@@ -7,8 +7,10 @@ import pytest
 from pydantic import BaseModel
 
 from gateway.config.strict.section import inner_model
+from gateway.durations import NS_PER_S
 from gateway.errors import ConfigError
-from gateway.sim.ranger import OF_SCENARIO
+from gateway.sim.ranger import OF_SCENARIO, options_of
+from gateway.sim.ranger_board import RangerFault
 from gateway.sim.scenario import FAULT_MEANING, FaultKind, Scenario, load, parse
 from gateway.sim.world import World
 
@@ -27,7 +29,7 @@ def complaint(tmp_path: Path, text: str) -> str:
 def test_the_shipped_scenarios_are_these() -> None:
     names = {path.stem for path in SHIPPED}
 
-    shown = {"approach", "day", "dusk", "dust", "faults", "head-lamp", "rusty", "standing"}
+    shown = {"approach", "day", "dusk", "dust", "faults", "head-lamp", "rangers", "rusty", "standing"}
     visits = {"", "-creep", "-drive-away", "-echo", "-lamp", "-person", "-two-trucks"}
     assert names == shown | {f"visit{name}" for name in visits}
 
@@ -66,7 +68,8 @@ BY_BEACON = {FaultKind.CAMERA_LATE, FaultKind.CAMERA_LOOPED}  # nothing else not
 def test_faults_toml_shows_every_fault_of_a_sensor_once_and_leaves_time_to_recover() -> None:
     faults = load(ROOT / "config" / "scenarios" / "faults.toml").faults
 
-    assert sorted(f.kind for f in faults) == sorted(set(FaultKind) - LOADING - BY_BEACON)
+    elsewhere = LOADING | BY_BEACON | {FaultKind.RANGER_OFFSET}
+    assert sorted(f.kind for f in faults) == sorted(set(FaultKind) - elsewhere)
     gaps = [b.at_s - (a.at_s + a.for_s) for a, b in pairwise(faults)]
     assert min(gaps) >= 6.0
 
@@ -127,7 +130,22 @@ def test_a_fault_holds_from_its_start_to_just_before_its_end() -> None:
 
 
 def test_the_simulated_ranger_knows_every_fault_of_a_ranger() -> None:
-    assert set(OF_SCENARIO) == {kind for kind in FaultKind if kind.startswith("ranger_")}
+    """An offset is one of the truth that it is given."""
+    assert {*OF_SCENARIO, FaultKind.RANGER_OFFSET} == {kind for kind in FaultKind if kind.startswith("ranger_")}
+
+
+def test_a_fault_hits_the_ranger_that_it_names_and_by_default_the_first() -> None:
+    faults = [
+        {"kind": "ranger_silent", "at_s": 1, "for_s": 1},
+        {"kind": "ranger_no_echo", "ranger": 3, "at_s": 1, "for_s": 1},
+        {"kind": "ranger_offset", "ranger": 2, "offset_cm": -7, "at_s": 1, "for_s": 1},
+    ]
+    show = parse({"start": {"distance_cm": 100}, "vibration": {"amplitude_mm": 0}, "faults": faults})
+    rangers = [options_of(show, World(show), 0, n) for n in (1, 2, 3)]
+    at_ns = [round(t_s * NS_PER_S) for t_s in (0.5, 1.5)]
+    assert [[one["distance_mm"](t) for t in at_ns] for one in rangers] == [[1000, 1000], [1000, 930], [1000, 1000]]
+    assert [list(one["faults"](at_ns[1])) for one in rangers] == [[RangerFault.SILENT], [], [RangerFault.NO_ECHO]]
+    assert [one["seed"] for one in rangers] == [show.seed, show.seed + 1, show.seed + 2]
 
 
 def test_every_key_and_every_fault_is_described() -> None:
