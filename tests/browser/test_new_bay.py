@@ -323,7 +323,7 @@ def at_work(page: Page, bay: str) -> bool:
 
 @pytest.mark.long
 def test_a_found_device_is_picked_for_a_new_bay_then_the_ranger_of_one_that_runs_is_replaced_alone(
-    shipped: Running, visit: Visit, tmp_path: Path
+    shipped: Running, visit: Visit, watches: list[Watch], tmp_path: Path
 ) -> None:
     camera = tmp_path / "other-camera"
     camera.mkdir()
@@ -352,6 +352,18 @@ def test_a_found_device_is_picked_for_a_new_bay_then_the_ranger_of_one_that_runs
         expect(page.get_by_label(shipped.port_link)).to_be_disabled()
         page.get_by_label("other board").check()
         expect(page.locator(".distance")).to_contain_text("91.")
+        sensor = page.get_by_label("Sensor", exact=True)
+        sensor.select_option("waveshare-ai-8ch")
+        expect(page.get_by_text("number.mm_per_unit: is missing: profile 'waveshare-ai-8ch' leaves")).to_be_visible()
+        page.get_by_label("mm_per_unit").fill("0.3")
+        page.get_by_label("mm_per_unit").press("Tab")
+        expect(page.get_by_text("number.offset_mm: is missing")).to_be_visible()
+        page.get_by_label("mm_per_unit").fill("")
+        page.get_by_label("mm_per_unit").press("Tab")
+        sensor.select_option("none")
+        expect(page.locator(".distance")).to_contain_text("91.")
+        (watch,) = watches
+        watch.complaints = [one for one in watch.complaints if "/api/setup/look" not in one]  # those that were refused
         for step in steps:
             to_step(page, step)
         for line in ('name = "bay2"', f'url = "{camera}"', "fps = 30", f'port = "{other.port}"'):

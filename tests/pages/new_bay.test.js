@@ -3,7 +3,7 @@
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
 
-import { brokerUrl, cameraIsRight, cameraKeys, changesOf, lastingName, lookedAt, nextName, nextUnit, NOTHING_CHOSEN, ofBays, portIsRight, sizesOf, unfinished, usualSize } from '../static/setup/draft.js';
+import { brokerUrl, cameraIsRight, cameraKeys, changesOf, lastingName, lookedAt, nextName, nextUnit, NOTHING_CHOSEN, ofBays, portIsRight, profileBefore, rangerTable, sizesOf, unfinished, usualSize } from '../static/setup/draft.js';
 
 test('the next name and unit id are free', () => {
   assert.equal(nextName([]), 'bay1');
@@ -113,4 +113,18 @@ test('a network camera: its password is looked with, and goes into no address of
     { path: ['bays', 'A', 'camera', 'url'], value: '/dev/l' }, { path: ['bays', 'A', 'camera', 'username'], value: null },
   ]);
   assert.deepEqual(changesOf({ ...other, camera }, { username: 'tom', password_file: '/s/0' }).map(({ path, value }) => [path[3], value]), Object.entries(camera));
+});
+
+test('a ranger with a profile: its keys are looked with and go into the file, the other rangers stay', () => {
+  const chosen = draft({ profile: 'waveshare-ai-8ch', rangerKeys: { mm_per_unit: '0.3', baud: '19200', nearest_mm: '' } });
+  const table = { port: '/dev/b', profile: 'waveshare-ai-8ch', number: { mm_per_unit: 0.3 }, baud: 19200 };
+  assert.deepEqual(rangerTable(chosen, 'waveshare-ai-8ch'), table);
+  assert.deepEqual(changesOf(chosen)[0].value.ranger, table);
+  const other = { bay: 'A', camera: null, cameraOwn: true };
+  assert.deepEqual(changesOf({ ...chosen, ...other }).map(({ path, value }) => [path.slice(3).join('.'), value]), [
+    ['port', '/dev/b'], ['profile', 'waveshare-ai-8ch'], ['number.mm_per_unit', 0.3], ['baud', 19200],
+  ]);
+  assert.deepEqual(changesOf({ ...chosen, ...other, portOwn: true }).map(({ path }) => path[3]), ['port']);
+  const settings = { written: { ranger: { profile: 'x' } }, values: { bays: { A: { ranger: { profile: 'y' } } } } };
+  assert.deepEqual([profileBefore(draft(), settings), profileBefore(draft(other), settings), profileBefore(draft(), { written: {} })], ['x', 'y', 'none']);
 });

@@ -64,7 +64,22 @@ export function unfinished(bays) {
 export const KEPT = 'kept'; // in place of an address: what the file says stays
 
 /** Of a bay: neither camera nor ranger is chosen yet. `cameraOwn`, `portOwn`: it is the one that the bay has. */
-export const NOTHING_CHOSEN = { camera: null, cameraPassword: '', size: null, cameraFrom: '', cameraOwn: false, port: '', portFrom: '', portOwn: false };
+export const NOTHING_CHOSEN = { camera: null, cameraPassword: '', size: null, cameraFrom: '', cameraOwn: false, port: '', portFrom: '', portOwn: false, profile: null, rangerKeys: {} };
+
+export const NO_PROFILE = 'none';
+
+/** The profile that a bay's ranger has without another choice. */
+export const profileBefore = (draft, settings) => (draft.bay === '' ? settings.written.ranger?.profile : settings.values.bays[draft.bay].ranger.profile) ?? NO_PROFILE;
+
+/** Beside the port: keys that a profile leaves to the plant. `rangerKeys`: by their name, as typed. */
+const ranged = ({ rangerKeys }) => Object.entries(rangerKeys).filter(([, typed]) => typed !== '').map(([key, typed]) => [key === 'baud' ? [key] : ['number', key], Number(typed)]);
+
+/** `[ranger]` of the port that is chosen. `profile`: null: as before. */
+export function rangerTable(draft, profile) {
+  const table = { port: draft.port, ...(profile === null ? {} : { profile }) };
+  for (const [[name, inner], value] of ranged(draft)) table[name] = inner ? { ...table[name], [inner]: value } : value;
+  return table;
+}
 
 /**
  * The lasting name of the device that a bay has, where the file names it by the kernel's number; empty: there is none,
@@ -104,13 +119,14 @@ export function lookedAt({ username, password_file: _, ...camera }, password) {
 export function changesOf(draft, former = {}) {
   const changes = [];
   const camera = draft.camera && { ...draft.camera, ...(draft.cameraOwn ? {} : draft.size) }; // the size is checked from now on
-  const ranger = draft.port ? { port: draft.port } : null;
+  const ranger = draft.port ? rangerTable(draft, draft.profile) : null;
   if (draft.bay === '') {
     changes.push({ path: ['bays', draft.name], value: { unit_id: draft.unit, ...(camera ? { camera } : {}), ...(ranger ? { ranger } : {}) } });
   } else {
     const gone = camera && !draft.cameraOwn ? LOGIN.filter((key) => former[key] && !camera[key]).map((key) => [key, null]) : [];
     for (const [key, value] of [...Object.entries(camera ?? {}), ...gone]) changes.push({ path: ['bays', draft.bay, 'camera', key], value });
-    if (ranger) changes.push({ path: ['bays', draft.bay, 'ranger', 'port'], value: draft.port });
+    const keys = ranger ? [[['port'], draft.port], ...(draft.portOwn ? [] : [...(draft.profile === null ? [] : [[['profile'], draft.profile]]), ...ranged(draft)])] : [];
+    for (const [key, value] of keys) changes.push({ path: ['bays', draft.bay, 'ranger', ...key], value });
   }
   if (draft.host && draft.host !== draft.hostBefore) changes.push({ path: ['modbus', 'host'], value: draft.host });
   if (draft.broker.address.trim()) {

@@ -9,8 +9,9 @@ import { titled } from '../lib/title.js';
 import { guarded, start } from '../lib/start.js';
 import { Top } from '../lib/top.js';
 import { BayCamera, BayRanger, CameraLook, FlashLook, Line, OfferFirmware, RangerLook, useDevices, usePreview } from './devices.js';
-import { KEPT, NOTHING_CHOSEN, brokerUrl, cameraIsRight, cameraKeys, changesOf, lastingName, lookedAt, nextName, nextUnit, portIsRight, sizesOf, unfinished, usualSize } from './draft.js';
+import { KEPT, NO_PROFILE, NOTHING_CHOSEN, brokerUrl, cameraIsRight, cameraKeys, changesOf, lastingName, lookedAt, nextName, nextUnit, portIsRight, profileBefore, rangerTable, sizesOf, unfinished, usualSize } from './draft.js';
 import { FileStep, Started, Waiting } from './finish.js';
+import { nodeAt } from './keys.js';
 import { NetworkCameras } from './network.js';
 
 const STEPS = ['Bay', 'Camera', 'Ranger', 'PLC and broker', 'The file'];
@@ -160,11 +161,25 @@ function CameraStep({ session, draft, change, settings, devices }) {
   </div>`;
 }
 
+const RANGER_KEYS = ['baud', 'mm_per_unit', 'offset_mm', 'nearest_mm', 'farthest_mm', 'delay_ms'];
+
+/** Which device is at the port, and what its profile leaves to the plant. */
+function RangerProfile({ draft, change, settings, profile }) {
+  const names = nodeAt(settings.json_schema, ['ranger', 'profile'])?.enum ?? [];
+  const pick = (name) => change({ profile: name === profileBefore(draft, settings) ? null : name });
+  return html`<div class="field"><label for="profile">Sensor</label><select id="profile" onChange=${(event) => pick(event.target.value)}>
+    ${names.map((name) => html`<option value=${name} selected=${name === profile} translate=${name === NO_PROFILE ? 'yes' : 'no'}>${name === NO_PROFILE ? t('a board with an HC-SR04, or by its keys') : name}</option>`)}</select></div>
+    ${profile !== NO_PROFILE && html`<fieldset class="step"><legend>What the sensor's profile leaves to you; empty: as it has it</legend>
+      ${RANGER_KEYS.map((key) => html`<div class="field"><label for=${`ranger-${key}`} translate="no">${key}</label><input id=${`ranger-${key}`} type="number" step="any" value=${draft.rangerKeys[key] ?? ''} onChange=${(event) => change({ rangerKeys: { ...draft.rangerKeys, [key]: event.target.value } })} /></div>`)}</fieldset>`}`;
+}
+
 function RangerStep({ session, draft, change, settings, devices }) {
   const { ports, wrong } = devices;
   const file = inFile('ranger', 'port', draft, settings, session, ports);
   const [flash, setFlash] = useState(null);
-  const look = usePreview(session, flash ? { flash } : draft.port && !draft.portOwn ? { ranger: { port: draft.port } } : null);
+  const profile = draft.profile ?? profileBefore(draft, settings);
+  const more = Object.keys(settings.values.bays[draft.bay]?.ranger.more ?? {}).length;
+  const look = usePreview(session, flash ? { flash } : draft.port && !draft.portOwn ? { ranger: rangerTable(draft, profile) } : null);
   const local = (port) => !port.includes('://'); // a serial server gives no reset
   const keep = (from) => change({ portFrom: from, portOwn: true, port: from === KEPT ? '' : from });
   useProposal(file, draft.portOwn || draft.port !== '', ports !== null || Boolean(wrong), keep);
@@ -178,10 +193,12 @@ function RangerStep({ session, draft, change, settings, devices }) {
     ${ports?.length === 0 && file === null && html`<p class="notice" role="status"><b>No serial port found.</b> Plug the board in; this list renews itself. For a serial server type its address.</p>`}
     <${Devices} name="port" label="Serial ports of this machine" bay=${draft.bay} found=${ports} file=${file} chosen=${draft.portFrom} keep=${keep} pick=${(port) => take(port.url)} />
     <${Typed} id="port-url" label="Another one: a serial server, or a path" name="Listen" take=${take} note="socket://address:port, rfc2217://address:port, or a path" />
+    ${!draft.portOwn && html`<${RangerProfile} draft=${draft} change=${change} settings=${settings} profile=${profile} />`}
+    ${more > 0 && html`<p class="muted">${text('More rangers of this bay: {0}. They stay as they are in the file.', more)}</p>`}
     ${flash ? html`<${FlashLook} look=${look} what=${flash.port} close=${() => setFlash(null)} />`
       : draft.portOwn ? file.runs ? html`<${BayRanger} bay=${draft.bay} put=${local(file.address) ? () => setFlash({ port: file.address, bay: draft.bay }) : null} />` : html`<${NotRunning} bay=${draft.bay} />`
       : draft.port ? html`<${RangerLook} look=${look} what=${draft.port} />
-        ${local(draft.port) && look.seen?.line?.verdict === 'fault' && html`<${OfferFirmware} put=${() => setFlash({ port: draft.port, bay: '' })} />`}` : html`<p class="muted">Choose a port to see its live distance.</p>`}
+        ${local(draft.port) && profile === NO_PROFILE && look.seen?.line?.verdict === 'fault' && html`<${OfferFirmware} put=${() => setFlash({ port: draft.port, bay: '' })} />`}` : html`<p class="muted">Choose a port to see its live distance.</p>`}
   </div>`;
 }
 
