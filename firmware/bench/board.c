@@ -122,6 +122,8 @@ static void after_reset(int cause) {
     if (cause != WATCHDOG) avr->data[MCUSR] = (uint8_t)cause; // simavr sets WDRF itself
     avr->run_cycle_limit = CYCLES_PER_MS; // instructions in a row between two looks at the timers
     trig_pin->value = beacon_pin->value = 0;
+    for (int i = 0; i < RELAY_PINS; i++)
+        avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('D'), RELAY_PIN + i)->value = 0;
     board_echo(echo_high);
     ds18b20_wire(false);
     board_wire(wire_high);
