@@ -85,6 +85,7 @@ class Beacon:
     light: tuple[BeaconLight, ...] = ()
     code: tuple[tuple[int, bool], ...] = ()  # begin of each cycle, and the LED in it
     period_ns: int = 0
+    unproven: bool = False  # frames arrive in time, but it does not prove them: set by fusion, the one rule
 
 
 def told(beacon: Beacon, code: BeaconCode) -> Beacon:

@@ -107,6 +107,8 @@ def step(
     memory = state.memory
     if beacon_tolerance_ns is not None:
         watched = _watched(memory.beacon, observation, now_ns, beacon_tolerance_ns)
+        young = now_ns - vision.t_ns <= config.vision_deadline_s * NS_PER_S
+        watched = replace(watched, unproven=young and watched.status is not BeaconStatus.PROVEN)
         memory, vision = replace(memory, beacon=watched), _proven(vision, watched)
     memory, vision, rng = _recovering(memory, state, vision, rng, now_ns, config)
     new = vision is not state.vision or rng is not state.range
@@ -117,9 +119,7 @@ def step(
         memory = replace(memory, target_seen=seen)
     known = vision.quality is Quality.GOOD and rng.quality is Quality.GOOD
     d = memory.d if known else None
-    young = now_ns - vision.t_ns <= config.vision_deadline_s * NS_PER_S
-    unproven = beacon_tolerance_ns is not None and young and memory.beacon.status is not BeaconStatus.PROVEN
-    fault = _fault(vision, rng, memory, unproven=unproven)
+    fault = _fault(vision, rng, memory)
     if not monitored and _arrives(memory, vision, rng, config, max_range_mm):
         d, fault = False, Reason.NONE
     stop = bool(d) or (config.fail_safe and fault is not Reason.NONE)
@@ -407,14 +407,14 @@ def _settled(memory: FusionMemory) -> FusionMemory:
     return memory if memory.pending_since_ns is None else replace(memory, pending_since_ns=None)
 
 
-def _fault(vision: VisionReading, rng: RangeReading, memory: FusionMemory, *, unproven: bool) -> Reason:
+def _fault(vision: VisionReading, rng: RangeReading, memory: FusionMemory) -> Reason:
     """The one reason, if any, for which the state must not be trusted."""
     if vision.quality is Quality.GOOD and rng.quality is Quality.GOOD and not memory.disagree:
         return Reason.NONE
     reasons: list[Reason] = []
     if vision.quality is Quality.STALE and vision.age_proof is AgeProof.UNPROVEN:
         reasons.append(Reason.VISION_AGE_UNPROVEN)  # refused when it arrived; what has aged since has no proof
-    elif vision.quality is Quality.STALE and unproven:
+    elif vision.quality is Quality.STALE and memory.beacon.unproven:
         reasons.append(Reason.BEACON_LOST)
     elif vision.quality is not Quality.GOOD:
         reasons.append(VISION_REASON.get(vision.quality, Reason.VISION_FAULT))

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 
-from gateway.core.beacon import EXPIRES_NS, FOUND, Beacon, BeaconStatus
+from gateway.core.beacon import FOUND, Beacon, BeaconStatus
 from gateway.core.detection import Circle
 from gateway.core.plc import Handshake, PlcLink
 from gateway.core.readings import (
@@ -424,9 +424,8 @@ class StateVector:
     @property
     def beacon_unproven(self) -> bool:
         """Frames arrive, but the beacon does not prove them."""
-        found = self.beacon.status not in (BeaconStatus.OFF, BeaconStatus.PROVEN)
         stale = self.vision.quality is Quality.STALE and not self.vision_age_unproven
-        return found and stale and self.t_ns - self.vision.t_ns <= EXPIRES_NS
+        return self.memory.beacon.unproven and stale and self.running
 
     @property
     def _fresh(self) -> bool:

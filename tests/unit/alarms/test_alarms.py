@@ -187,7 +187,9 @@ PLACE = TruckPosition(280.0, Circle(320, 240, 200.0))
 SCALE = MarkerScale(56_000.0, 280.0, 0.01, 12, ScaleSample(0, 224.0, 280.0), jump=0.12)
 LONG = (0, 40 * 60)
 UNPROVEN = replace(
-    camera(Quality.STALE), memory=FusionMemory(beacon=Beacon(BeaconStatus.LOST)), reason=Reason.BEACON_LOST
+    camera(Quality.STALE),
+    memory=FusionMemory(beacon=Beacon(BeaconStatus.LOST, unproven=True)),
+    reason=Reason.BEACON_LOST,
 )
 CAUSES = {
     "control_dead": permitted(reason=Reason.GATEWAY_FAULT),

@@ -182,6 +182,18 @@ def test_a_fault_of_the_camera_and_silence_of_the_board_end_the_proof() -> None:
     assert (silent.status, silent.latency_ns) == (BeaconStatus.LOST, None)
 
 
+def test_the_alarm_is_the_beacons_just_where_the_reason_is() -> None:
+    """Also once the pictures have ended: then they are stale, with or without the beacon."""
+    plant = Plant()
+    plant.run(1.0)
+    begun = len(plant.states)
+    assert plant.state.beacon_unproven
+    plant.frame = 10**9
+    assert plant.run(1.5).reason is Reason.VISION_STALE
+    after = [state for _, state in plant.states[begun:]]
+    assert [state.beacon_unproven for state in after] == [state.reason is Reason.BEACON_LOST for state in after]
+
+
 def test_without_a_control_task_nothing_is_proven() -> None:
     plant = Plant()
     plant.run(8.0)
