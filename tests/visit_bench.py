@@ -99,6 +99,8 @@ class Bench:
             lambda t_ns: self.world.distance_mm(self._t_s(t_ns)),
             seed=scenario.seed + seed,
             errors=SensorErrors(sensor.jitter_mm, sensor.step_mm, sensor.dropout),
+            air_c=sensor.temperature_c,
+            temperature_sensor=sensor.temperature_sensor,
         )
         self._board.boot(self.now_ns, POWER_ON)
         self._frame = round(-LEAD_S * scenario.camera.fps)

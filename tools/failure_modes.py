@@ -169,6 +169,8 @@ MODES: Mapping[str, tuple[FailureMode, ...]] = {
                     "ranger_stale"),
         _stops("R15", "one of two rangers is wrong, or two of three", "a wrong distance",
                "too few agree within `ranger.agree_mm`", 1300, Reason.RANGERS_DISAGREE, "ranger_unstable"),
+        _same("R16", "the board's temperature sensor is lost", "Z is wrong by 0.18 % for each kelvin that the air is "
+              "not at `temperature_c`", "lines without a temperature that is believed, for 5 s", "temperature_lost"),
     ),
     "Truck": (
         FailureMode("T1", "rolls while in place, marker seen or covered", "the spout is torn, material is spilled",

@@ -331,6 +331,24 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         off_delay_s=10.0,
     ),
     AlarmDefinition(
+        "temperature_lost",
+        "Air temperature not measured",
+        Priority.LOW,
+        "the ranger's board has sent a temperature before, or is configured to, and now sends none that is believed",
+        "distances are calculated with ranger.hcsr04.temperature_c instead: they are wrong by 0.18 % for each kelvin "
+        "that the air differs, 0.5 mm at 30 cm",
+        (
+            "the temperature sensor's cable or its resistor",
+            "the sensor has no supply",
+            "the air differs from temperature_c by more than temperature_tolerance_c",
+        ),
+        "look at the sensor and its three wires (docs/wiring.md); where it was taken away on purpose, set "
+        "temperature_sensor to false and restart the gateway",
+        8 * 60,
+        lambda inputs: inputs.state.range.temperature_lost,
+        off_delay_s=60.0,
+    ),
+    AlarmDefinition(
         "sensors_disagree",
         "Camera and ranger disagree",
         Priority.HIGH,

@@ -174,7 +174,7 @@ def forced_stop(state: StateVector, reason: Reason, now_ns: int) -> StateVector:
         t_ns=now_ns,
         seq=state.seq + 1,
         vision=_without_circle(state.vision, not_good(state.vision.quality)),
-        range=replace(_without_distance(state.range, not_good(state.range.quality)), rangers=(), relay=None),
+        range=_without_board(state.range, not_good(state.range.quality)),
         d=None,
         stop=True,
         may_move=False,
@@ -245,6 +245,11 @@ def _without_distance(reading: RangeReading, quality: Quality) -> RangeReading:
     return replace(reading, quality=quality, distance_mm=None, echo_mm=None, farthest_mm=None)
 
 
+def _without_board(reading: RangeReading, quality: Quality) -> RangeReading:
+    gone = _without_distance(reading, quality)
+    return replace(gone, rangers=(), relay=None, air_c=None, temperature_lost=False)
+
+
 def _newest_vision(held: VisionReading, new: VisionReading) -> VisionReading:
     return new if new.t_ns >= held.t_ns else replace(held, stats=new.stats)
 
@@ -277,7 +282,7 @@ def aged_range(reading: RangeReading, now_ns: int, config: FusionConfig) -> Rang
     deadline_s = config.start_grace_s if reading.quality is Quality.WAITING else config.range_deadline_s
     if ages and now_ns - reading.t_ns > deadline_s * NS_PER_S:
         late = details.NO_READING(f"{deadline_s:g}")
-        return replace(_without_distance(reading, Quality.STALE), detail=late, rangers=(), relay=None)
+        return replace(_without_board(reading, Quality.STALE), detail=late)
     return reading
 
 

@@ -244,6 +244,8 @@ class RangeReading:
     rangers: tuple[RangerVote, ...] = ()  # of a bay with several, each in the order of the configuration
     farthest_mm: float | None = None  # what the farthest of two that agree has; None: it is distance_mm
     beacon: BeaconCode | None = None  # of the board's newest cycles; None: not used, or not known now
+    air_c: float | None = None  # measured by the board; None: not, and the configured temperature counts
+    temperature_lost: bool = False  # air_c was measured before, or is configured to be, and is not for some time
 
     @property
     def rangers_disagree(self) -> bool:

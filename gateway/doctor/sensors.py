@@ -321,6 +321,8 @@ def ranger_judged(bay: str, look: RangerLook, tried: str, seconds: float) -> Fin
     result += f", {last.stats.damaged} damaged, {len(good)} distances"
     if good:
         result += f", Z {statistics.median(good):.0f} mm ± {noise_mm:.1f}"
+    if last.air_c is not None:
+        result += f", air {last.air_c:.1f} °C"
     if last.relay is not None and not last.relay.fault:
         result += "; its relay is off, by its pins"
     verdict, remedy = Verdict.FAULT, ""
@@ -333,6 +335,9 @@ def ranger_judged(bay: str, look: RangerLook, tried: str, seconds: float) -> Fin
     elif last.relay is not None and last.relay.fault:
         result += "; its relay is not reported, or a pin is high that is commanded off"
         remedy = "put this version's firmware on the board (docs/firmware.md), check D4 and D5 (docs/wiring.md)"
+    elif last.temperature_lost:
+        result += ", no temperature"
+        verdict, remedy = Verdict.WARNING, "check the temperature sensor and its three wires (docs/wiring.md)"
     else:
         verdict, remedy = Verdict.WARNING, _ranger_advice(last, good, noise_mm)
     if not remedy:

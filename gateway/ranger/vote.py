@@ -138,6 +138,8 @@ def _result(
         rangers=rangers,
         farthest_mm=farthest_mm,
         beacon=held[0].beacon,
+        air_c=held[0].air_c,
+        temperature_lost=any(one.temperature_lost for one in held),
     )
 
 

@@ -36,9 +36,9 @@ START_S = 10.0
 END_S = 2.0
 
 
-def commands_of(faults: Faults, errors: SensorErrors) -> dict[str, str]:
+def commands_of(faults: Faults, errors: SensorErrors, measured_c: float | None = None) -> dict[str, str]:
     """What the bench must be sent for these faults to be in force, by what it changes. The worst of the sensor's
-    wins."""
+    wins. `measured_c`: what the board's thermometer measures; None: it has none."""
     sensor = "sensor ok"
     for fault, command in (
         (RangerFault.ECHO, f"sensor at {faults.get(RangerFault.ECHO, 0.0):g}"),
@@ -49,10 +49,12 @@ def commands_of(faults: Faults, errors: SensorErrors) -> dict[str, str]:
     ):
         sensor = command if fault in faults else sensor
     version = faults.get(RangerFault.WRONG_VERSION)
+    thermometer = measured_c is not None and RangerFault.NO_TEMPERATURE not in faults
     return {
         "cable": "unplug" if RangerFault.UNPLUGGED in faults else "plug",
         "version": "version off" if version is None else f"version {version:.0f}",
         "sensor": sensor,
+        "ds18b20": f"ds18b20 {measured_c:g}" if thermometer else "ds18b20 none",
         "jitter": f"jitter {faults.get(RangerFault.SCATTER, errors.jitter_mm):g}",
         "wild": f"wild {faults.get(RangerFault.WILD, 0.0):g}",
         "noise": f"noise {faults.get(RangerFault.LINE_NOISE, 0.0):g}",
@@ -88,6 +90,7 @@ class EmulatedRanger:
         seed: int = 0,
         errors: SensorErrors | None = None,
         air_c: float = 20.0,
+        temperature_sensor: bool = False,
         faults: Callable[[int], Faults] = lambda _: {},
         boot_s: float = 0.0,
         resets_on_open: bool = False,
@@ -100,6 +103,7 @@ class EmulatedRanger:
         self._clock = clock
         self._errors = errors or SensorErrors()
         self._air_c = air_c
+        self._measured_c = air_c if temperature_sensor else None
         self._faults = faults
         self._log = log
         self._arguments = [str(bench), "--elf", str(elf), "--stdin", "--own-folder"]
@@ -181,7 +185,7 @@ class EmulatedRanger:
             at_ms = (self._fed_ns - self._board_0_ns) / NS_PER_MS
             mm = self._distance_mm(self._fed_ns)
             yield f"track {at_ms + 0.001:.3f} {'none' if mm is None else format(max(0.0, mm), '.3f')}"
-            wanted = commands_of({**self._faults(self._fed_ns), **self.forced}, self._errors)
+            wanted = commands_of({**self._faults(self._fed_ns), **self.forced}, self._errors, self._measured_c)
             yield from (f"at {at_ms:.3f} {text}" for text in self._changes(wanted))
             self._fed_ns += POINT_NS
 

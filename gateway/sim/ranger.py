@@ -35,6 +35,7 @@ OF_SCENARIO: Mapping[FaultKind, tuple[RangerFault, float]] = {
     FaultKind.RANGER_ECHO: (RangerFault.ECHO, 0.0),
     FaultKind.RANGER_UNPLUGGED: (RangerFault.UNPLUGGED, 0.0),
     FaultKind.RANGER_WRONG_VERSION: (RangerFault.WRONG_VERSION, 99.0),
+    FaultKind.RANGER_NO_TEMPERATURE: (RangerFault.NO_TEMPERATURE, 0.0),
 }
 
 
@@ -66,6 +67,7 @@ def options_of(scenario: Scenario, world: World, origin_ns: int, ranger: int = 1
         "seed": scenario.seed + ranger - 1,
         "errors": SensorErrors(sensor.jitter_mm, sensor.step_mm, sensor.dropout),
         "air_c": sensor.temperature_c,
+        "temperature_sensor": sensor.temperature_sensor,
     }
 
 
@@ -85,6 +87,7 @@ class SimulatedRanger:
         seed: int = 0,
         errors: SensorErrors | None = None,
         air_c: float = 20.0,
+        temperature_sensor: bool = False,
         faults: Callable[[int], Faults] = lambda _: {},
         boot_s: float = 0.0,
         resets_on_open: bool = False,
@@ -97,6 +100,7 @@ class SimulatedRanger:
             seed=seed,
             errors=errors,
             air_c=air_c,
+            temperature_sensor=temperature_sensor,
             boot_ns=round(boot_s * NS_PER_S),
         )
         self._master: int | None = None

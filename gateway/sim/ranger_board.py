@@ -62,6 +62,7 @@ class RangerFault(StrEnum):
     LINE_NOISE = "line_noise"  # bytes flipped, lost and made up on the wire; amount: share of bytes hit
     UNPLUGGED = "unplugged"  # acted on by the pty around the board
     WRONG_VERSION = "wrong_version"  # the board reboots with another firmware; amount: its protocol version
+    NO_TEMPERATURE = "no_temperature"  # its thermometer, if it has one, is gone
 
 
 Faults = Mapping[RangerFault, float]
@@ -132,6 +133,7 @@ class RangerBoard:
         seed: int = 0,
         errors: SensorErrors | None = None,
         air_c: float = 20.0,
+        temperature_sensor: bool = False,
         boot_ns: int = 0,
     ) -> None:
         self.faults: Faults = {}
@@ -140,6 +142,7 @@ class RangerBoard:
         self._distance_mm = distance_mm
         self._errors = errors or SensorErrors()
         self._air_c, self._boot_ns = air_c, boot_ns
+        self._temperature_sensor = temperature_sensor
         self._sensor, self._noise = Random(f"{seed}/sensor"), Random(f"{seed}/noise")
         self._runs = Random(f"{seed}/runs")
         self._code = Random(f"{seed}/code")
@@ -212,7 +215,9 @@ class RangerBoard:
             self._draw(trigger_ns + PERIOD_NS)
         ready_ns = trigger_ns + min(echo.fell_ns, PERIOD_NS)
         relay = self.relay.measured(self._seq, echo, ready_ns)
-        measurement = Measurement(self._seq, echo.ticks, echo.flags, relay=relay, beacon=self._beacon)
+        measured = self._temperature_sensor and RangerFault.NO_TEMPERATURE not in self.faults
+        temperature_dc = round(10 * self._air_c) if measured else None
+        measurement = Measurement(self._seq, echo.ticks, echo.flags, temperature_dc, relay, self._beacon)
         self._send(encode_measurement(measurement), ready_ns)
         self._seq = (self._seq + 1) & MAX_SEQ
         if trigger_ns - self._hello_ns >= HELLO_NS:

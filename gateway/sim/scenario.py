@@ -39,6 +39,7 @@ class FaultKind(StrEnum):
     RANGER_OFFSET = "ranger_offset"
     RANGER_UNPLUGGED = "ranger_unplugged"
     RANGER_WRONG_VERSION = "ranger_wrong_version"
+    RANGER_NO_TEMPERATURE = "ranger_no_temperature"
 
 
 FAULT_MEANING: dict[FaultKind, str] = {
@@ -63,6 +64,7 @@ FAULT_MEANING: dict[FaultKind, str] = {
     FaultKind.RANGER_OFFSET: "the ranger measures `offset_cm` too much, as one that is loose or out of line",
     FaultKind.RANGER_UNPLUGGED: "the serial device is gone",
     FaultKind.RANGER_WRONG_VERSION: "the ranger reboots with another protocol version",
+    FaultKind.RANGER_NO_TEMPERATURE: "the board's temperature sensor, where it has one, is not found",
 }
 
 
@@ -211,6 +213,7 @@ class Ranger(Section):
     step_mm: float = Field(4.0, ge=0, le=50, description="readings have steps of this; 0: none")
     dropout: float = Field(0.0, ge=0, le=1, description="share of the measurements without an echo")
     temperature_c: float = Field(20.0, ge=-40, le=85, description="of the air, which sets the true speed of sound")
+    temperature_sensor: bool = Field(False, description="the board measures it (a DS18B20), and its lines carry it")
 
 
 class Scenario(Section):

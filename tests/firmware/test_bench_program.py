@@ -79,10 +79,11 @@ def test_a_missing_build_says_how_to_build(tmp_path: Path) -> None:
 
 
 def test_every_fault_of_the_simulated_ranger_changes_what_the_bench_is_told() -> None:
-    healthy = commands_of({}, ERRORS)
+    healthy = commands_of({}, ERRORS, 21.5)
     for fault in RangerFault:
-        changed = {text for key, text in commands_of({fault: 7.0}, ERRORS).items() if healthy[key] != text}
+        changed = {text for key, text in commands_of({fault: 7.0}, ERRORS, 21.5).items() if healthy[key] != text}
         assert len(changed) == 1, fault
     both = commands_of({RangerFault.STUCK: 0.0, RangerFault.TOO_FAR: 0.0}, ERRORS)
     assert both["sensor"] == "sensor stuck"
     assert healthy["jitter"] == "jitter 1.5"
+    assert (healthy["ds18b20"], commands_of({}, ERRORS)["ds18b20"]) == ("ds18b20 21.5", "ds18b20 none")

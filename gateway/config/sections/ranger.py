@@ -30,6 +30,9 @@ class Hcsr04Config(Section):
     temperature_tolerance_c: float = Field(
         40.0, ge=0, le=200, description="a measured temperature farther than this from temperature_c is not believed"
     )
+    temperature_sensor: bool = Field(
+        default=False, description="the board has a sensor of the air's temperature, whose absence is a fault"
+    )
     relay: bool = Field(False, description="the board switches the outputs in place and may move (docs/wiring.md)")
     beacon: bool = Field(
         default=False, description="the board's LED blinks a random code, which its lines carry (docs/beacon.md)"

@@ -45,6 +45,9 @@ HELLO_DEADLINE_NS = (HELLO_PERIOD_S + 1) * S
 LINK_LATENCY_NS = 1 * MS
 """Between the last bit and the host: one frame of full-speed USB."""
 
+TEMPERATURE_DUE_NS = 5 * S
+"""No believed temperature for this time is a loss. After a reset the first one takes the board 1 s."""
+
 NEAREST_MM, FARTHEST_MM = 20.0, 4000.0  # the HC-SR04's datasheet
 
 # The worst first: what is wrong with a measurement that carries several flags.
@@ -75,6 +78,7 @@ class Hcsr04Session:
 
     def __init__(self, config: RangerConfig) -> None:
         self._temperature_c = self._measured_at_c = config.hcsr04.temperature_c
+        self._temperature_due = config.hcsr04.temperature_sensor  # or one was measured
         self._temperature_tolerance_c = config.hcsr04.temperature_tolerance_c
         self._byte_ns = config.byte_ns
         self._beacon_wanted = config.hcsr04.beacon
@@ -97,6 +101,9 @@ class Hcsr04Session:
         self._asked_ns: int | None = None
         self._beacon_asked_ns: int | None = None
         self._beacon = False  # the newest line carried its code
+        self._air_c: float | None = None  # of the newest measurement
+        self._air_ns = now_ns or 0  # of the newest one with a temperature; none yet: since when one is expected
+        self._temperature_lost = False
         self._received_ns: int | None = None  # any byte
         self._measured_ns: int | None = None  # a measurement, usable or not
         self._hello_ns: int | None = None
@@ -162,7 +169,10 @@ class Hcsr04Session:
 
     def feed(self, data: bytes, arrived_ns: int) -> list[RangeReading]:
         """Readings in the order of their lines."""
-        return self._with_relay(self._feed(data, arrived_ns), arrived_ns)
+        readings = self._with_relay(self._feed(data, arrived_ns), arrived_ns)
+        if self._air_c is None and not self._temperature_lost:
+            return readings
+        return [replace(reading, air_c=self._air_c, temperature_lost=self._temperature_lost) for reading in readings]
 
     def _feed(self, data: bytes, arrived_ns: int) -> list[RangeReading]:
         if data:
@@ -226,6 +236,7 @@ class Hcsr04Session:
         self._conditioner.count(lines=1, gaps=line.missing)
         if line.restarted:
             self.reboots += 1
+            self._air_ns = arrived_ns
             self._conditioner.restarted()
         elif line.missing or line.arrival is Arrival.BACKLOG:
             self._conditioner.gap()
@@ -241,7 +252,7 @@ class Hcsr04Session:
             self._relay.measured(m, arrived_ns)
         # The sound met the target half a flight before ECHO fell, and the line began when ECHO fell.
         t_ns = line.end_ns - m.size * self._byte_ns - LINK_LATENCY_NS - m.ticks * TICK_NS // 2
-        self._measured_at_c = self._air_c(m)
+        self._measured_at_c = self._temperature(m, arrived_ns)
         raw_mm = distance_mm(m.ticks, self._measured_at_c)
         quality = next((q for flag, q in FLAG_QUALITY if m.flags & flag), Quality.GOOD)
         if quality is Quality.GOOD and raw_mm < NEAREST_MM:
@@ -262,15 +273,16 @@ class Hcsr04Session:
         states = tuple(bool(lit >> n & 1) for n in reversed(range(known)))
         return BeaconCode(begun_ns - after_ns, self._arrivals.period_ns, states)
 
-    def _air_c(self, m: Measurement) -> float:
+    def _temperature(self, m: Measurement, arrived_ns: int) -> float:
         """Measured where that is plausible; a broken thermometer reports 85 or -40 and would falsify every distance."""
-        if m.temperature_dc is None:
-            return self._temperature_c
-        measured_c = m.temperature_dc / 10
-        if abs(measured_c - self._temperature_c) <= self._temperature_tolerance_c:
-            return measured_c
-        self.implausible_temperatures += 1
-        return self._temperature_c
+        self._air_c = None if m.temperature_dc is None else m.temperature_dc / 10
+        if self._air_c is not None and abs(self._air_c - self._temperature_c) > self._temperature_tolerance_c:
+            self.implausible_temperatures += 1
+            self._air_c = None
+        if self._air_c is not None:
+            self._temperature_due, self._air_ns = True, arrived_ns
+        self._temperature_lost = self._temperature_due and arrived_ns - self._air_ns >= TEMPERATURE_DUE_NS
+        return self._temperature_c if self._air_c is None else self._air_c
 
     # -- faults --------------------------------------------------------------------------------------------------
 

@@ -209,6 +209,7 @@ CAUSES = {
     "ranger_no_echo": no_echo(100.0),
     "ranger_unstable": ranger(Quality.UNSTABLE),
     "ranger_too_near": ranger(Quality.TOO_NEAR),
+    "temperature_lost": permitted(range=RangeReading(4_980_000_000, Quality.GOOD, 900.0, temperature_lost=True)),
     "sensors_disagree": permitted(memory=FusionMemory(disagree=True)),
     "picture_blind": picture(PictureFault.DARK),
     "picture_poor": picture(PictureFault.DUSTY),

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gateway.config import FusionConfig
 from gateway.core import fusion
 from gateway.core.detection import Circle
 from gateway.core.ne107 import MAINTENANCE_NS, NE107_MEANING, ORDER, Ne107, active, restarts, status
@@ -94,6 +95,13 @@ def test_maintenance_for_a_picture_that_needs_somebody_while_vision_still_works(
     assert poor.may_move
     stale = replace(poor, vision=replace(poor.vision, quality=Quality.STALE))
     assert (status(stale), active(stale)) == (F, frozenset({F}))
+
+
+def test_maintenance_for_a_lost_temperature_while_distances_are_measured() -> None:
+    lost = replace(GOOD, range=replace(GOOD.range, temperature_lost=True))
+    assert (status(lost), lost.may_move) == (M, True)
+    aged = fusion.aged_range(lost.range, T0 + 10**10, FusionConfig())
+    assert (aged.quality, aged.temperature_lost) == (Quality.STALE, False)
 
 
 def test_maintenance_after_a_repair_by_itself() -> None:

@@ -261,6 +261,18 @@ def test_where_the_gateway_runs_it_is_asked(vision: Quality, rng: Quality, verdi
 
 
 @pytest.mark.parametrize(
+    ("air_c", "lost", "verdict", "result"),
+    [(-4.5, False, OK, "air -4.5 °C"), (None, True, WARNING, "no temperature"), (None, False, OK, "Z 500 mm")],
+)
+def test_the_temperature_that_the_board_measures(
+    air_c: float | None, lost: bool, verdict: Verdict, result: str
+) -> None:
+    reading = RangeReading(1, Quality.GOOD, 500.0, air_c=air_c, temperature_lost=lost)
+    found = sensors.ranger_judged("bay1", sensors.RangerLook(identity="hcsr04", readings=[reading]), "open it", 6.0)
+    assert (found.verdict, result in found.result) == (verdict, True)
+
+
+@pytest.mark.parametrize(
     ("pins", "fault", "verdict", "result"), [(0, False, OK, "its relay is off"), (1, True, FAULT, "a pin is high")]
 )
 def test_the_rangers_relay_is_off_by_its_pins_or_it_is_a_fault(

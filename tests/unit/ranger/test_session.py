@@ -121,6 +121,39 @@ def test_a_broken_thermometer_bends_no_distance(measured_dc: int, believed_c: fl
     assert bench.session.implausible_temperatures == (measured_dc != believed_c * 10)
 
 
+def losses(bench: Bench, cycles: int, temperature_dc: int | None) -> list[bool]:
+    return [bench.measures(300.0, temperature_dc=temperature_dc)[0].temperature_lost for _ in range(cycles)]
+
+
+@pytest.mark.parametrize("lost_dc", [None, 850])
+def test_a_temperature_that_is_measured_no_more_is_lost_after_5_s_and_bends_nothing_meanwhile(
+    lost_dc: int | None,
+) -> None:
+    bench = settled(300.0, median=1)
+    (warm,) = bench.measures(300.0, temperature_dc=400)
+    assert (warm.air_c, warm.temperature_lost) == (40.0, False)
+    assert warm.distance_mm == pytest.approx(300 * 355.54 / 343.42, abs=0.05)
+    (fallen_back,) = bench.measures(300.0, temperature_dc=lost_dc)
+    assert fallen_back.air_c is None
+    assert fallen_back.distance_mm == pytest.approx(300, abs=0.05)  # the very next line
+    assert losses(bench, 84, lost_dc) == [False] * 82 + [True] * 2  # of 60 ms
+    assert losses(bench, 2, 400) == [False] * 2
+    assert bench.session.tick(bench.now_ns + 2 * S)[0].temperature_lost is False  # nothing is known of it
+
+
+def test_one_that_never_came_is_missed_only_where_it_is_configured() -> None:
+    assert not any(losses(settled(300.0), 200, None))
+    assert not any(losses(settled(300.0), 200, 850))
+    configured = {"hcsr04": Hcsr04Config(temperature_sensor=True)}
+    bench = settled(300.0, **configured)
+    assert losses(bench, 80, None) == [False] * 77 + [True] * 3  # 5 s since the port was opened, six lines before
+    bench.session.opened(bench.now_ns)
+    bench.seq = 0
+    bench.receives(HELLO)
+    after = [reading.temperature_lost for _ in range(90) for reading in bench.measures(300.0)]
+    assert (after[0], after[-1], after.count(True)) == (False, True, 7)  # a reset: the sensor has time to convert
+
+
 def test_a_reading_is_dated_back_to_the_echo() -> None:
     bench = settled(500.0, median=1)
     trigger_ns = bench.now_ns + 7 * MS

@@ -195,6 +195,12 @@ class Bay:
         return self.state
 
 
+def test_a_lost_temperature_of_any_of_the_rangers_is_shown() -> None:
+    held = [reading(300), reading(310), replace(reading(320), temperature_lost=True)]
+    assert vote(held, [RANGE_MM] * 3, AGREE_MM, TOGETHER_NS, 1).temperature_lost
+    assert not voted(300, 310, 320).temperature_lost
+
+
 def test_no_majority_of_no_echo_lets_a_truck_drive_up_to_a_body() -> None:
     bench = Bay(3, radius_px=10)
     assert bench.run(NO, NO, NO).may_move
