@@ -6,6 +6,7 @@ methods are described in gateway/ranger/contract.py.
 
 from collections import Counter
 from dataclasses import replace
+from math import inf
 
 from gateway.config import RangerConfig
 from gateway.core import details
@@ -47,6 +48,9 @@ LINK_LATENCY_NS = 1 * MS
 
 TEMPERATURE_DUE_NS = 5 * S
 """No believed temperature for this time is a loss. After a reset the first one takes the board 1 s."""
+TEMPERATURE_K_S = 0.5
+"""After the first one the temperature of the sound changes no faster: where one is lost or returns, a truck in place
+would else seem to roll. So Z changes by less than `rolling.FOLLOW_MM_S`, up to 1.1 m."""
 
 NEAREST_MM, FARTHEST_MM = 20.0, 4000.0  # the HC-SR04's datasheet
 
@@ -77,8 +81,10 @@ class Hcsr04Session:
     """The state of one ranger in the gateway. Counters outlive connections, the rest does not."""
 
     def __init__(self, config: RangerConfig) -> None:
-        self._temperature_c = self._measured_at_c = config.hcsr04.temperature_c
-        self._temperature_due = config.hcsr04.temperature_sensor  # or one was measured
+        self._temperature_c = self._sound_c = config.hcsr04.temperature_c
+        self._temperature_expected = config.hcsr04.temperature_sensor
+        self._temperature_heard = False  # since the gateway's start
+        self._sound_ns = 0  # of the newest _sound_c
         self._temperature_tolerance_c = config.hcsr04.temperature_tolerance_c
         self._byte_ns = config.byte_ns
         self._beacon_wanted = config.hcsr04.beacon
@@ -148,7 +154,7 @@ class Hcsr04Session:
         """The question for a hello, the request for the beacon, and the command for the relay."""
         command = b""
         if self._relay is not None:
-            command = self._relay.request(now_ns, 1 / distance_mm(1, self._measured_at_c))
+            command = self._relay.request(now_ns, 1 / distance_mm(1, self._sound_c))
         return self._question(now_ns) + self._beacon_request(now_ns) + command
 
     def _beacon_request(self, now_ns: int) -> bytes:
@@ -252,8 +258,8 @@ class Hcsr04Session:
             self._relay.measured(m, arrived_ns)
         # The sound met the target half a flight before ECHO fell, and the line began when ECHO fell.
         t_ns = line.end_ns - m.size * self._byte_ns - LINK_LATENCY_NS - m.ticks * TICK_NS // 2
-        self._measured_at_c = self._temperature(m, arrived_ns)
-        raw_mm = distance_mm(m.ticks, self._measured_at_c)
+        self._take_temperature(m, arrived_ns)
+        raw_mm = distance_mm(m.ticks, self._sound_c)
         quality = next((q for flag, q in FLAG_QUALITY if m.flags & flag), Quality.GOOD)
         if quality is Quality.GOOD and raw_mm < NEAREST_MM:
             quality = Quality.TOO_NEAR
@@ -273,16 +279,21 @@ class Hcsr04Session:
         states = tuple(bool(lit >> n & 1) for n in reversed(range(known)))
         return BeaconCode(begun_ns - after_ns, self._arrivals.period_ns, states)
 
-    def _temperature(self, m: Measurement, arrived_ns: int) -> float:
+    def _take_temperature(self, m: Measurement, arrived_ns: int) -> None:
         """Measured where that is plausible; a broken thermometer reports 85 or -40 and would falsify every distance."""
         self._air_c = None if m.temperature_dc is None else m.temperature_dc / 10
         if self._air_c is not None and abs(self._air_c - self._temperature_c) > self._temperature_tolerance_c:
             self.implausible_temperatures += 1
             self._air_c = None
+        most_k = TEMPERATURE_K_S * (arrived_ns - self._sound_ns) / S
         if self._air_c is not None:
-            self._temperature_due, self._air_ns = True, arrived_ns
-        self._temperature_lost = self._temperature_due and arrived_ns - self._air_ns >= TEMPERATURE_DUE_NS
-        return self._temperature_c if self._air_c is None else self._air_c
+            most_k = most_k if self._temperature_heard else inf
+            self._temperature_heard, self._air_ns = True, arrived_ns
+        wanted_c = self._temperature_c if self._air_c is None else self._air_c
+        self._sound_c += max(-most_k, min(most_k, wanted_c - self._sound_c))
+        self._sound_ns = arrived_ns
+        due = self._temperature_expected or self._temperature_heard
+        self._temperature_lost = due and arrived_ns - self._air_ns >= TEMPERATURE_DUE_NS
 
     # -- faults --------------------------------------------------------------------------------------------------
 

@@ -1,5 +1,6 @@
 """The session: bytes and times in, dated readings with a quality out. No clock, no port."""
 
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -126,7 +127,7 @@ def losses(bench: Bench, cycles: int, temperature_dc: int | None) -> list[bool]:
 
 
 @pytest.mark.parametrize("lost_dc", [None, 850])
-def test_a_temperature_that_is_measured_no_more_is_lost_after_5_s_and_bends_nothing_meanwhile(
+def test_a_temperature_that_is_measured_no_more_is_lost_after_5_s_and_the_distance_goes_back_slowly(
     lost_dc: int | None,
 ) -> None:
     bench = settled(300.0, median=1)
@@ -135,8 +136,12 @@ def test_a_temperature_that_is_measured_no_more_is_lost_after_5_s_and_bends_noth
     assert warm.distance_mm == pytest.approx(300 * 355.54 / 343.42, abs=0.05)
     (fallen_back,) = bench.measures(300.0, temperature_dc=lost_dc)
     assert fallen_back.air_c is None
-    assert fallen_back.distance_mm == pytest.approx(300, abs=0.05)  # the very next line
+    assert fallen_back.distance_mm == pytest.approx(300 * 355.52 / 343.42, abs=0.05)  # 0.5 K a second: 39.97 °C
     assert losses(bench, 84, lost_dc) == [False] * 82 + [True] * 2  # of 60 ms
+    losses(bench, 582, lost_dc)  # 40 s for 20 K
+    mm = [reading.distance_mm for reading in bench.readings[-600:] if reading.distance_mm is not None]
+    assert max(a - b for a, b in pairwise(mm)) < 0.06  # less than 1 mm a second, which would be a truck that rolls
+    assert mm[-1] == pytest.approx(300, abs=0.05)
     assert losses(bench, 2, 400) == [False] * 2
     assert bench.session.tick(bench.now_ns + 2 * S)[0].temperature_lost is False  # nothing is known of it
 
