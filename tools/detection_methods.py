@@ -16,6 +16,7 @@ SHARE_MEANING: dict[str, str] = {
     "fill": "of the inside, how much is red",
     "aspect": "semi-minor by semi-major axis; 1 from 0.85 on",
     "contrast": "fall of redness across the rim; 1 from 0.45 on in clear air, from less in haze",
+    "colour": "e to the power of -d; d: distance from the marker's colour, 0 within its tolerance, 1 at the gate",
 }
 
 

@@ -11,7 +11,16 @@ from gateway.vision.detect.geometry import same_ellipse
 from gateway.vision.detect.robust import candidates, constants, ellipses, measurement
 from gateway.vision.detect.robust.candidates import Seed
 from gateway.vision.detect.robust.clearest_rim import EVEN_PX, GOOD, clearest_rim, even, quality, roundness
-from gateway.vision.detect.robust.decision import ODDS, POWERS, Candidate, Limits, confidence, failed_gate, weight
+from gateway.vision.detect.robust.decision import (
+    ODDS,
+    POWERS,
+    Candidate,
+    Limits,
+    candidate,
+    confidence,
+    failed_gate,
+    weight,
+)
 from gateway.vision.detect.robust.evidence import Evidence, masked_median
 from gateway.vision.detect.robust.redness import pyramid, redness
 from gateway.vision.detect.robust.refinement import refine
@@ -166,9 +175,12 @@ def test_confidence_is_the_product_of_odds() -> None:
     [
         ("contrast", {"contrast": 0.1, "rise": 0.1, "redness": 0.2}),
         ("surroundings", {"contrast": 0.3, "rise": 0.3}),
-        ("colour", {"redness": 0.05}),
+        ("colour", {"redness": 0.05, "colour": (180.0, 181.0, 190.0)}),
         ("colour", {"colour": (220.0, 40.0, 190.0)}),
-        ("brown", {"colour": (44.0, 66.0, 128.0), "contrast": 0.5, "rise": 0.5}),
+        ("colour", {"colour": (250.0, 20.0, 255.0)}),
+        ("colour", {"colour": (30.0, 140.0, 255.0)}),
+        ("colour", {"colour": (18.0, 91.0, 231.0)}),
+        ("colour", {"colour": (50.0, 66.0, 128.0), "contrast": 0.5, "rise": 0.5}),
         ("coverage", {"coverage": 0.55}),
         ("leak", {"leak": 0.45}),
         ("fill", {"fill": 0.45}),
@@ -177,13 +189,14 @@ def test_confidence_is_the_product_of_odds() -> None:
         ("confidence", {"coverage": 0.65, "leak": 0.39, "fill": 0.5, "noise": 1.0}),
         (None, {}),
         (None, {"contrast": 0.1, "rise": 0.1, "redness": 0.1, "haze": 0.6}),
+        (None, {"redness": 0.05, "colour": (92.0, 92.0, 100.0), "haze": 0.27}),
         (None, {"colour": (255.0, 180.0, 255.0)}),
-        (None, {"colour": (30.0, 90.0, 230.0)}),
-        (None, {"colour": (100.0, 165.0, 250.0), "contrast": 0.5, "rise": 0.5}),
+        (None, {"colour": (32.0, 68.0, 218.0)}),
+        (None, {"colour": (150.0, 90.0, 220.0)}),
     ],
 )
 def test_each_gate_of_the_evidence(code: str | None, change: dict[str, float]) -> None:
-    assert failed_gate(Candidate(RIM, replace(PERFECT, **change)), LIMITS) == code  # type: ignore[arg-type]
+    assert failed_gate(candidate(RIM, replace(PERFECT, **change), LIMITS), LIMITS) == code  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

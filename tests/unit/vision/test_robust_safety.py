@@ -160,3 +160,47 @@ def test_memory_stays_below_half_of_a_large_picture() -> None:
     assert found.circle is not None
     assert found.circle.radius_px == pytest.approx(700.5, abs=1.0)
     assert peak < image.nbytes / 2
+
+
+OTHERS = {  # BGR
+    "amber": (30, 140, 255),
+    "pure orange": (18, 91, 231),
+    "brown": (40, 60, 110),
+    "rust": (44, 66, 128),
+    "skin": (64, 85, 141),
+    "magenta": (200, 20, 200),
+    "deep pink over-exposed": (255, 60, 255),
+    "pale": (190, 190, 210),
+}
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_a_disc_of_another_colour_is_no_marker(name: str) -> None:
+    sheet = decoys.sheet(WIDTH, HEIGHT, "leaves", 8)
+    sheet.disc(158.0, 122.0, 60.0, (120, 120, 120))
+    sheet.disc(158.0, 122.0, 44.0, OTHERS[name])
+    found = detect(sheet.finished(), PARAMS)
+
+    assert found.circle is None, found.confidence
+    assert "colour" in {r.why for r in found.rejected if abs(r.circle.radius_px - 44) < 2}
+
+
+LIGHTS = {
+    "white": (1, 1, 1),
+    "dim": (0.25, 0.25, 0.25),
+    "blue": (1.7, 1.1, 0.62),
+    "bright": (1.4, 1.4, 1.4),
+    "warm": (0.8, 0.95, 1.1),
+}
+
+
+@pytest.mark.parametrize("light", LIGHTS.values(), ids=LIGHTS)
+@pytest.mark.parametrize("colour", [(45, 35, 190), (39, 57, 198), (120, 120, 205)], ids=["red", "vermilion", "faded"])
+def test_the_markers_red_is_red_in_any_light(colour: tuple[int, int, int], light: tuple[float, float, float]) -> None:
+    sheet = decoys.sheet(WIDTH, HEIGHT, "concrete", 8)
+    sheet.disc(158.0, 122.0, 44.0, colour)
+    sheet.paint *= np.array(light, np.float32)
+    found = detect(sheet.finished(), PARAMS)
+
+    assert found.circle is not None
+    assert found.circle.radius_px == pytest.approx(44, abs=0.5)

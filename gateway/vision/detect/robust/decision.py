@@ -2,22 +2,26 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from gateway.config.sections.vision import Proposals
 from gateway.core.detection import Circle, Ellipse
 from gateway.vision.detect.robust.clearest_rim import roundness
 from gateway.vision.detect.robust.constants import FULL_REDNESS
 from gateway.vision.detect.robust.evidence import Evidence
+from gateway.vision.detect.robust.marker_colour import (
+    WHITE_LIGHT,
+    Cast,
+    MarkerColour,
+    distance,
+    in_white_light,
+    not_brown,
+    paint_left,
+)
 from gateway.vision.detect.robust.rim_fine import Rim
-from gateway.vision.detect.robust.veil import contrast_left
 
 MIN_ASPECT = 0.55  # a disc tilted by 57 degrees
 MIN_CONTRAST, MIN_SHARE = 0.15, 0.4  # log units in clear air; of the redness inside: less is a red spot on red
-MIN_REDNESS = 0.12  # log units in clear air; a veil makes both smaller
-MAX_BLUE, BRIGHTEST = 1.1, 250.0  # of the red: more is magenta; grey level that may be a clipped one
-BROWN, BROWN_CONTRAST = (0.18, 0.36), 0.65  # (G - B) / (R - B): paint 0.15 at most, rust 0.2 to 0.35; log units
-VEILED_BROWN = (-0.06, 0.2)  # so much farther it reaches behind a full veil, whose tint is not known exactly
 MIN_COVERAGE, MAX_LEAK, MIN_FILL, MAX_HOLLOW = 0.6, 0.4, 0.5, 0.75
 MIN_VISIBLE, MIN_SUPPORT = 0.4, 0.45
 MAX_BLUR, MIN_STEP = 0.24, 0.5  # sigma of the edge, of the semi-minor axis; fall at the rim, of that from the core
@@ -35,6 +39,7 @@ POWERS = {
     "fill": 2.0,
     "aspect": 3.0,
     "contrast": 2.0,
+    "colour": 4.0,
 }
 """How much each kind of evidence weighs: a logistic regression on half of a set of pictures, in round numbers."""
 
@@ -48,6 +53,8 @@ class Limits:
     min_confidence: float
     possible_px: tuple[float, float] | None = None  # radii, where the ranger limits them; of a marker, not of a search
     proposals: Proposals = "classical"  # where a search starts
+    marker: MarkerColour = field(default_factory=MarkerColour)
+    cast: Cast = WHITE_LIGHT
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,32 +64,21 @@ class Candidate:
     rim: Rim
     evidence: Evidence
     veil: float = 0.0  # share of airlight over it, as far as known; the evidence may be that of the picture as it is
+    off_colour: float = 0.0  # 0: of the marker's colour; above 1: of another
 
     @property
     def aspect(self) -> float:
         return self.rim.ellipse.semi_minor_px / self.rim.ellipse.semi_major_px
 
 
-def paint_left(found: Evidence) -> float:
-    """1 in clear air: how much of the redness of paint, and of its contrast, the dust leaves."""
-    return (1 - found.haze) * contrast_left(found.veil)
+def candidate(rim: Rim, found: Evidence, limits: Limits, veil: float = 0.0) -> Candidate:
+    """With the evidence as it would be in white light."""
+    off = distance(found, limits.marker, limits.cast)
+    return Candidate(rim, in_white_light(found, limits.cast), veil, off)
 
 
 def _sharp(c: Candidate) -> bool:
     return c.rim.blur_px <= MAX_BLUR * c.rim.ellipse.semi_minor_px and c.evidence.contrast >= MIN_STEP * c.evidence.rise
-
-
-def _not_brown(c: Candidate) -> bool:
-    """Rust and wood lie between red and orange, and their redness is weak; the hue is the same through any veil."""
-    blue, green, red = c.evidence.colour
-    hue = (green - blue) / max(red - blue, 1.0)
-    low, high = (bound + more * c.evidence.veil for bound, more in zip(BROWN, VEILED_BROWN, strict=True))
-    return not low < hue < high or c.evidence.contrast >= BROWN_CONTRAST * (1 - c.evidence.haze) / (1 - c.evidence.veil)
-
-
-def _not_magenta(bgr: tuple[float, float, float]) -> bool:
-    """Where red is as bright as it can be, there is no decision: light red that is over-exposed looks like that."""
-    return bgr[0] <= MAX_BLUE * bgr[2] or bgr[2] >= BRIGHTEST
 
 
 def _of_possible_size(c: Candidate, limits: Limits) -> bool:
@@ -97,9 +93,7 @@ GATES: tuple[tuple[str, Gate], ...] = (
     ("shape", lambda c, _: c.aspect >= MIN_ASPECT),
     ("contrast", lambda c, _: c.evidence.contrast >= MIN_CONTRAST * paint_left(c.evidence)),
     ("surroundings", lambda c, _: c.evidence.contrast >= MIN_SHARE * c.evidence.redness),
-    ("colour", lambda c, _: c.evidence.redness >= MIN_REDNESS * paint_left(c.evidence)),
-    ("colour", lambda c, _: _not_magenta(c.evidence.colour)),
-    ("brown", lambda c, _: _not_brown(c)),
+    ("colour", lambda c, _: c.off_colour <= 1 and not_brown(c.evidence)),
     ("coverage", lambda c, _: c.evidence.coverage >= MIN_COVERAGE),
     ("leak", lambda c, _: c.evidence.leak <= MAX_LEAK),
     ("visible", lambda c, _: c.rim.visible >= MIN_VISIBLE),
@@ -141,6 +135,7 @@ def confidence(found: Candidate) -> float:
         "fill": e.fill,
         "aspect": min(1.0, found.aspect / FULL_ASPECT),
         "contrast": min(1.0, contrast / (FULL_CONTRAST * paint_left(e))),
+        "colour": math.exp(-found.off_colour),
     }
     prior = ODDS * (1 - VEILED_ODDS * e.veil)
     odds = float(prior * math.prod(share ** POWERS[name] for name, share in shares.items()))

@@ -13,6 +13,7 @@ from gateway.vision.detect.robust.clearest_rim import CLEARLY, quality, rim_behi
 from gateway.vision.detect.robust.decision import (
     Candidate,
     Limits,
+    candidate,
     circle_of,
     confidence,
     failed_gate,
@@ -52,14 +53,14 @@ def search_frame(image: Colours, limits: Limits, timer: StageTimer) -> tuple[Can
     timer.ended("candidates")
     measured = measurement.gather(levels, seeds)
     timer.ended("evidence")
-    refined, rejected = _refined(image, levels, seeds, measured)
+    refined, rejected = _refined(image, levels, seeds, measured, limits)
     timer.ended("rim")
     taken, others = _decided(refined, limits)
     timer.ended("decision")
     if dust is not None and not _in_clear_air(taken, dust, levels[0]):
         clear = veil.unveiled(levels, dust)
         behind = _proposed(clear, learned, limits)
-        more, no_rims = _refined(image, clear, behind, measurement.gather(clear, behind))
+        more, no_rims = _refined(image, clear, behind, measurement.gather(clear, behind), limits)
         taken, others = _decided([*refined, *more], limits)
         others = _once_each([*others, *rejected, *no_rims], taken)
         rejected, seeds = [], list({*seeds, *behind})
@@ -111,9 +112,8 @@ def search_expected(image: Colours, expected: Circle, limits: Limits) -> Candida
 
 def _accepted(levels: Sequence[PyramidLevel], rim: Rim, share: float, limits: Limits) -> Candidate | None:
     (evidence,) = measurement.of_ellipses(levels, [rim.ellipse])
-    if evidence is None or failed_gate(Candidate(rim, evidence), limits) is not None:
-        return None
-    return Candidate(rim, evidence, veil=share)
+    found = None if evidence is None else candidate(rim, evidence, limits, share)
+    return None if found is None or failed_gate(found, limits) is not None else found
 
 
 def levels_of(image: Colours, limits: Limits) -> list[PyramidLevel]:
@@ -166,7 +166,11 @@ def _worth_a_rim(seeds: Sequence[Seed], measured: Sequence[Evidence | None]) -> 
 
 
 def _refined(
-    image: Colours, levels: Sequence[PyramidLevel], seeds: Sequence[Seed], evidence: Sequence[Evidence | None]
+    image: Colours,
+    levels: Sequence[PyramidLevel],
+    seeds: Sequence[Seed],
+    evidence: Sequence[Evidence | None],
+    limits: Limits,
 ) -> tuple[list[Candidate], list[Rejected]]:
     """The rims of the most promising at full resolution and the evidence on these; and what has no rim."""
     worth, rejected = _worth_a_rim(seeds, evidence)
@@ -178,7 +182,7 @@ def _refined(
         elif not any(same_ellipse(rim.ellipse, other.ellipse) for other in rims):
             rims.append(rim)
     measured = measurement.of_ellipses(levels, [rim.ellipse for rim in rims])
-    return [Candidate(rim, found) for rim, found in zip(rims, measured, strict=True) if found], rejected
+    return [candidate(rim, found, limits) for rim, found in zip(rims, measured, strict=True) if found], rejected
 
 
 def _share_at(dust: Veil | None, level: PyramidLevel, place: Ellipse) -> float:
@@ -207,15 +211,15 @@ def _decided(refined: Sequence[Candidate], limits: Limits) -> tuple[Candidate | 
     """The marker, and the others with the reason."""
     rejected: list[Rejected] = []
     passed: list[Candidate] = []
-    for candidate in refined:
-        if why := failed_gate(candidate, limits):
-            rejected.append((1 + confidence(candidate), circle_of(candidate.rim.ellipse), why))
+    for found in refined:
+        if why := failed_gate(found, limits):
+            rejected.append((1 + confidence(found), circle_of(found.rim.ellipse), why))
         else:
-            passed.append(candidate)
+            passed.append(found)
     passed.sort(key=weight, reverse=True)
     distinct: list[Candidate] = []  # a disc may have been found on both kinds of level
-    for candidate in passed:
-        if not any(same_ellipse(candidate.rim.ellipse, other.rim.ellipse) for other in distinct):
-            distinct.append(candidate)
+    for found in passed:
+        if not any(same_ellipse(found.rim.ellipse, other.rim.ellipse) for other in distinct):
+            distinct.append(found)
     rejected += [(2 + confidence(c), circle_of(c.rim.ellipse), "weaker") for c in distinct[1:]]
     return next(iter(distinct), None), rejected
