@@ -180,7 +180,7 @@ def test_confidence_is_the_product_of_odds() -> None:
         ("colour", {"colour": (250.0, 20.0, 255.0)}),
         ("colour", {"colour": (30.0, 140.0, 255.0)}),
         ("colour", {"colour": (18.0, 91.0, 231.0)}),
-        ("colour", {"colour": (50.0, 66.0, 128.0), "contrast": 0.5, "rise": 0.5}),
+        ("colour", {"colour": (44.0, 62.0, 128.0), "contrast": 0.7, "rise": 0.7}),
         ("coverage", {"coverage": 0.55}),
         ("leak", {"leak": 0.45}),
         ("fill", {"fill": 0.45}),

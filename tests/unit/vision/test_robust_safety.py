@@ -166,7 +166,7 @@ OTHERS = {  # BGR
     "amber": (30, 140, 255),
     "pure orange": (18, 91, 231),
     "brown": (40, 60, 110),
-    "rust": (44, 66, 128),
+    "rust": (44, 62, 128),
     "skin": (64, 85, 141),
     "magenta": (200, 20, 200),
     "deep pink over-exposed": (255, 60, 255),
