@@ -1,1 +1,1 @@
-"""Distance sensors behind one contract. Pure: contract, conditioning, hcsr04. IO: port, service (a thread each)."""
+"""Distance sensors behind one contract. Pure: contract, conditioning, sensors. IO: ports and threads."""
