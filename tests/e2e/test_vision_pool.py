@@ -24,7 +24,7 @@ import pytest
 from gateway.clock import SystemClock
 from gateway.config import CameraConfig, Reconnect, VisionConfig
 from gateway.core.detection import Tracking
-from gateway.core.readings import Quality, VisionReading
+from gateway.core.readings import AgeProof, Quality, VisionReading
 from gateway.errors import ConfigError
 from gateway.vision.process import vision_service
 from gateway.vision.process.vision_service import VisionService
@@ -487,7 +487,8 @@ def test_a_driver_that_hangs_with_the_interpreter_s_lock_held_is_noticed_from_ou
 
 class MjpegServer(socketserver.ThreadingTCPServer):
     """An HTTP camera on loopback. While `frozen` it says nothing to its connections, while `repeating` one picture with
-    a clock burnt into it that goes on; while `half` its pictures are half as wide and high."""
+    a clock burnt into it that goes on; while `half` its pictures are half as wide and high; while `stamped` each has
+    its time."""
 
     allow_reuse_address = True
     daemon_threads = True
@@ -497,6 +498,7 @@ class MjpegServer(socketserver.ThreadingTCPServer):
         self.frozen = threading.Event()
         self.repeating = threading.Event()
         self.half = threading.Event()
+        self.stamped = threading.Event()
         self.over = threading.Event()
         self.connections = 0
 
@@ -515,17 +517,18 @@ class MjpegHandler(socketserver.StreamRequestHandler):
                 sent += 1
                 if not self.server.frozen.is_set():
                     dead, half = self.server.repeating.is_set(), self.server.half.is_set()
-                    self.wfile.write(self.part(9 if dead else None, sent, 0.5 if half else 1.0))
+                    stamp = f"X-Timestamp: {time.time():.6f}\r\n" if self.server.stamped.is_set() else ""
+                    self.wfile.write(self.part(9 if dead else None, sent, 0.5 if half else 1.0, stamp.encode()))
 
     @staticmethod
-    def part(exposure: int | None, clock: int, size: float) -> bytes:
+    def part(exposure: int | None, clock: int, size: float, stamp: bytes) -> bytes:
         """A live picture's noise is never twice the same: by default each has its own exposure."""
         chance = np.random.default_rng(clock if exposure is None else exposure)
         picture = np.clip(disc(160, 120, 50) + chance.normal(0, 2, (240, 320, 3)), 0, 255).astype(np.uint8)
         cv2.putText(picture, f"12:00:{clock % 60:02d}", (5, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255))
         scaled = cv2.resize(picture, None, fx=size, fy=size)
         jpeg = cv2.imencode(".jpg", scaled)[1].tobytes()
-        return b"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n%s\r\n" % (len(jpeg), jpeg)
+        return b"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n%s\r\n%s\r\n" % (len(jpeg), stamp, jpeg)
 
 
 @pytest.fixture
@@ -589,6 +592,20 @@ def test_an_http_stream_that_freezes_breaks_off_and_refuses(mjpeg: MjpegServer) 
                     reading.detail
                     == f"{camera}: cannot be opened: no answer, refused, or not a video stream that is accepted"
                 )
+
+    play(story)
+
+
+@pytest.mark.long
+@pytest.mark.failure_mode("C11")
+def test_an_http_stream_is_good_once_the_times_of_its_parts_prove_its_age(mjpeg: MjpegServer) -> None:
+    async def story() -> None:
+        async with Bay(f"http://127.0.0.1:{mjpeg.server_address[1]}/mjpg", detector=None) as bay:
+            await bay.until(lambda reading: reading.stats.frames == 10)
+            assert {reading.quality for reading in bay.readings if reading.stats.frames} == {Quality.STALE}
+            mjpeg.stamped.set()
+            good = await bay.quality(Quality.GOOD)
+            assert bay.readings[good].age_proof is AgeProof.PRESENTATION_TIME
 
     play(story)
 
