@@ -86,10 +86,28 @@ class Tick:
 
 @dataclass(frozen=True, slots=True)
 class TruckPosition:
-    """Where both sensors had the truck at one time."""
+    """Where both sensors had the truck at one time. `rangers_mm`: of several rangers, what each had that counted."""
 
     distance_mm: float
     circle: Circle
+    rangers_mm: tuple[float | None, ...] = ()
+
+    def way_mm(self, reading: RangeReading) -> float | None:
+        """How far the truck has gone from here since, nearer is negative; None: no distance.
+
+        Of several rangers each is compared with itself, and the one that shows most counts: the nearer one of two may
+        be another than before, and hide by how much the other has changed; and one that drops out moves no truck.
+        """
+        if reading.distance_mm is None:
+            return None
+        pairs = zip(self.rangers_mm, counted_mm(reading), strict=False)
+        ways = [now - was for was, now in pairs if was is not None and now is not None]
+        return max(ways, key=abs, default=reading.distance_mm - self.distance_mm)
+
+
+def counted_mm(reading: RangeReading) -> tuple[float | None, ...]:
+    """The distance of each of several rangers that counts."""
+    return tuple(one.distance_mm if one.agrees else None for one in reading.rangers)
 
 
 @dataclass(frozen=True, slots=True)

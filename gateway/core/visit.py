@@ -26,6 +26,7 @@ from gateway.core.state import (
     Visit,
     VisitPhase,
     WayOut,
+    counted_mm,
 )
 from gateway.durations import NS_PER_S
 
@@ -222,17 +223,21 @@ def _settled(visit: Visit, fused: Fused, speed_mm_s: float | None, limits: Visit
     ):
         return visit if visit.candidate is None else replace(visit, still_since_ns=None, candidate=None)
     if visit.candidate is None or _compared(visit.candidate, fused, limits.visit) != (Moved.NO, False):
-        return replace(visit, still_since_ns=fused.t_ns, candidate=TruckPosition(distance_mm, circle))
+        return replace(visit, still_since_ns=fused.t_ns, candidate=_position(fused, distance_mm, circle))
     if not _lasts(visit.still_since_ns, fused, limits.visit.settle_s):
         return visit
     return Visit(
         phase=visit.phase,
         in_place=True,
-        place=TruckPosition(distance_mm, circle),
+        place=_position(fused, distance_mm, circle),
         in_place_since_ns=fused.t_ns,
         clear_since_ns=visit.clear_since_ns,
         usable_since_ns=visit.usable_since_ns,
     )
+
+
+def _position(fused: Fused, distance_mm: float, circle: Circle) -> TruckPosition:
+    return TruckPosition(distance_mm, circle, counted_mm(fused.range))
 
 
 def _stands_at_mark(
@@ -284,11 +289,11 @@ def _monitored(visit: Visit, place: TruckPosition, fused: Fused, limits: VisitLi
 
 def _seen_elsewhere(place: TruckPosition, fused: Fused, config: VisitConfig) -> bool:
     """Is the marker seen, and has the truck left its place by more than a truck that stands?"""
-    circle, distance_mm, was_px = fused.vision.circle, fused.range.distance_mm, place.circle.radius_px
-    if circle is None or distance_mm is None:
+    circle, way_mm, was_px = fused.vision.circle, place.way_mm(fused.range), place.circle.radius_px
+    if circle is None or way_mm is None:
         return False
     larger = fused.vision.visible is not None and abs(circle.radius_px - was_px) > config.rolling_share * was_px
-    return larger or abs(distance_mm - place.distance_mm) > config.rolling_mm
+    return larger or abs(way_mm) > config.rolling_mm
 
 
 def _ended(visit: Visit, fused: Fused, moved: Moved) -> str:
@@ -306,12 +311,13 @@ def _ended(visit: Visit, fused: Fused, moved: Moved) -> str:
 
 def _compared(place: TruckPosition, fused: Fused, config: VisitConfig) -> tuple[Moved, bool]:
     """How the truck has left its place, and whether the sensors contradict each other about it."""
-    circle, distance_mm = fused.vision.circle, fused.range.distance_mm
-    left_band = distance_mm is not None and abs(distance_mm - place.distance_mm) > config.band_mm
+    circle, way_mm = fused.vision.circle, place.way_mm(fused.range)
+    left_band = way_mm is not None and abs(way_mm) > config.band_mm
     if circle is None:
         return (Moved.DISTANCE if left_band else Moved.NO), False
     share, was_px = config.band_share, place.circle.radius_px
-    fitting_px = was_px if distance_mm is None else was_px * place.distance_mm / distance_mm  # R of a truck there
+    now_mm = max(1.0, place.distance_mm + (way_mm or 0.0))
+    fitting_px = was_px * place.distance_mm / now_mm  # R of a truck there
     shift_px = math.hypot(circle.u_px - place.circle.u_px, circle.v_px - place.circle.v_px)
     shifted = shift_px > share * was_px
     if left_band:

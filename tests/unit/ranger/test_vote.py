@@ -17,7 +17,7 @@ from gateway.core.detection import Circle
 from gateway.core.ne107 import Ne107
 from gateway.core.readings import BEYOND_RANGE, DEAD, Quality, RangeReading, RelayOutput, RelayStatus, VisionReading
 from gateway.core.shown import withdrawn
-from gateway.core.state import Reason, StateVector, Tick
+from gateway.core.state import Moved, Reason, StateVector, Tick
 from gateway.durations import NS_PER_MS
 from gateway.modbus.registers.register_map import decode, encode
 from gateway.ranger.vote import Voter, vote
@@ -171,7 +171,7 @@ class FrozenClock:
 class Bay:
     """The voter before the whole step of a bay, with a marker that is seen, in virtual time."""
 
-    def __init__(self, rangers: int, radius_px: float = 190.0) -> None:
+    def __init__(self, rangers: int, radius_px: float | None = 190.0) -> None:
         self.config = bay(rangers)
         self.rules = interlock.Rules.of(self.config)
         self.voter = Voter(self.config, 0)
@@ -187,7 +187,8 @@ class Bay:
         for _ in range(cycles):
             self.now_ms += 60
             now_ns = self.now_ms * NS_PER_MS
-            self._step(VisionReading(now_ns, G, Circle(320.0, 240.0, self.radius_px)))
+            seen = None if self.radius_px is None else Circle(320.0, 240.0, self.radius_px)
+            self._step(VisionReading(now_ns, G if seen else Quality.NO_TARGET, seen))
             for n, one in enumerate(sent):
                 if one is not None:
                     self._step(self.voter.take(n, reading(one, self.now_ms), now_ns))
@@ -276,6 +277,29 @@ def test_of_two_the_nearer_one_stops_and_both_must_have_the_truck_in_place() -> 
     state = bench.run(threshold_mm - 1, threshold_mm + away_mm + 5)
     assert (state.d, state.in_place) == (True, False)
     assert bench.run(threshold_mm - 1, threshold_mm).in_place
+
+
+def test_a_truck_that_one_of_two_rangers_sees_leave_its_place_has_moved_where_the_nearer_one_is_stuck() -> None:
+    """The nearer one of both would have changed by 40 mm only, the band; the marker is covered."""
+    for other, moved_to in ((290, 210), (210, 290)):
+        bench = Bay(2)
+        assert bench.run(250, other).in_place
+        bench.radius_px = None
+        assert bench.run(250, other, cycles=5).visit.moved is Moved.NO
+        state = bench.run(250, moved_to, cycles=3)
+        assert (state.range.distance_mm, state.visit.moved, state.in_place) == (
+            min(250, moved_to), Moved.DISTANCE, False,
+        )  # fmt: skip
+
+
+def test_a_truck_has_not_moved_because_another_ranger_counts() -> None:
+    """The median of three becomes the nearer one of two."""
+    bench = Bay(3)
+    assert bench.run(211, 251, 291).in_place
+    for third in (DOWN, 290):
+        state = bench.run(210, 250, third)
+        assert (state.range.distance_mm, state.visit.moved) == (210 if third is DOWN else 250, Moved.NO)
+        assert state.in_place
 
 
 def test_no_ranger_good_bit_outlives_the_readings_or_the_control_task() -> None:
