@@ -19,6 +19,7 @@ from gateway.core.readings import (
     Quality,
     RangeReading,
     RangerVote,
+    RelayOutput,
     VisionReading,
 )
 from gateway.core.state import (
@@ -50,6 +51,7 @@ _predicted = _part(lambda s: s.vision.predicted)
 _picture = _part(lambda s: s.picture)
 _exposure = _part(lambda s: s.exposure)
 _scale = _part(lambda s: s.memory.scale)
+_relay = _part(lambda s: s.range.relay)
 
 
 def _frame(state: StateVector) -> Quality:
@@ -112,6 +114,7 @@ def _ranger_rows(n: int) -> tuple[Value[StateVector], ...]:
 
 _UNLESS_GOOD = "vision is not GOOD"
 _NOT_KNOWN = "not known"
+_NO_RELAY = "no relay, or not reported"
 
 ROWS: tuple[Value[StateVector], ...] = (
     Value("seq", int, "number of the state in this bay; begins again when the gateway starts", lambda s: s.seq),
@@ -200,6 +203,12 @@ ROWS: tuple[Value[StateVector], ...] = (
           "no beacon is configured"),
     Value("beacon.latency_ms", float, "from the LED's light to the state, by the beacon",
           lambda s: None if s.beacon.latency_ns is None else s.beacon.latency_ns / NS_PER_MS, "not found"),
+    Value("relay.commanded", RelayOutput, "output of the ranger's board that is to be on",
+          _relay(lambda r: r.commanded), _NO_RELAY),
+    Value("relay.in_place", bool, "the pin of this output is high, read back",
+          _relay(lambda r: bool(r.pins & RelayOutput.IN_PLACE)), _NO_RELAY),
+    Value("relay.may_move", bool, "likewise", _relay(lambda r: bool(r.pins & RelayOutput.MAY_MOVE)), _NO_RELAY),
+    Value("relay.fault", bool, "pins and command differ for too long", _relay(lambda r: r.fault), _NO_RELAY),
     Value("ne107", Ne107, "NAMUR NE 107: the signal that counts most", ne107.status),
     Value("ne107.active", tuple, "every signal that holds, by name", _signals),
     Value("guidance", GuidanceCode, "instruction for the driver", lambda s: s.guidance.code),

@@ -12,7 +12,7 @@ from tests.browser.chromium import PATIENCE_MS
 from tests.browser.conftest import Visit
 from tests.browser.plant import STANDING, plant
 
-BEACON = "\n[ranger.hcsr04]\nbeacon = true\n\n[camera.beacon]\nu_px = 600\nv_px = 40\nradius_px = 8\n"
+BEACON = "\n[ranger.hcsr04]\nbeacon = true\nrelay = true\n\n[camera.beacon]\nu_px = 600\nv_px = 40\nradius_px = 8\n"
 
 
 def test_one_click_on_the_led_sets_its_place_and_the_page_shows_what_it_proves(
@@ -45,3 +45,6 @@ def test_one_click_on_the_led_sets_its_place_and_the_page_shows_what_it_proves(
     assert (saved.camera.beacon.u_px, saved.camera.beacon.v_px) == pytest.approx((601, 38), abs=1)
     assert saved.camera.beacon.radius_px == 7.5
     assert saved.ranger.has_beacon
+
+    health = visit(f"{bay.url}/").locator("[aria-labelledby=health-title]")
+    expect(health).to_contain_text(re.compile(r"relay\s*may move"), timeout=PATIENCE_MS)

@@ -248,6 +248,16 @@ class BeaconPayload(ShownModel):
     latency_ms: float | None
 
 
+class RelayPayload(ShownModel):
+    """The outputs of the ranger's board (`ranger.hcsr04.relay`), as register relay_status has them."""
+
+    level = "relay."
+    commanded: str
+    in_place: bool
+    may_move: bool
+    fault: bool
+
+
 class StatePayload(Measured):
     """`<root>/<site>/<bay>/state`, retained. Valid only while the status topic is online and it keeps arriving."""
 
@@ -273,6 +283,7 @@ class StatePayload(Measured):
     )
     rangers: RangersPayload | None = Field(description="of a bay with several; null: one, or none can be judged")
     beacon: BeaconPayload | None = Field(None, description="null: none is configured")
+    relay: RelayPayload | None = Field(None, description="null: none is configured, or the board does not report it")
     ne107: Ne107Payload
     guidance: GuidancePayload
     plc: PlcPayload

@@ -21,11 +21,13 @@ from gateway.core.readings import (
     Quality,
     RangeReading,
     RangeStats,
+    RelayOutput,
+    RelayStatus,
     VisionReading,
     VisionStats,
 )
 from gateway.core.scale import MarkerScale, ScaleSample
-from gateway.core.shown import shown
+from gateway.core.shown import shown, withdrawn
 from gateway.core.state import (
     GUIDANCE_MEANING,
     REASON_MEANING,
@@ -169,6 +171,7 @@ def test_a_good_state() -> None:
         "exposure": None,
         "rangers": None,
         "beacon": None,
+        "relay": None,
         "ne107": {"name": "GOOD", "code": 0, "active": []},
         "guidance": {
             "name": "WAIT",
@@ -225,6 +228,14 @@ def test_the_learned_scale_with_its_date() -> None:
     before = replace(scale, newest=replace(newest, unix_s=1_600_000_000), jump=-0.25)  # of before the restart
     found = sent(state_payload(replace(GOOD, memory=FusionMemory(scale=before)), GATEWAY, OFFSET_NS, 1))
     assert (found["scale"]["newest_ms"], found["scale"]["jump"]) == (1_600_000_000_000, -0.25)
+
+
+def test_the_relay_by_its_command_and_its_pins() -> None:
+    status = RelayStatus(RelayOutput.IN_PLACE, RelayOutput.IN_PLACE | RelayOutput.MAY_MOVE, fault=True)
+    state = replace(GOOD, range=replace(GOOD.range, relay=status))
+    found = sent(state_payload(state, GATEWAY, OFFSET_NS, 1))
+    assert found["relay"] == {"commanded": "IN_PLACE", "in_place": True, "may_move": True, "fault": True}
+    assert sent(state_payload(withdrawn(state, NOW_NS), GATEWAY, OFFSET_NS, 1))["relay"] is None
 
 
 @pytest.mark.parametrize("quality", [q for q in Quality if q is not Quality.GOOD])
