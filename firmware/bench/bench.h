@@ -89,6 +89,7 @@ void sensor_seed(uint64_t seed);
 void sensor_trig(bool high);               // from the board's pin
 void sensor_power(bool on);
 void sensor_mode(sensor_mode_t mode, double at_mm);
+bool sensor_busy(void);                    // from the trigger until ECHO fell
 void sensor_restarted(void);               // the count of triggers begins anew, as the firmware's does
 void sensor_distance(double mm);           // from now on; below 0: nothing in the beam
 bool sensor_track(uint64_t at, double mm); // a point of a polyline in time; false: not later than the point before

@@ -112,6 +112,7 @@ static void on_rise(uint64_t now) {
 void ds18b20_wire(bool held_low) {
     if (held_low == low) return;
     low = held_low;
+    if (low && sensor_busy()) truth(board_now(), "wire", ", \"wrong\": \"an echo is timed\"");
     if (ds18b20.mode == DS18B20_NONE || ds18b20.mode == DS18B20_SHORT) return;
     (low ? on_fall : on_rise)(board_now());
 }

@@ -31,6 +31,7 @@ static void on_spike(uint64_t at);
 static void on_spike_end(uint64_t at);
 
 void sensor_seed(uint64_t seed) { rng_seed(&draws, seed, 2); }
+bool sensor_busy(void) { return busy; }
 void sensor_restarted(void) { number = 0; }
 
 void sensor_distance(double mm) {
