@@ -1,6 +1,7 @@
 """Which colours of a disc are taken for the marker: by hue and saturation, and paints, lamps, rust and skin by name.
 
-    .venv/bin/python -m bench.colour
+    .venv/bin/python -m bench.colour                        # the default: the paper's red
+    .venv/bin/python -m bench.colour --marker "#e7752a"     # another `vision.marker_colour`
 
 Each disc stands on a plain grey ground and on the four busy ones of `tests.decoys`. A cell says on how many of them the
 robust method takes it for the marker, with the highest confidence; on how many the paper's does; and whether one of the
@@ -90,9 +91,10 @@ def cell(rgb: tuple[float, float, float], params: VisionConfig, light: str = "as
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.parse_args()
+    parser.add_argument("--marker", help="`vision.marker_colour`; default: the paper's red")
+    args = parser.parse_args()
     cv2.setNumThreads(1)
-    params = VisionConfig()
+    params = VisionConfig(marker_colour=args.marker)
     console = Console(width=150)
     by_hue = Table("hue, degrees", *(f"S {saturation:g}" for saturation in SATURATIONS), title="value 0.78")
     for hue_deg in HUES_DEG:

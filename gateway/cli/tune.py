@@ -71,6 +71,7 @@ def main(args: argparse.Namespace) -> int:
     missed = [outcome.label.file for outcome in found.found if outcome.label.found and not outcome.on_target]
     useless = not any(outcome.on_target for outcome in found.found)
     text = _NO_PROPOSAL if useless else proposal.toml(found.proposed, found.margins, found.gates, marked)
+    text += proposal.robust(found.examples)
     if args.out is not None and not useless:
         write(args.out, text)
     if args.report is not None:

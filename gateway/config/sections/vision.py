@@ -1,5 +1,6 @@
 """`[camera]` and `[vision]`: the source of frames, and how the marker is found in them. Pure."""
 
+import re
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
@@ -25,6 +26,7 @@ Hsv = tuple[
     Annotated[int, Field(ge=0, le=255, strict=True)],
     Annotated[int, Field(ge=0, le=255, strict=True)],
 ]
+LEAST_LEVEL, LEAST_SATURATION = 30, 0.25  # of a marker's colour
 GainDb = Annotated[float, Field(ge=-20, le=80, strict=True)]
 Proposals = Literal["classical", "learned", "both"]
 Mosaic = Literal["RGGB", "GRBG", "GBRG", "BGGR"]
@@ -358,6 +360,11 @@ class VisionConfig(Section):
     min_confidence: float = Field(
         0.5, ge=0, le=1, description="robust: what is less sure to be a red disc is no marker"
     )
+    marker_colour: str | None = Field(
+        None,
+        description="robust: the marker's colour as it is in pictures, a # and the hex digits of red, green and blue; "
+        "without it the paper's red",
+    )
     sum_frames: int = Field(
         1,
         ge=1,
@@ -383,6 +390,18 @@ class VisionConfig(Section):
         if value % 2 == 0:
             raise ValueError("must be odd")
         return value
+
+    @field_validator("marker_colour")
+    @classmethod
+    def _with_a_hue(cls, value: str | None) -> str | None:
+        if value is None:
+            return None
+        if not re.fullmatch(r"#[0-9a-fA-F]{6}", value):
+            raise ValueError("must be # and six hex digits: two each of red, green and blue")
+        most, least = max(levels := bytes.fromhex(value[1:])), min(levels)
+        if most < LEAST_LEVEL or most - least < LEAST_SATURATION * most:
+            raise ValueError("is nearly black, grey or white: it has no hue to tell the marker by")
+        return value.lower()
 
     @model_validator(mode="after")
     def _radii(self) -> Self:

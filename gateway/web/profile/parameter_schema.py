@@ -18,6 +18,7 @@ from gateway.config.strict.section import Section, choices_of
 from gateway.errors import ConfigError
 
 _NOT_TUNED = {
+    "marker_colour": "is taught from pictures of the marker (gateway tune)",
     "intrinsics": "belongs to the camera and its lens (gateway calibrate)",
     "workers": "belongs to the machine",
     "affinity": "belongs to the machine",

@@ -83,6 +83,7 @@ def shipped(lens: VisionConfig) -> VisionConfig:
         method="robust",
         tracking=False,
         min_confidence=LIKELY,
+        marker_colour=lens.marker_colour,
         intrinsics=lens.intrinsics if registry.method(lens.method).corrects_tilt else None,
     )
 

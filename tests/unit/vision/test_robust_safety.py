@@ -9,9 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from pydantic import ValidationError
 
 from gateway.config import VisionConfig
 from gateway.core.detection import Circle
+from gateway.vision.detect import registry
 from gateway.vision.detect.robust.detect import detect
 from gateway.vision.detect.robust.method import REJECTIONS
 from gateway.vision.pixels import Image
@@ -204,3 +206,36 @@ def test_the_markers_red_is_red_in_any_light(colour: tuple[int, int, int], light
 
     assert found.circle is not None
     assert found.circle.radius_px == pytest.approx(44, abs=0.5)
+
+
+@pytest.mark.parametrize("name", ["amber", "pure orange", "magenta"])
+@pytest.mark.parametrize("tracking", [False, True])
+def test_a_plant_may_have_a_marker_of_another_colour(name: str, tracking: bool) -> None:
+    blue, green, red = OTHERS[name]
+    params = VisionConfig(marker_colour=f"#{red:02x}{green:02x}{blue:02x}", tracking=tracking)
+    found = registry.detector(params)
+    for n, colour in enumerate((OTHERS[name], OTHERS[name], (45, 35, 190), (190, 60, 35))):
+        sheet = decoys.sheet(WIDTH, HEIGHT, "concrete", 8)
+        sheet.disc(158.0, 122.0, 44.0, colour)
+        circle = found(sheet.finished(), 1 + n * 10_000_000_000).circle
+        assert (circle is not None) == (n < 2)
+        assert circle is None or circle.radius_px == pytest.approx(44, abs=0.3)
+
+
+@pytest.mark.parametrize("colour", ["#1e3cb4", "#1e8c3c", "#f0c814", "#14a0a0"])
+def test_of_any_hue_that_is_not_grey(colour: str) -> None:
+    red, green, blue = bytes.fromhex(colour[1:])
+    sheet = decoys.sheet(WIDTH, HEIGHT, "concrete", 8)
+    sheet.disc(158.0, 122.0, 44.0, (blue, green, red))
+    picture = sheet.finished()
+
+    assert detect(picture, PARAMS).circle is None
+    found = detect(picture, VisionConfig(marker_colour=colour)).circle
+    assert found is not None
+    assert found.radius_px == pytest.approx(44, abs=0.3)
+
+
+@pytest.mark.parametrize("colour", ["red", "#f00", "#gg0000", "#808080", "#050000"])
+def test_a_colour_that_says_nothing_is_refused(colour: str) -> None:
+    with pytest.raises(ValidationError, match=r"six hex digits|no hue"):
+        VisionConfig(marker_colour=colour)

@@ -167,7 +167,9 @@ def test_a_study_shows_what_the_method_finds_before_and_after() -> None:
     assert found.effect["thresholds from the other half"].on_target == 8
     assert 0.3 * math.pi * 900 == pytest.approx(found.gates["min_area_px2"], rel=0.06)
     assert found.gates["min_circularity"] == 0.8
-    text = proposal.toml(found.proposed, found.margins, found.gates, 8)
+    text = proposal.toml(found.proposed, found.margins, found.gates, 8) + proposal.robust(found.examples)
+    red, green, blue = bytes.fromhex(text.rstrip()[-7:-1])
+    assert (blue, green, red) == pytest.approx(RED, abs=6)
     loaded = config.parse(tomllib.loads(text), text=text).bays[0].vision
     assert loaded == found.proposed.apply(PAPER).model_copy(update=dict(found.gates))
     page = report.html(found, text, ("fact",), ["a note <of> ours"])

@@ -10,7 +10,7 @@ SCHEMA = {key.name: key for key in parameter_schema.schema()}
 
 
 def test_every_key_of_vision_is_tuned_or_has_a_reason_not_to_be() -> None:
-    assert {*parameter_schema.TUNED, "intrinsics", "workers", "affinity", "deadline_s"} == set(
+    assert {*parameter_schema.TUNED, "marker_colour", "intrinsics", "workers", "affinity", "deadline_s"} == set(
         VisionConfig.model_fields
     )
     assert list(SCHEMA) == list(parameter_schema.TUNED)

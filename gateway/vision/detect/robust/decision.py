@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from gateway.config.sections.vision import Proposals
 from gateway.core.detection import Circle, Ellipse
@@ -10,6 +10,7 @@ from gateway.vision.detect.robust.clearest_rim import roundness
 from gateway.vision.detect.robust.constants import FULL_REDNESS
 from gateway.vision.detect.robust.evidence import Evidence
 from gateway.vision.detect.robust.marker_colour import (
+    PAPER_RED,
     WHITE_LIGHT,
     Cast,
     MarkerColour,
@@ -53,7 +54,7 @@ class Limits:
     min_confidence: float
     possible_px: tuple[float, float] | None = None  # radii, where the ranger limits them; of a marker, not of a search
     proposals: Proposals = "classical"  # where a search starts
-    marker: MarkerColour = field(default_factory=MarkerColour)
+    marker: MarkerColour = PAPER_RED
     cast: Cast = WHITE_LIGHT
 
 
@@ -93,7 +94,7 @@ GATES: tuple[tuple[str, Gate], ...] = (
     ("shape", lambda c, _: c.aspect >= MIN_ASPECT),
     ("contrast", lambda c, _: c.evidence.contrast >= MIN_CONTRAST * paint_left(c.evidence)),
     ("surroundings", lambda c, _: c.evidence.contrast >= MIN_SHARE * c.evidence.redness),
-    ("colour", lambda c, _: c.off_colour <= 1 and not_brown(c.evidence)),
+    ("colour", lambda c, limits: c.off_colour <= 1 and not_brown(c.evidence, limits.marker)),
     ("coverage", lambda c, _: c.evidence.coverage >= MIN_COVERAGE),
     ("leak", lambda c, _: c.evidence.leak <= MAX_LEAK),
     ("visible", lambda c, _: c.rim.visible >= MIN_VISIBLE),

@@ -10,7 +10,7 @@ from gateway.vision.detect.method import NowNs
 from gateway.vision.detect.radii import WITHDRAWN, MarkerRadii
 from gateway.vision.detect.robust import proposer
 from gateway.vision.detect.robust.decision import Candidate, Limits, circle_of, confidence
-from gateway.vision.detect.robust.marker_colour import Cast, cast_of
+from gateway.vision.detect.robust.marker_colour import Cast, cast_of, marker_of
 from gateway.vision.detect.robust.perspective import disc_centre
 from gateway.vision.detect.robust.search import Rejected, search_expected, search_frame
 from gateway.vision.detect.stage_timer import StageTimer
@@ -43,9 +43,11 @@ def detect(
     """
     check_picture(image)
     timer = StageTimer(now_ns)
-    limits = replace(limits_of(image, params, radii_px), cast=cast or cast_of(image))
+    limits = limits_of(image, params, radii_px)
+    if limits.marker.order is None:
+        limits = replace(limits, cast=cast or cast_of(image))
     x0, y0, cut = _part(image, window)
-    part = grey_levels(cut)
+    part = grey_levels(limits.marker.seen(cut))
     taken: Candidate | None = None
     seeds = 1
     rejected: list[Rejected] = []
@@ -99,6 +101,7 @@ def limits_of(image: Pixels, params: VisionConfig, radii_px: tuple[float, float]
         min_confidence=params.min_confidence,
         possible_px=radii_px,
         proposals=params.proposals,
+        marker=marker_of(params.marker_colour),
     )
 
 

@@ -8,6 +8,8 @@ blue by themselves, but often brown, and a saturated red in warm light is still 
 import colorsys
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import cast
 
 import numpy as np
 
@@ -25,6 +27,8 @@ BRIGHTEST, MOST_BLUE = 250.0, 1.0  # grey level that may be a clipped one; log(B
 CLIPPED_DEG = 1.5  # so much less towards yellow is the hue where the red is clipped
 BROWN, BROWN_CONTRAST = 0.18, 0.9  # (G - B) / (R - B): paint 0.15 at most, rust 0.2 to 0.35; log units
 VEILED_BROWN = -0.06  # so much more behind a full veil, whose tint is not known exactly
+NEAR_DEG, FARTHEST_DEG = 8.0, 14.0  # from a taught hue: nothing is amiss; as far as can be
+MOST_RED_DEG = 20.0
 SEXTANT_DEG = 60.0  # of hue, from one pure colour to the next
 MOST_CAST = 0.55  # log units to either side of green
 SAMPLES = 4000  # pixels that show the light's colour, about
@@ -36,6 +40,31 @@ class MarkerColour:
     """Hues, degrees, red 0, yellow 60: nothing is amiss between the inner two, and beyond the outer it is another."""
 
     hues_deg: tuple[float, float, float, float] = (-46.0, -25.0, 10.0, 13.5)
+    order: tuple[int, int, int] | None = None  # of the channels, so that the marker is red in them; None: BGR
+    brown: bool = False  # rust and wood may be the marker
+
+    def seen(self, image: Pixels) -> Pixels:
+        """The picture in the order of channels in which the marker is red."""
+        return image if self.order is None else cast("Pixels", np.ascontiguousarray(image[..., self.order]))
+
+
+PAPER_RED = MarkerColour()
+
+
+@lru_cache(maxsize=8)
+def marker_of(text: str | None) -> MarkerColour:
+    """Of `vision.marker_colour`. The greatest channel takes red's place and the least one green's, except near red."""
+    if text is None:
+        return PAPER_RED
+    bgr = bytes.fromhex(text[1:])[::-1]
+    hue_deg = _hue_deg(*bgr)
+    order = None
+    if not -SEXTANT_DEG <= hue_deg <= MOST_RED_DEG:
+        least, middle, most = sorted(range(3), key=lambda channel: bgr[channel])
+        order = middle, least, most
+        hue_deg = _hue_deg(bgr[middle], bgr[least], bgr[most])
+    hues_deg = hue_deg - FARTHEST_DEG, hue_deg - NEAR_DEG, hue_deg + NEAR_DEG, hue_deg + FARTHEST_DEG
+    return MarkerColour(hues_deg, order, brown=order is not None or hue_deg > NEAR_DEG)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,22 +83,22 @@ def paint_left(found: Evidence) -> float:
     return (1 - found.haze) * contrast_left(found.veil)
 
 
-def distance(found: Evidence, marker: MarkerColour, cast: Cast) -> float:
+def distance(found: Evidence, marker: MarkerColour, light: Cast) -> float:
     """0: of the marker's colour; 1: as far from it as can be; more: another colour."""
     clipped = found.colour[2] >= BRIGHTEST
-    found = in_white_light(found, cast)
+    found = in_white_light(found, light)
     pale = (FULL_REDNESS - found.redness / paint_left(found)) / (FULL_REDNESS - PALE)
     spread, most = max(found.colour) - min(found.colour), max(found.colour) - FULL_VEIL * found.haze
     grey = (SATURATED - spread / max(most, spread, 1.0)) / (SATURATED - LEAST_SATURATION)
     return max(0.0, min(pale, grey), _off_hue(found, marker, clipped))
 
 
-def in_white_light(found: Evidence, cast: Cast) -> Evidence:
-    if cast == WHITE_LIGHT:
+def in_white_light(found: Evidence, light: Cast) -> Evidence:
+    if light == WHITE_LIGHT:
         return found
     blue, green, red = found.colour
-    colour = blue / math.exp(cast.blue), green, red / math.exp(cast.red)
-    return replace(found, redness=found.redness - cast.red, colour=colour)
+    colour = blue / math.exp(light.blue), green, red / math.exp(light.red)
+    return replace(found, redness=found.redness - light.red, colour=colour)
 
 
 def _off_hue(found: Evidence, marker: MarkerColour, clipped: bool) -> float:
@@ -92,12 +121,12 @@ def _hue_deg(blue: float, green: float, red: float) -> float:
     return (360 * colorsys.rgb_to_hsv(red, green, blue)[0] + 180) % 360 - 180
 
 
-def not_brown(found: Evidence) -> bool:
+def not_brown(found: Evidence, marker: MarkerColour) -> bool:
     """Rust and wood lie between red and orange, and their redness is weak; the hue is the same through any veil."""
     blue, green, red = found.colour
     lean = (green - blue) / max(red - blue, 1.0)
     strong = found.contrast >= BROWN_CONTRAST * (1 - found.haze) / (1 - found.veil)
-    return strong or lean <= BROWN + VEILED_BROWN * found.veil
+    return marker.brown or strong or lean <= BROWN + VEILED_BROWN * found.veil
 
 
 def cast_of(image: Pixels) -> Cast:

@@ -23,7 +23,7 @@ from gateway.vision.detect.geometry import same_place
 from gateway.vision.detect.method import NowNs
 from gateway.vision.detect.robust import proposer
 from gateway.vision.detect.robust.detect import Window, detect
-from gateway.vision.detect.robust.marker_colour import WHITE_LIGHT, SceneLight
+from gateway.vision.detect.robust.marker_colour import WHITE_LIGHT, SceneLight, marker_of
 from gateway.vision.detect.robust.red_change import RedRegions, red_regions
 from gateway.vision.detect.stage_timer import StageTimer, total_ns
 from gateway.vision.pixels import Pixels
@@ -46,6 +46,7 @@ class RoiSearch:
         self._regions: RedRegions | None = None  # other red regions, when last checked
         self._checked_ns = self._t_ns = 0  # when that was, and the frame at hand
         self._radii_px: tuple[float, float] | None = None  # possible in the frame at hand
+        self._marker = marker_of(params.marker_colour)
         self._light = SceneLight()
         self._cast = WHITE_LIGHT
 
@@ -94,13 +95,13 @@ class RoiSearch:
 
     def _recorded(self, image: Pixels, found: Detection) -> Detection:
         """The full frame has been searched: its red regions are known."""
-        self._regions = None if found.circle is None else red_regions(image, found.circle)
+        self._regions = None if found.circle is None else red_regions(self._marker.seen(image), found.circle)
         self._checked_ns = self._t_ns
         return found
 
     def _full_search_due(self, image: Pixels, followed: Circle) -> bool:
         """Whether a red region is new, or the known ones were not searched for too long."""
-        before, self._regions = self._regions, red_regions(image, followed)
+        before, self._regions = self._regions, red_regions(self._marker.seen(image), followed)
         self._checked_ns = self._t_ns
         due = (self._near % FULL == 0 and len(self._regions.boxes) > 0) or (
             self._near % FAINT == 0 and self._regions.faint

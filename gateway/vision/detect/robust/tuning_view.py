@@ -12,6 +12,7 @@ from gateway.config import VisionConfig
 from gateway.core.detection import Detection, Ellipse
 from gateway.vision.detect.geometry import same_place
 from gateway.vision.detect.method import Panel, Remark
+from gateway.vision.detect.robust.marker_colour import marker_of
 from gateway.vision.detect.robust.method import REJECTIONS
 from gateway.vision.detect.robust.redness import redness
 from gateway.vision.pixels import Image
@@ -36,10 +37,11 @@ class Edges:
 
 
 def panels(image: Image, params: VisionConfig, found: Detection, scale: float) -> tuple[Panel, ...]:
-    grey = np.clip(redness(image) * (255 / FULL_REDNESS), 0, 255).astype(np.uint8)
+    seen = np.asarray(marker_of(params.marker_colour).seen(image), np.uint8)
+    grey = np.clip(redness(seen) * (255 / FULL_REDNESS), 0, 255).astype(np.uint8)
     refused = sorted({rejection.why for rejection in found.rejected})
     why = "; ".join(f"{code}: {REJECTIONS[code]}" for code in refused) or "none refused"
-    rim, caption = _rim_panel(image, found, scale)
+    rim, caption = _rim_panel(image, seen, found, scale)
     fit = annotated(scaled(image, scale), replace(found, rejected=()), scale)
     return (
         Panel("redness", "Redness", f"log(R / G); white is {FULL_REDNESS:g} and more", scaled(grey, scale)),
@@ -75,13 +77,16 @@ def _candidates(image: Image, found: Detection, scale: float) -> Image:
     return panel
 
 
-def _rim_panel(image: Image, found: Detection, scale: float) -> tuple[Image, str]:
-    """The marker's surroundings, enlarged, with the fitted rim and the edges along rays across it."""
+def _rim_panel(image: Image, red: Image, found: Detection, scale: float) -> tuple[Image, str]:
+    """The marker's surroundings, enlarged, with the fitted rim and the edges along rays across it.
+
+    `red`: the picture in the order of channels in which the marker is red.
+    """
     height, width = image.shape[:2]
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
     if found.ellipse is None or found.circle is None:
         return scaled(image, scale), "no rim"
-    seen = edges(image, found.ellipse)
+    seen = edges(red, found.ellipse)
     half_v = _AROUND * found.ellipse.semi_major_px
     half_u = half_v * width / height
     left, top = found.ellipse.u_px - half_u, found.ellipse.v_px - half_v

@@ -1,9 +1,13 @@
 """What is proposed of examples: the gates of the paper's method, and the text for the configuration. Pure."""
 
+import colorsys
 import math
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from gateway.vision.offline.evaluation.scoring import ScoredPicture
+from gateway.vision.offline.tuning.samples import Example
 from gateway.vision.offline.tuning.thresholds import Margin, Red
 
 AREA_SHARE = 0.3  # of the smallest marker: half hidden, it still passes
@@ -32,6 +36,13 @@ def _gate(least: float) -> float:
 def _two_digits(value: float) -> float:
     power = 10.0 ** (math.floor(math.log10(value)) - 1)
     return float(round(value / power) * power)
+
+
+def robust(examples: Sequence[Example]) -> str:
+    """The markers' colour, to paste where they are not red: the median of each one's pixels, and of these."""
+    h, s, v = np.median([np.median(e.marker, axis=0) for e in examples if e.marked], axis=0)
+    colour = "".join(f"{round(255 * part):02x}" for part in colorsys.hsv_to_rgb(h % 180 / 180, s / 255, v / 255))
+    return f'# For vision.method = "robust", unless the markers are red: marker_colour = "#{colour}"\n'
 
 
 def toml(red: Red, margins: Sequence[Margin], gates: Mapping[str, float], examples: int) -> str:
