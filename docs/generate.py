@@ -59,8 +59,9 @@ def sparkplug_assertions() -> str:
 
 
 def registers() -> str:
-    """The table without the limits of each register: they follow from its type and unit, as the page says."""
-    return re.sub(r"; limited to [^ ]+", "", register_tables.markdown())
+    """The table without limits and sentinels, which follow from the type; a star marks a type that has a sentinel."""
+    table = re.sub(r"; limited to [^ ]+", "", register_tables.markdown())
+    return re.sub(r"\| (u?int\d+|float\d+) (\|.*); (?:0x[0-9A-F]+|NaN): no value", r"| \1* \2", table)
 
 
 def layers() -> str:

@@ -22,7 +22,7 @@ def summary() -> str:
                 kind.title,
                 kind.priority.name.lower(),
                 _time(kind.respond_min),
-                "each bay" if kind.id in bays else "gateway",
+                "bay" if kind.id in bays else "gateway",
                 _seconds(kind.on_delay_s),
                 _seconds(kind.off_delay_s),
                 "yes" if kind.latching else "",
@@ -42,8 +42,8 @@ def responses() -> str:
         suppressed = f"- Suppressed by design: {', '.join(reasons) or 'never'}.\n" if others else ""
         parts.append(
             f"### {kind.id}\n\n**{kind.title}**: {kind.meaning}.\n\n- Consequence: {consequence}.\n"
-            f"- What to do: {kind.action}.\n"
-            f"- Likely causes: {'; '.join(kind.causes)}.\n{suppressed}"
+            f"- Response: {kind.action}.\n"
+            f"- Causes: {'; '.join(kind.causes)}.\n{suppressed}"
         )
     return "\n".join(parts)
 

@@ -291,8 +291,8 @@ MODES: Mapping[str, tuple[FailureMode, ...]] = {
 }  # fmt: skip
 
 HEADER = (
-    "| id | failure | effect if nothing detected it | detected by | at most, ms | truck approaching | truck in place "
-    "| alarm |\n|---|---|---|---|---|---|---|---|"
+    "| id | failure | effect, undetected | detected by | at most, ms | approaching | in place | alarm |\n"
+    "|---|---|---|---|---|---|---|---|"
 )
 
 

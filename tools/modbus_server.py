@@ -23,7 +23,7 @@ NOT_HERE: Mapping[int, tuple[str, str]] = {
 
 def functions() -> str:
     rows = [
-        (code, FUNCTIONS[code].name, "only where writes are on, else 01" if FUNCTIONS[code].writes else "yes")
+        (code, FUNCTIONS[code].name, "with writes on, else 01" if FUNCTIONS[code].writes else "yes")
         for code in FUNCTIONS
     ]
     rows += [(code, name, f"01: {why}") for code, (name, why) in NOT_HERE.items()]

@@ -38,11 +38,9 @@ def _schema(name: str, model: type[BaseModel]) -> str:
 
 
 def events_markdown() -> str:
-    rows = (
-        (f"`{kind.value}`", "last" if kind in payloads.DROPPED_LAST else "first", messages.EVENT_MEANING[kind])
-        for kind in EventKind
+    return markdown_table(
+        ("kind", "meaning"), ((f"`{kind.value}`", messages.EVENT_MEANING[kind]) for kind in EventKind)
     )
-    return markdown_table(("kind", "dropped", "meaning"), rows)
 
 
 def topics_markdown() -> str:
@@ -62,8 +60,8 @@ def topics_markdown() -> str:
 
 
 def home_assistant_markdown() -> str:
-    rows = ((one.name, one.platform, f"`{one.shows}`") for one in home_assistant.ENTITIES)
-    return markdown_table(("entity", "platform", "from the state's"), rows)
+    rows = ((one.name, f"`{one.shows}`") for one in home_assistant.ENTITIES)
+    return markdown_table(("entity", "from the state's"), rows)
 
 
 def examples() -> dict[str, BaseModel]:

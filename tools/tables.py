@@ -55,11 +55,11 @@ def metrics() -> str:
     rows = [f"| `{PREFIX}{INFO[0]}` | | info: {INFO[1]} |"]
     for family in FAMILIES:
         name = family.name + ("_total" if family.form == "counter" else "")
-        labels = ", ".join(f"`{label}`" for label in family.labels)
+        labels = ", ".join(f"`{label}`" for label in family.labels if label != "bay")
         form = "" if family.form in ("gauge", "counter") else f"{family.form}: "
         rows.append(f"| `{PREFIX}{name}` | {labels} | {form}{family.help} |")
-    rows.append(f"| `{PREFIX}{LATENCY[0]}` | `bay` | histogram: {LATENCY[1]} |")
-    rows.append(f"| `{PREFIX}{STAGE[0]}` | `bay`, `stage` | histogram: {STAGE[1]} |")
+    rows.append(f"| `{PREFIX}{LATENCY[0]}` | | histogram: {LATENCY[1]} |")
+    rows.append(f"| `{PREFIX}{STAGE[0]}` | `stage` | histogram: {STAGE[1]} |")
     return "\n".join(["| name | labels | meaning |", "|---|---|---|", *rows])
 
 
@@ -67,12 +67,13 @@ def sparkplug() -> str:
     """The metrics of a device, as its birth has them: docs/sparkplug.md."""
     birth = device.metrics(dict.fromkeys(device.ROWS, (None, QualityCode.GOOD)), 0, birth=True)
     rows = [
-        (f"`{one.name}`", one.datatype.name.capitalize(), one.unit or "–", device.ROWS[one.name].words) for one in birth
+        (f"`{one.name}`", one.datatype.name.capitalize() + (one.unit and f", {one.unit}"), device.ROWS[one.name].words)
+        for one in birth
     ]
     alarms = "state (ISA-18.2) of each alarm of the bay; names: [alarms](alarms.md)"
-    rows.append((f"`{device.ALARM}<kind>`", "String", "–", alarms))
-    rows.append((f"`{device.GATEWAY_ALARM}<kind>`", "String", "–", "of each alarm of the gateway itself"))
-    return markdown_table(("metric", "datatype", "unit", "meaning"), rows)
+    rows.append((f"`{device.ALARM}<kind>`", "String", alarms))
+    rows.append((f"`{device.GATEWAY_ALARM}<kind>`", "String", "of each alarm of the gateway itself"))
+    return markdown_table(("metric", "datatype, unit", "meaning"), rows)
 
 
 def requirements() -> str:
