@@ -10,7 +10,7 @@ from gateway.vision.detect.method import NowNs
 from gateway.vision.detect.radii import WITHDRAWN, MarkerRadii
 from gateway.vision.detect.robust import proposer
 from gateway.vision.detect.robust.decision import Candidate, Limits, circle_of, confidence
-from gateway.vision.detect.robust.marker_colour import Cast, cast_of, marker_of
+from gateway.vision.detect.robust.marker_colour import WHITE_LIGHT, Cast, cast_of, marker_of
 from gateway.vision.detect.robust.perspective import disc_centre
 from gateway.vision.detect.robust.search import Rejected, search_expected, search_frame
 from gateway.vision.detect.stage_timer import StageTimer
@@ -43,9 +43,7 @@ def detect(
     """
     check_picture(image)
     timer = StageTimer(now_ns)
-    limits = limits_of(image, params, radii_px)
-    if limits.marker.order is None:
-        limits = replace(limits, cast=cast or cast_of(image))
+    limits = limits_of(image, params, radii_px, cast or cast_of(image))
     x0, y0, cut = _part(image, window)
     part = grey_levels(limits.marker.seen(cut))
     taken: Candidate | None = None
@@ -92,8 +90,11 @@ class FullFrameDetector:
         return detect(image, self._params, self._now_ns, radii_px=self._radii.at(t_ns))
 
 
-def limits_of(image: Pixels, params: VisionConfig, radii_px: tuple[float, float] | None) -> Limits:
+def limits_of(
+    image: Pixels, params: VisionConfig, radii_px: tuple[float, float] | None, cast: Cast = WHITE_LIGHT
+) -> Limits:
     """The settings for one picture; `radii_px` as for `detect`."""
+    marker = marker_of(params.marker_colour)
     diagonal_px = math.hypot(*image.shape[:2])
     return Limits(
         min_radius_px=max(SMALLEST_PX, params.min_radius_share * diagonal_px),
@@ -101,7 +102,8 @@ def limits_of(image: Pixels, params: VisionConfig, radii_px: tuple[float, float]
         min_confidence=params.min_confidence,
         possible_px=radii_px,
         proposals=params.proposals,
-        marker=marker_of(params.marker_colour),
+        marker=marker,
+        cast=cast if marker.order is None else WHITE_LIGHT,
     )
 
 

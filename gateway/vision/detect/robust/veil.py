@@ -26,7 +26,7 @@ from gateway.vision.pixels import Colours, adjacent
 FULL = 0.75  # darkest share near a place: above, all of the veil is subtracted
 KEPT = 0.98  # of the estimate: it is an upper bound
 NEARLY_ALL, BRIGHT_GREY, MOST_GAIN = 0.995, 200.0, 8.0  # of what is left: this quantile becomes that grey level
-PAINT = np.array((190.0, 45.0))  # R and G of red paint in clear air, grey levels
+PAINT = (190.0, 45.0)  # R and G of red paint in clear air, grey levels
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,8 +100,9 @@ def _gain(left: Plane) -> float:
 
 def contrast_left(share: float) -> float:
     """1 in clear air: how much of the redness of paint is left behind a veil, against `DARK`."""
+    red, green = PAINT
     left = 1 - share
-    return float(np.log(np.divide(*(PAINT * left + DARK))) / np.log(np.divide(*(PAINT + DARK))))
+    return math.log((red * left + DARK) / (green * left + DARK)) / math.log((red + DARK) / (green + DARK))
 
 
 def over(levels: Sequence[PyramidLevel]) -> Veil | None:
