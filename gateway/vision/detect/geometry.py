@@ -50,6 +50,14 @@ def same_ellipse(one: Ellipse, other: Ellipse) -> bool:
     )
 
 
+def encloses(outer: Ellipse, inner: Ellipse) -> bool:
+    """The same rim or one inside it, roughly."""
+    return (
+        inner.semi_minor_px <= outer.semi_major_px
+        and distance_px(outer, inner) + 0.5 * inner.semi_minor_px <= outer.semi_major_px
+    )
+
+
 def same_candidate(one: Round, other: Round) -> bool:
     """Two places that are so alike that measuring one of them is enough."""
     reach_px = 0.22 * min(one.radius_px, other.radius_px)

@@ -8,11 +8,11 @@ empty `circle`, so that it cannot be mistaken for a measurement. After that the 
 another red object: a lamp, while the marker is covered. It is reported as measured once CONFIRMED_HITS consecutive
 frames have shown it and these measurements agree with each other. Until then it is reported as rejected (`jump`), and
 the frame is coasted or lost. The marker at its place ends the tentative track, and so does a frame without a circle.
-While there is one, the full frame is searched, so that the window round the prediction cannot hide what the search
-prefers. A jerk is not a jump: a circle of about the same size that overlaps the prediction, or the last measurement,
-starts a new track, and is a measurement. Without a track nothing contradicts a circle, and the first one counts.
-Measurements count only if each is newer than the last. Red objects that were seen beside the marker before it was
-covered are not accepted so soon: see `distractors`.
+While there is a much larger one, the full frame is searched, so that the window round the prediction cannot hide what
+the search prefers; of discs of about the same size the followed one stays. A jerk is not a jump: a circle of about the
+same size that overlaps the prediction, or the last measurement, starts a new track, and is a measurement. Without a
+track nothing contradicts a circle, and the first one counts. Measurements count only if each is newer than the last.
+Red objects that were seen beside the marker before it was covered are not accepted so soon: see `distractors`.
 
 **The ranger's distance may limit the marker's radius** (`expect`). A circle of another radius is not a measurement.
 If it is the tracked object, either that is a lamp or the ranger is wrong. An object that never had a possible radius
@@ -26,7 +26,7 @@ from dataclasses import replace
 
 from gateway.core.detection import Circle, Detection, Rejection, Tracking
 from gateway.durations import NS_PER_S
-from gateway.vision.detect.geometry import same_circle
+from gateway.vision.detect.geometry import SAME_SIZE, same_circle
 from gateway.vision.detect.method import Search, Summing, TimedPicture
 from gateway.vision.detect.radii import WITHDRAWN, MarkerRadii
 from gateway.vision.pixels import Image
@@ -62,7 +62,12 @@ class Follower:
     def __call__(self, image: Image, t_ns: int = 0) -> Detection:
         track = self._track
         expected = None if track is None else track.at(t_ns)
-        undecided = self._tentative is not None and not self._tentative.confirmed
+        tentative = self._tentative
+        undecided = (
+            tentative is not None
+            and not tentative.confirmed
+            and (track is None or tentative.r.x > SAME_SIZE * track.r.x)
+        )
         radii_px = self._radii.at(t_ns)
         found = self._search(image, t_ns, None if undecided else expected, radii_px)
         if radii_px is not None and self._distractors is not None:

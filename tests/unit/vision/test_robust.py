@@ -9,7 +9,7 @@ import pytest
 
 from gateway.config import Intrinsics, VisionConfig
 from gateway.core.detection import Circle, Detection
-from gateway.vision.detect.robust.decision import GATES
+from gateway.vision.detect.robust.decision import AMBIGUOUS, GATES
 from gateway.vision.detect.robust.detect import detect
 from gateway.vision.detect.robust.frame_sum import MOVED
 from gateway.vision.detect.robust.method import REJECTIONS, STAGES
@@ -239,7 +239,7 @@ def test_the_same_picture_gives_the_same_answer_bit_for_bit() -> None:
 
 
 def test_every_code_of_a_rejection_is_explained() -> None:
-    codes = {code for code, _ in GATES} | {"rim", WEAKER, JUMP, MOVED}
+    codes = {code for code, _ in GATES} | {"rim", WEAKER, AMBIGUOUS, JUMP, MOVED}
 
     assert codes == set(REJECTIONS)
 

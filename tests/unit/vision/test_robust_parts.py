@@ -215,11 +215,17 @@ def test_each_gate_of_the_rim(code: str, change: dict[str, float]) -> None:
     assert failed_gate(Candidate(replace(RIM, **change), PERFECT), LIMITS) == code  # type: ignore[arg-type]
 
 
-def test_the_larger_of_equal_discs_weighs_more() -> None:
-    small = replace(RIM, ellipse=Ellipse(0, 0, 20, 20, 0))
-
-    assert weight(Candidate(RIM, PERFECT)) > weight(Candidate(small, PERFECT)) > 0
+def test_what_is_not_red_weighs_nothing() -> None:
+    assert weight(Candidate(RIM, PERFECT)) > 0
     assert weight(Candidate(RIM, replace(PERFECT, redness=-0.1))) == 0
+
+
+def test_of_less_than_half_a_rim_in_the_picture_more_must_be_an_edge() -> None:
+    cut = replace(RIM, support=0.95, visible=0.45)
+
+    assert failed_gate(Candidate(cut, PERFECT), LIMITS) is None
+    assert failed_gate(Candidate(replace(cut, rms_px=0.5), PERFECT), LIMITS) == "visible"
+    assert failed_gate(Candidate(replace(cut, rms_px=0.5, visible=0.6), PERFECT), LIMITS) is None
 
 
 def test_roundness_and_quality() -> None:

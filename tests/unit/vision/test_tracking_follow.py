@@ -228,12 +228,13 @@ def test_a_clock_set_back_ends_a_tentative_track_and_does_not_stall_it() -> None
     assert labels == [Tracking.LOST, Tracking.LOST, Tracking.MEASURED]
 
 
-def test_with_a_tentative_track_the_full_frame_is_searched() -> None:
+@pytest.mark.parametrize(("radius_px", "whole"), [(30.0, False), (90.0, True)])
+def test_with_a_much_larger_tentative_track_the_full_frame_is_searched(radius_px: float, whole: bool) -> None:
     drive = Drive()
     drive.seen(0, 20)
     for n in range(20, 24):
-        drive.frame(n, LAMP)
-    assert [expected is None for expected in drive.search.expected[19:]] == [False, False, True, True, False]
+        drive.frame(n, replace(LAMP, radius_px=radius_px))
+    assert [expected is None for expected in drive.search.expected[19:]] == [False, False, whole, whole, False]
 
 
 def test_at_most_five_rejections_are_reported() -> None:

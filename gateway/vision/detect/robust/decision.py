@@ -1,12 +1,13 @@
 """Which of the candidates, if any, is the marker. No evidence, no marker: a confident wrong answer is the worst one."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from gateway.config.sections.vision import Proposals
 from gateway.core.detection import Circle, Ellipse
-from gateway.vision.detect.robust.clearest_rim import roundness
+from gateway.vision.detect.geometry import same_place
+from gateway.vision.detect.robust.clearest_rim import even, quality, roundness
 from gateway.vision.detect.robust.constants import FULL_REDNESS
 from gateway.vision.detect.robust.evidence import Evidence
 from gateway.vision.detect.robust.marker_colour import (
@@ -20,17 +21,26 @@ from gateway.vision.detect.robust.marker_colour import (
     paint_left,
 )
 from gateway.vision.detect.robust.rim_fine import Rim
+from gateway.vision.track.distractors import SIZE, WEAKER
 
 MIN_ASPECT = 0.55  # a disc tilted by 57 degrees
 MIN_CONTRAST, MIN_SHARE = 0.15, 0.4  # log units in clear air; of the redness inside: less is a red spot on red
 MIN_COVERAGE, MAX_LEAK, MIN_FILL, MAX_HOLLOW = 0.6, 0.4, 0.5, 0.75
 MIN_VISIBLE, MIN_SUPPORT = 0.4, 0.45
+CRUSTED, CRUSTED_LEAK, CRUSTED_QUALITY = 0.5, 0.05, 0.7  # less coverage is enough for so little leak and such a rim
+HALF, CLEAR_HALF = 0.5, 0.8  # of the rim in the picture: of less, so much must lie on the ellipse
+MOST_RAGGED, RAGGED_BLURS = 0.025, 0.6  # rms of the edges about the rim: of the semi-minor axis; of their blur
 MAX_BLUR, MIN_STEP = 0.24, 0.5  # sigma of the edge, of the semi-minor axis; fall at the rim, of that from the core
 
 FULL_ASPECT, FULL_CONTRAST = 0.85, 0.45  # from which on they have their full weight for a disc
-VEILED_REDNESS = 1.0  # the same behind a full veil: how much more was there is no longer known
 ODDS = 80.0  # for a disc with nothing against it
 VEILED_ODDS = 0.8  # so much less behind a full veil, of which only an estimate was subtracted
+VEILED_REDNESS = 1.0  # the same behind a full veil: how much more was there is no longer known
+AS_SURE, AS_RED = 0.6, 0.3  # of the surest disc's confidence and of the reddest one's redness: it may be the marker
+ABOUT_AS_LARGE, AS_LARGE = 1.1, 1.05  # a radius by another: more weight decides; the two are equal
+CLEARLY_MORE = 1.5  # weight by another's
+SHAPE = "shape"  # rejection code: not the outline of a disc
+AMBIGUOUS = "ambiguous"  # rejection code: another disc is as large, and nothing tells which is the marker
 POWERS = {
     "support": 5.0,
     "round": 3.0,
@@ -82,6 +92,17 @@ def _sharp(c: Candidate) -> bool:
     return c.rim.blur_px <= MAX_BLUR * c.rim.ellipse.semi_minor_px and c.evidence.contrast >= MIN_STEP * c.evidence.rise
 
 
+def _crusted(c: Candidate) -> bool:
+    """Something lies in patches over the rim; between them it is that of a disc, and no red continues outside."""
+    return c.evidence.leak <= CRUSTED_LEAK and quality(c.rim) >= CRUSTED_QUALITY
+
+
+def ragged(rim: Rim) -> bool:
+    """A spot or a hole: its edges are sharper than they are off the ellipse, all along it and not by their noise."""
+    off_px = max(MOST_RAGGED * rim.ellipse.semi_minor_px, RAGGED_BLURS * rim.blur_px)
+    return rim.rms_px > off_px and not even(rim)
+
+
 def _of_possible_size(c: Candidate, limits: Limits) -> bool:
     possible = limits.possible_px
     return possible is None or possible[0] <= c.rim.ellipse.semi_major_px <= possible[1]
@@ -91,19 +112,21 @@ Gate = Callable[[Candidate, Limits], bool]
 
 GATES: tuple[tuple[str, Gate], ...] = (
     ("radius", lambda c, limits: limits.min_radius_px <= c.rim.ellipse.semi_major_px <= limits.max_radius_px),
-    ("shape", lambda c, _: c.aspect >= MIN_ASPECT),
+    (SHAPE, lambda c, _: c.aspect >= MIN_ASPECT),
     ("contrast", lambda c, _: c.evidence.contrast >= MIN_CONTRAST * paint_left(c.evidence)),
     ("surroundings", lambda c, _: c.evidence.contrast >= MIN_SHARE * c.evidence.redness),
     ("colour", lambda c, limits: c.off_colour <= 1 and not_brown(c.evidence, limits.marker)),
-    ("coverage", lambda c, _: c.evidence.coverage >= MIN_COVERAGE),
+    ("coverage", lambda c, _: c.evidence.coverage >= (CRUSTED if _crusted(c) else MIN_COVERAGE)),
     ("leak", lambda c, _: c.evidence.leak <= MAX_LEAK),
     ("visible", lambda c, _: c.rim.visible >= MIN_VISIBLE),
+    ("visible", lambda c, _: c.rim.visible >= HALF * c.rim.support or quality(c.rim) >= CLEAR_HALF),
     ("fill", lambda c, _: c.evidence.fill >= MIN_FILL),
     ("hollow", lambda c, _: c.evidence.hollow <= MAX_HOLLOW),
     ("support", lambda c, _: c.rim.support >= MIN_SUPPORT),
     ("blur", lambda c, _: _sharp(c)),
+    (SHAPE, lambda c, _: not ragged(c.rim)),
     ("confidence", lambda c, limits: confidence(c) >= limits.min_confidence),
-    ("size", _of_possible_size),
+    (SIZE, _of_possible_size),
 )
 """Code and test, in order: a candidate must pass them all. The codes are explained in `method.REJECTIONS`.
 
@@ -144,10 +167,43 @@ def confidence(found: Candidate) -> float:
 
 
 def weight(found: Candidate) -> float:
-    """Which of several discs is the marker: the surer and redder one, and of equals the larger, as in equation 9."""
+    """How much speaks for it, whatever its size: how sure and how red it is."""
+    return confidence(found) * _redness(found)
+
+
+def _redness(found: Candidate) -> float:
     most = FULL_REDNESS + found.evidence.veil * (VEILED_REDNESS - FULL_REDNESS)
-    redness = min(most, max(0.0, found.evidence.redness / paint_left(found.evidence)))
-    return confidence(found) * redness * math.sqrt(found.rim.ellipse.semi_major_px)
+    return min(most, max(0.0, found.evidence.redness / paint_left(found.evidence)))
+
+
+def chosen(discs: Sequence[Candidate]) -> tuple[Candidate | None, list[tuple[Candidate, str]]]:
+    """Which of several discs is the marker, and the code for each of the others.
+
+    The largest, as in equation 9, of those that are about as sure and as red as the best; of some of about its size,
+    one for which clearly more speaks: not its reflection on the floor. Where another one elsewhere is as large as that,
+    nothing tells which is the marker: none is.
+    """
+    if not discs:
+        return None, []
+    surest, reddest = max(map(confidence, discs)), max(map(_redness, discs))
+    fit = [d for d in discs if confidence(d) >= AS_SURE * surest and _redness(d) >= AS_RED * reddest] or list(discs)
+    large = [disc for disc in fit if ABOUT_AS_LARGE * _size(disc) >= max(map(_size, fit))]
+    rivals = [disc for disc in large if CLEARLY_MORE * weight(disc) >= max(map(weight, large))]
+    largest = max(rivals, key=_size)
+    place = circle_of(largest.rim.ellipse)
+    equal = [
+        disc
+        for disc in rivals
+        if AS_LARGE * _size(disc) >= _size(largest) and not same_place(circle_of(disc.rim.ellipse), place)
+    ]
+    doubtful = [largest, *equal] if equal else []
+    taken = None if equal else largest
+    others = [disc for disc in discs if disc is not taken]
+    return taken, [(disc, AMBIGUOUS if any(disc is one for one in doubtful) else WEAKER) for disc in others]
+
+
+def _size(disc: Candidate) -> float:
+    return disc.rim.ellipse.semi_major_px
 
 
 def circle_of(ellipse: Ellipse) -> Circle:

@@ -49,7 +49,7 @@ def gather_plain(levels: Sequence[PyramidLevel], seeds: Sequence[Seed]) -> list[
     """For each seed, in order; None where no rim fits the edges round it."""
     if not seeds:
         return []
-    which = _levels_of(levels, np.array([seed.radius_px for seed in seeds]))
+    which = levels_of_radii(levels, np.array([seed.radius_px for seed in seeds]))
     round_ones = np.array([(s.u_px, s.v_px, s.radius_px, s.radius_px, 0.0) for s in seeds], np.float64)
     start = _to_levels(levels, which, round_ones)
     radius = start[:, 2]
@@ -71,11 +71,11 @@ def of_ellipses_plain(levels: Sequence[PyramidLevel], rims: Sequence[Ellipse]) -
         return []
     rows = [(e.u_px, e.v_px, e.semi_major_px, e.semi_minor_px, e.angle_rad) for e in rims]
     shapes = np.array(rows, np.float64)
-    which = _levels_of(levels, shapes[:, 3])
+    which = levels_of_radii(levels, shapes[:, 3])
     return measure(levels, which, _to_levels(levels, which, shapes))
 
 
-def _levels_of(levels: Sequence[PyramidLevel], radius_px: NDArray[np.float64]) -> NDArray[np.intp]:
+def levels_of_radii(levels: Sequence[PyramidLevel], radius_px: NDArray[np.float64]) -> NDArray[np.intp]:
     _, octave = np.frexp(np.maximum(radius_px / constants.EVIDENCE_RADIUS_PX / levels[0].factor, 1e-9))
     return np.asarray(np.clip(octave - 1, 0, len(levels) - 1), np.intp)
 

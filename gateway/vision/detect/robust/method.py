@@ -25,7 +25,7 @@ STAGES = (
 REJECTIONS: dict[str, str] = {
     "rim": "no closed curve fits the edges round it",
     "radius": "smaller or larger than the radius limits",
-    "shape": "too flat for a disc that faces the camera",
+    "shape": "too flat for a disc that faces the camera, or with straight sides and corners",
     "contrast": "not redder inside than outside by more than the noise and the texture there",
     "surroundings": "what lies round it is nearly as red: a stain or a reflection on a red ground",
     "colour": "another colour than the marker's, or too pale: orange, rust, skin, pink, grey",
@@ -38,7 +38,8 @@ REJECTIONS: dict[str, str] = {
     "blur": "a glow, not a disc: no rim that is sharp for its size",
     "confidence": "passes every gate, but too narrowly in too many: not round, not clear, not complete",
     "size": "a red disc, but at the ranger's distance the marker is larger or smaller",
-    "weaker": "a red disc, but another one in this picture has more evidence",
+    "weaker": "a red disc, but another one in this picture is larger or has much more evidence",
+    "ambiguous": "a red disc, but another one is as large, and nothing tells which of them is the marker",
     "moved": "found in the mean of the newest frames, but it did not stand still in all of them",
     "jump": "with tracking: a red disc where the tracked marker cannot be, or of another size; not confirmed yet",
 }

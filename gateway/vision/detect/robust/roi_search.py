@@ -10,8 +10,9 @@ from staying on a wrong object, the full frame is searched, too
 - every FULL frames, if anything else in it is nearly as red as the marker; every FAINT frames, if anything is red at
   all.
 
-Where window and full frame disagree, the result of the full frame is used, as it would be without tracking. Only a
-circle that this search did not report at all may replace it, with more evidence.
+Where window and full frame disagree, the result of the full frame is used, as it would be without tracking. There are
+two exceptions: a circle that this search did not report at all may replace it, with more evidence; and of several discs
+of about the same size the one that is followed stays.
 """
 
 import math
@@ -19,7 +20,7 @@ from dataclasses import replace
 
 from gateway.config import VisionConfig
 from gateway.core.detection import Circle, Detection
-from gateway.vision.detect.geometry import same_place
+from gateway.vision.detect.geometry import SAME_SIZE, same_place
 from gateway.vision.detect.method import NowNs
 from gateway.vision.detect.robust import proposer
 from gateway.vision.detect.robust.detect import Window, detect
@@ -80,17 +81,17 @@ class RoiSearch:
             timer.ended("rivals")
             found = replace(found, stage_ns=found.stage_ns + timer.stage_ns)
             if due:
-                return self._with_full_search(image, found)
+                return self._with_full_search(image, found, followed=True)
         return found
 
     def _full_search(self, image: Pixels) -> Detection:
         self._near = 0
         return detect(image, self._params, self._now_ns, radii_px=self._radii_px, cast=self._cast)
 
-    def _with_full_search(self, image: Pixels, before: Detection) -> Detection:
-        """`before`: the window's result; its time is reported, too."""
+    def _with_full_search(self, image: Pixels, before: Detection, *, followed: bool = False) -> Detection:
+        """`before`: the window's result, the marker that is followed or not; its time is reported, too."""
         full = self._full_search(image)
-        better = self._recorded(image, _better(full, before))
+        better = self._recorded(image, _better(full, before, followed=followed))
         return replace(better, stage_ns=(("window", total_ns(before.stage_ns)), *full.stage_ns))
 
     def _recorded(self, image: Pixels, found: Detection) -> Detection:
@@ -113,11 +114,25 @@ def _possible(circle: Circle, radii_px: tuple[float, float] | None) -> bool:
     return radii_px is None or radii_px[0] <= circle.radius_px <= radii_px[1]
 
 
-def _better(full: Detection, held: Detection) -> Detection:
-    """The full search may have missed the circle that was found in the window; that one passed the same gates."""
-    if held.circle is None or _reported(full, held.circle):
+def _better(full: Detection, held: Detection, *, followed: bool) -> Detection:
+    """The full search may have missed the circle that was found in the window; that one passed the same gates. It may
+    also prefer another disc: the one that is followed yields to a much larger one only."""
+    if held.circle is None:
         return full
+    if _reported(full, held.circle):
+        rival = full.circle
+        stays = (
+            followed
+            and rival is not None
+            and not same_place(rival, held.circle)
+            and _about_as_large(rival, held.circle)
+        )
+        return held if stays else full
     return full if _rank(full) >= _rank(held) else held
+
+
+def _about_as_large(rival: Circle, held: Circle) -> bool:
+    return rival.radius_px <= SAME_SIZE * held.radius_px
 
 
 def _reported(full: Detection, held: Circle) -> bool:

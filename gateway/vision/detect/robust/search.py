@@ -1,31 +1,34 @@
 """From a picture to the one candidate that is the marker, and the others with the reasons why they are not. Pure."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import zip_longest
 
 from gateway.core.detection import Circle, Ellipse
-from gateway.vision.detect.geometry import same_candidate, same_ellipse
-from gateway.vision.detect.robust import candidates, constants, measurement, proposer, veil
+from gateway.vision.detect.geometry import encloses, same_candidate, same_ellipse
+from gateway.vision.detect.robust import candidates, constants, measurement, proposer, rings, veil
 from gateway.vision.detect.robust.candidates import Seed
 from gateway.vision.detect.robust.clearest_rim import CLEARLY, quality, rim_behind_veil
 from gateway.vision.detect.robust.decision import (
+    SHAPE,
     Candidate,
     Limits,
     candidate,
+    chosen,
     circle_of,
     confidence,
     failed_gate,
     priority,
-    weight,
 )
 from gateway.vision.detect.robust.evidence import Evidence
+from gateway.vision.detect.robust.facets import cornered
 from gateway.vision.detect.robust.redness import PyramidLevel, pyramid
 from gateway.vision.detect.robust.rim_fine import Rim
 from gateway.vision.detect.robust.veil import Veil
 from gateway.vision.detect.stage_timer import StageTimer
 from gateway.vision.pixels import Colours
+from gateway.vision.track.distractors import SIZE
 
 Rejected = tuple[float, Circle, str]  # how near to acceptance it was, where it is, why it was not taken
 
@@ -55,13 +58,13 @@ def search_frame(image: Colours, limits: Limits, timer: StageTimer) -> tuple[Can
     timer.ended("evidence")
     refined, rejected = _refined(image, levels, seeds, measured, limits)
     timer.ended("rim")
-    taken, others = _decided(refined, limits)
+    taken, others = _decided(image, levels, refined, limits)
     timer.ended("decision")
     if dust is not None and not _in_clear_air(taken, dust, levels[0]):
         clear = veil.unveiled(levels, dust)
         behind = _proposed(clear, learned, limits)
         more, no_rims = _refined(image, clear, behind, measurement.gather(clear, behind), limits)
-        taken, others = _decided([*refined, *more], limits)
+        taken, others = _decided(image, levels, [*refined, *more], limits)
         others = _once_each([*others, *rejected, *no_rims], taken)
         rejected, seeds = [], list({*seeds, *behind})
         taken = None if taken is None else replace(taken, veil=_share_at(dust, levels[0], taken.rim.ellipse))
@@ -95,25 +98,52 @@ def search_expected(image: Colours, expected: Circle, limits: Limits) -> Candida
     if not (radius > 0 and all(map(math.isfinite, (radius, expected.u_px, expected.v_px)))):
         return None
     seed = Ellipse(expected.u_px, expected.v_px, radius, radius, 0.0)
-    factor = 2 ** max(0, math.floor(math.log2(max(radius, 1.0) / constants.EVIDENCE_RADIUS_PX)))
+    found = next(
+        (found for found, why in _measured_at(image, seed, EXPECTED_REACH * radius, limits) if why is None), None
+    )
+    if found is None or not rings.red_beyond(image, found.rim.ellipse, found.evidence.redness):
+        return found
+    level = pyramid(image, _factor(found.rim.ellipse.semi_major_px), max(image.shape[:2]))
+    outer, why = _outer(image, level, found, limits) or (found, None)
+    return outer if why is None else found
+
+
+def _measured_at(
+    image: Colours, seed: Ellipse, reach_px: float, limits: Limits
+) -> Iterator[tuple[Candidate, str | None]]:
+    """The rim near there with its evidence, as it is and less the veil; and why it is not the marker."""
+    factor = _factor(seed.semi_major_px)
     if min(image.shape[:2]) < 2 * factor:
-        return None
+        return
     levels = pyramid(image, factor, max(image.shape[:2]))
     dust = veil.over(levels)
     share = _share_at(dust, levels[0], seed)
-    rim = rim_behind_veil(image, seed, share, EXPECTED_REACH * radius)
+    rim = rim_behind_veil(image, seed, share, reach_px)
     if rim is None:
-        return None
-    found = _accepted(levels, rim, share, limits)
-    if found is None and dust is not None:
-        found = _accepted(veil.unveiled(levels, dust), rim, share, limits)
-    return found
+        return
+    yield from _judged(image, levels, rim, share, limits)
+    if dust is not None:
+        yield from _judged(image, veil.unveiled(levels, dust), rim, share, limits)
 
 
-def _accepted(levels: Sequence[PyramidLevel], rim: Rim, share: float, limits: Limits) -> Candidate | None:
+def _factor(radius_px: float) -> int:
+    """Of the level on which the evidence for such a rim is measured."""
+    return int(2 ** max(0, math.floor(math.log2(max(radius_px, 1.0) / constants.EVIDENCE_RADIUS_PX))))
+
+
+def _judged(
+    image: Colours, levels: Sequence[PyramidLevel], rim: Rim, share: float, limits: Limits
+) -> Iterator[tuple[Candidate, str | None]]:
     (evidence,) = measurement.of_ellipses(levels, [rim.ellipse])
-    found = None if evidence is None else candidate(rim, evidence, limits, share)
-    return None if found is None or failed_gate(found, limits) is not None else found
+    if evidence is not None:
+        found = candidate(rim, evidence, limits, share)
+        yield found, _refused(image, found, limits)
+
+
+def _refused(image: Colours, found: Candidate, limits: Limits) -> str | None:
+    """The code of the first gate that it does not pass; of what passes all but the last, the corners are looked for."""
+    why = failed_gate(found, limits)
+    return SHAPE if why in (None, SIZE) and cornered(image, found.rim) else why
 
 
 def levels_of(image: Colours, limits: Limits) -> list[PyramidLevel]:
@@ -207,19 +237,39 @@ def _rim_near(image: Colours, seen: Ellipse, share: float = 0.0) -> Rim | None:
     return other if quality(other) > quality(rim) + CLEARLY else rim
 
 
-def _decided(refined: Sequence[Candidate], limits: Limits) -> tuple[Candidate | None, list[Rejected]]:
+def _decided(
+    image: Colours, levels: Sequence[PyramidLevel], refined: Sequence[Candidate], limits: Limits
+) -> tuple[Candidate | None, list[Rejected]]:
     """The marker, and the others with the reason."""
     rejected: list[Rejected] = []
-    passed: list[Candidate] = []
-    for found in refined:
-        if why := failed_gate(found, limits):
+    discs: list[tuple[Candidate, str | None]] = []  # of any size; each once, though both kinds of level may show it
+    judged = [(found, failed_gate(found, limits)) for found in refined]
+    signs = [c.rim.ellipse for c, why in judged if why in (None, SIZE) and cornered(image, c.rim)]
+    for found, gate in judged:
+        on_a_sign = gate in (None, SIZE) and any(encloses(sign, found.rim.ellipse) for sign in signs)
+        why = SHAPE if on_a_sign else gate  # the sign itself, or the inside of a letter on it
+        if why is not None and why != SIZE:
             rejected.append((1 + confidence(found), circle_of(found.rim.ellipse), why))
-        else:
-            passed.append(found)
-    passed.sort(key=weight, reverse=True)
-    distinct: list[Candidate] = []  # a disc may have been found on both kinds of level
-    for found in passed:
-        if not any(same_ellipse(found.rim.ellipse, other.rim.ellipse) for other in distinct):
-            distinct.append(found)
-    rejected += [(2 + confidence(c), circle_of(c.rim.ellipse), "weaker") for c in distinct[1:]]
-    return next(iter(distinct), None), rejected
+        elif not any(same_ellipse(found.rim.ellipse, other.rim.ellipse) for other, _ in discs):
+            discs.append((found, why))
+    for inner, _ in tuple(discs):
+        outer = _outer(image, levels, inner, limits)
+        if outer is not None and not any(same_ellipse(outer[0].rim.ellipse, other.rim.ellipse) for other, _ in discs):
+            discs.append(outer)
+    taken, others = chosen([disc for disc, why in discs if why is None])
+    others += [(disc, SIZE) for disc, why in discs if why is not None]
+    rejected += [(2 + confidence(disc), circle_of(disc.rim.ellipse), why) for disc, why in others]
+    return taken, rejected
+
+
+def _outer(
+    image: Colours, levels: Sequence[PyramidLevel], inner: Candidate, limits: Limits
+) -> tuple[Candidate, str | None] | None:
+    """The outermost rim round a disc that is one's, too; None: the disc's own."""
+    for near in rings.around(image, levels, inner.rim.ellipse):
+        for found, why in _measured_at(near.image, near.seed, 0.0, limits):
+            e = found.rim.ellipse
+            if why in (None, SIZE) and e.semi_minor_px > inner.rim.ellipse.semi_minor_px:
+                ellipse = replace(e, u_px=e.u_px + near.left, v_px=e.v_px + near.top)
+                return replace(found, rim=replace(found.rim, ellipse=ellipse)), why
+    return None

@@ -1,0 +1,121 @@
+"""The outermost of concentric rims: a ring printed in the marker, or a darker middle, is not its edge. Pure.
+
+From a disc that was found, redness is followed outwards. Where most rays see the same red again, or still, and then the
+end of it at one distance, there may be a larger rim. It is measured on a picture in which what lies inside is painted
+over with the red beside that rim, and has to pass every gate like any other disc.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import cast
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from gateway.core.detection import Ellipse
+from gateway.vision.detect.robust.evidence import levels_of_radii
+from gateway.vision.detect.robust.radial_sampling import COS, SIN, RaySamples, sample_rays
+from gateway.vision.detect.robust.redness import PyramidLevel, redness
+from gateway.vision.pixels import Colours
+
+SHARES = np.exp(np.arange(0.0, 1.85, 0.03)).astype(np.float32)  # of the inner radius, evenly in ratio: to 6.2
+CORE = np.arange(0.2, 0.85, 0.1, dtype=np.float32)
+LEAST, NEXT = 4, 3  # of SHARES: from where on a rim is another one; so many steps beyond the red has ended
+AS_RED = 0.5  # of the way from what lies round to the inner disc's redness
+MOST, FEW = 0.6, 0.35  # of the rays in the picture: so many are red; so few are still
+FEWEST = 20  # rays in the picture
+KEPT = 0.4  # of the width of the outermost ring is left as it is
+ROOM = 1.7  # of the outer radius: as much of the picture as its evidence needs
+
+
+MOST_SIDE = 32_767  # of a picture that OpenCV samples
+GLANCE = np.exp(np.arange(0.1, 1.3, 0.06))  # of the radius: a window shows little more
+_TURNS = np.arange(10) * (2 * np.pi / 10)
+GLANCE_U, GLANCE_V = (np.outer(GLANCE, way(_TURNS)).astype(np.float32) for way in (np.cos, np.sin))
+
+
+@dataclass(frozen=True, slots=True)
+class Around:
+    """A rim round another one, to be measured."""
+
+    image: Colours  # the part of the picture near it, painted over inside
+    left: int  # of that part, px
+    top: int
+    seed: Ellipse  # px of that part
+
+
+def red_beyond(image: Colours, rim: Ellipse, redness_of_it: float) -> bool:
+    """A glance at a few pixels, for a disc that is followed: whether red once more ends all round it."""
+    if max(image.shape[:2]) > MOST_SIDE:
+        return False
+    u, v = (rim.semi_major_px * way + at for way, at in ((GLANCE_U, rim.u_px), (GLANCE_V, rim.v_px)))
+    bgr = cv2.remap(image, u, v, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
+    counts = np.count_nonzero(redness(cast("Colours", bgr)) > AS_RED * redness_of_it, axis=1).tolist()
+    begun = next((n for n, count in enumerate(counts) if count >= MOST * len(_TURNS)), len(counts))
+    return any(count <= FEW * len(_TURNS) for count in counts[begun:])
+
+
+def around(image: Colours, levels: Sequence[PyramidLevel], rim: Ellipse) -> Iterator[Around]:
+    """The rims that there may be round one, the outermost first."""
+    (which,) = levels_of_radii(levels, np.array([rim.semi_minor_px]))
+    level = levels[which]
+    shape = (level.to_level(rim.u_px), level.to_level(rim.v_px), rim.semi_major_px, rim.semi_minor_px, rim.angle_rad)
+    scale = np.array([1, 1, 1 / level.factor, 1 / level.factor, 1])
+    rays = sample_rays([level], np.zeros(1, np.intp), np.array([shape]) * scale, np.concatenate([CORE, SHARES]))
+    core = float(np.median(rays.red[0, :, : CORE.size]))
+    red, seen = rays.red[0, :, CORE.size :], rays.seen[0, :, CORE.size :]
+    if not seen.any():
+        return
+    ground = float(np.quantile(red[seen], 0.2))
+    is_red = seen & (red > ground + AS_RED * (core - ground))
+    count = seen.sum(axis=0)
+    share = np.where(count >= FEWEST, is_red.sum(axis=0) / np.maximum(count, 1), 0)
+    ends = [n for n in range(LEAST, SHARES.size - NEXT) if share[n] >= MOST and share[n + 1] < MOST]
+    for end in reversed(ends):
+        if share[end + NEXT] <= FEW and count[end + NEXT] >= FEWEST:  # of a larger red thing it ends here and there
+            begin = next((n for n in range(end, 0, -1) if share[n] < MOST), 0)
+            yield _painted(image, rim, rays, is_red, begin, end)
+
+
+def _painted(image: Colours, rim: Ellipse, rays: RaySamples, is_red: NDArray[np.bool_], begin: int, end: int) -> Around:
+    """`begin`, `end`: numbers of SHARES within which the outermost ring is red."""
+    seed = _through_ends(rim, is_red, end)
+    reach = ROOM * seed.semi_major_px + 4
+    height, width = image.shape[:2]
+    x0, y0 = max(0, math.floor(seed.u_px - reach)), max(0, math.floor(seed.v_px - reach))
+    x1, y1 = min(width, math.ceil(seed.u_px + reach)), min(height, math.ceil(seed.v_px + reach))
+    seed = replace(seed, u_px=seed.u_px - x0, v_px=seed.v_px - y0)
+    ring = rays.bgr[0, :, CORE.size + begin + 1 : CORE.size + end + 1][is_red[:, begin + 1 : end + 1]]
+    inner = 1 - KEPT * (1 - float(SHARES[begin]) * rim.semi_major_px / seed.semi_major_px)
+    mask = np.zeros((y1 - y0, x1 - x0), np.uint8)
+    centre, axes = (
+        (round(16 * one), round(16 * other))
+        for one, other in ((seed.u_px, seed.v_px), (inner * seed.semi_major_px, inner * seed.semi_minor_px))
+    )
+    cv2.ellipse(mask, centre, axes, math.degrees(seed.angle_rad), 0, 360, 255, -1, cv2.LINE_8, 4)
+    part = image[y0:y1, x0:x1].copy()
+    part[mask > 0] = np.median(ring, axis=0)
+    return Around(part, x0, y0, seed)
+
+
+def _through_ends(rim: Ellipse, is_red: NDArray[np.bool_], end: int) -> Ellipse:
+    """Like the inner rim, but where the rays see the red end near that share; in perspective the centre moves."""
+    first, last = max(0, end - NEXT), end + NEXT + 1
+    falls = is_red[:, first : last - 1] & ~is_red[:, first + 1 : last]
+    shown = falls.any(axis=1)
+    at = np.sqrt(SHARES[:-1] * SHARES[1:])[first + falls[shown].argmax(axis=1)]
+    grown, p, q = float(SHARES[end]), 0.0, 0.0
+    if at.size >= FEWEST:
+        columns = np.stack([np.ones(at.size), COS[shown], SIN[shown]], axis=1)
+        grown, p, q = (float(value) for value in np.linalg.lstsq(columns, at, rcond=None)[0])
+    c, s = math.cos(rim.angle_rad), math.sin(rim.angle_rad)
+    x, y = p * rim.semi_major_px, q * rim.semi_minor_px
+    return Ellipse(
+        rim.u_px + c * x - s * y,
+        rim.v_px + s * x + c * y,
+        grown * rim.semi_major_px,
+        grown * rim.semi_minor_px,
+        rim.angle_rad,
+    )
