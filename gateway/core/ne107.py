@@ -28,7 +28,7 @@ NE107_MEANING: dict[Ne107, str] = {
     Ne107.FUNCTION_CHECK: "C: not valid for the moment, on purpose: starting, shutting down, a technician at work",
     Ne107.OUT_OF_SPECIFICATION: "S: beyond what it can measure: out of the ranger's range, jumping distances, marker "
     "hidden, sensors contradict, age not proven",
-    Ne107.MAINTENANCE_REQUIRED: "M: valid, but picture_status, a restart within 10 min, 1 damaged line in 100, "
+    Ne107.MAINTENANCE_REQUIRED: "M: valid, but the picture, a restart within 10 min, 1 damaged line in 100, "
     "a ranger of several or the air temperature needs somebody",
 }
 # A technician at work explains whatever else is seen; only a dead gateway is worse.
