@@ -28,8 +28,8 @@ NE107_MEANING: dict[Ne107, str] = {
     Ne107.FUNCTION_CHECK: "C: not valid for the moment, on purpose: starting, shutting down, a technician at work",
     Ne107.OUT_OF_SPECIFICATION: "S: beyond what it can measure: out of the ranger's range, jumping distances, marker "
     "hidden, sensors contradict, age not proven",
-    Ne107.MAINTENANCE_REQUIRED: "M: valid, but the picture, a restart within 10 min, 1 damaged line in 100, "
-    "a ranger of several or the air temperature needs somebody",
+    Ne107.MAINTENANCE_REQUIRED: "M: valid, but see to picture, restart within 10 min, 1 damaged line in 100, "
+    "one of several rangers or air temperature",
 }
 # A technician at work explains whatever else is seen; only a dead gateway is worse.
 ORDER = (Ne107.FAILURE, Ne107.FUNCTION_CHECK, Ne107.OUT_OF_SPECIFICATION, Ne107.MAINTENANCE_REQUIRED)
