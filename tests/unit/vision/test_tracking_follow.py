@@ -228,7 +228,7 @@ def test_a_clock_set_back_ends_a_tentative_track_and_does_not_stall_it() -> None
     assert labels == [Tracking.LOST, Tracking.LOST, Tracking.MEASURED]
 
 
-@pytest.mark.parametrize(("radius_px", "whole"), [(30.0, False), (90.0, True)])
+@pytest.mark.parametrize(("radius_px", "whole"), [(30.0, False), (200.0, True)])
 def test_with_a_much_larger_tentative_track_the_full_frame_is_searched(radius_px: float, whole: bool) -> None:
     drive = Drive()
     drive.seen(0, 20)
