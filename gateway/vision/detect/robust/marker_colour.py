@@ -130,13 +130,13 @@ def not_brown(found: Evidence, marker: MarkerColour) -> bool:
 
 
 def cast_of(image: Pixels) -> Cast:
-    """The light's colour in a (H, W, 3) BGR picture of a scene; white where it is not bluish."""
+    """The light's colour in a (H, W, 3) BGR picture of a scene; white where blue is not its greatest channel."""
     step = max(1, math.isqrt(image.shape[0] * image.shape[1] // SAMPLES))
     logs = np.log(grey_levels(image[step // 2 :: step, step // 2 :: step]).reshape(-1, 3) + np.float32(DARK))
     if not len(logs):
         return WHITE_LIGHT
     blue, red = (float(np.median(logs[:, channel] - logs[:, 1])) for channel in (0, 2))
-    if blue <= red:
+    if blue <= max(red, 0.0):
         return WHITE_LIGHT
     return Cast(min(max(blue, -MOST_CAST), MOST_CAST), min(max(red, -MOST_CAST), MOST_CAST))
 
