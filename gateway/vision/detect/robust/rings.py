@@ -8,7 +8,6 @@ over with the red beside that rim, and has to pass every gate like any other dis
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import cast
 
 import cv2
 import numpy as np
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from gateway.core.detection import Ellipse
 from gateway.vision.detect.robust.evidence import levels_of_radii
 from gateway.vision.detect.robust.radial_sampling import COS, SIN, RaySamples, sample_rays
-from gateway.vision.detect.robust.redness import PyramidLevel, redness
+from gateway.vision.detect.robust.redness import DARK, PyramidLevel
 from gateway.vision.pixels import Colours
 
 SHARES = np.exp(np.arange(0.0, 1.85, 0.03)).astype(np.float32)  # of the inner radius, evenly in ratio: to 6.2
@@ -52,7 +51,12 @@ def red_beyond(image: Colours, rim: Ellipse, redness_of_it: float) -> bool:
         return False
     u, v = (rim.semi_major_px * way + at for way, at in ((GLANCE_U, rim.u_px), (GLANCE_V, rim.v_px)))
     bgr = cv2.remap(image, u, v, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
-    counts = np.count_nonzero(redness(cast("Colours", bgr)) > AS_RED * redness_of_it, axis=1).tolist()
+    # As `redness`, without the logarithm of each pixel.
+    ratio = math.exp(AS_RED * redness_of_it)
+    red = bgr[..., 2] > bgr[..., 1] * np.float32(ratio) + np.float32((ratio - 1) * DARK)
+    counts = np.add.reduce(red, axis=1, dtype=np.intp).tolist()
+    if max(counts) < MOST * len(_TURNS):
+        return False
     begun = next((n for n, count in enumerate(counts) if count >= MOST * len(_TURNS)), len(counts))
     return any(count <= FEW * len(_TURNS) for count in counts[begun:])
 
