@@ -71,7 +71,10 @@ export const NO_PROFILE = 'none';
 /** The profile that a bay's ranger has without another choice. */
 export const profileBefore = (draft, settings) => (draft.bay === '' ? settings.written.ranger?.profile : settings.values.bays[draft.bay].ranger.profile) ?? NO_PROFILE;
 
-/** Beside the port: keys that a profile leaves to the plant. `rangerKeys`: by their name, as typed. */
+/**
+ * Beside the port: keys that a profile leaves to the plant. `rangerKeys`: by their name, as typed.
+ * @returns {[string[], number][]} path and value of each
+ */
 const ranged = ({ rangerKeys }) => Object.entries(rangerKeys).filter(([, typed]) => typed !== '').map(([key, typed]) => [key === 'baud' ? [key] : ['number', key], Number(typed)]);
 
 /** `[ranger]` of the port that is chosen. `profile`: null: as before. */
