@@ -12,11 +12,8 @@ from gateway.vision.detect.robust.constants import FULL_REDNESS
 from gateway.vision.detect.robust.evidence import Evidence
 from gateway.vision.detect.robust.marker_colour import (
     PAPER_RED,
-    WHITE_LIGHT,
-    Cast,
     MarkerColour,
     distance,
-    in_white_light,
     not_brown,
     paint_left,
 )
@@ -65,7 +62,6 @@ class Limits:
     possible_px: tuple[float, float] | None = None  # radii, where the ranger limits them; of a marker, not of a search
     proposals: Proposals = "classical"  # where a search starts
     marker: MarkerColour = PAPER_RED
-    cast: Cast = WHITE_LIGHT
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,9 +79,7 @@ class Candidate:
 
 
 def candidate(rim: Rim, found: Evidence, limits: Limits, veil: float = 0.0) -> Candidate:
-    """With the evidence as it would be in white light."""
-    off = distance(found, limits.marker, limits.cast)
-    return Candidate(rim, in_white_light(found, limits.cast), veil, off)
+    return Candidate(rim, found, veil, distance(found, limits.marker))
 
 
 def _sharp(c: Candidate) -> bool:

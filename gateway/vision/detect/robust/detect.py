@@ -10,7 +10,7 @@ from gateway.vision.detect.method import NowNs
 from gateway.vision.detect.radii import WITHDRAWN, MarkerRadii
 from gateway.vision.detect.robust import proposer
 from gateway.vision.detect.robust.decision import Candidate, Limits, circle_of, confidence
-from gateway.vision.detect.robust.marker_colour import WHITE_LIGHT, Cast, cast_of, marker_of
+from gateway.vision.detect.robust.marker_colour import marker_of
 from gateway.vision.detect.robust.perspective import disc_centre
 from gateway.vision.detect.robust.search import Rejected, search_expected, search_frame
 from gateway.vision.detect.stage_timer import StageTimer
@@ -30,7 +30,6 @@ def detect(
     window: Window | None = None,
     expected: Circle | None = None,
     radii_px: tuple[float, float] | None = None,
-    cast: Cast | None = None,
 ) -> Detection:
     """The red disc in one (H, W, 3) BGR picture of 8 bits or more. `now_ns` gives the times of `stage_ns`; without it,
     0. Of more than 8 bits every stage uses all, and the rim is fitted without the kernel.
@@ -38,12 +37,12 @@ def detect(
     `window` restricts the search to a part of the picture. With a window and an `expected` circle, that place is
     searched first, and if the marker is there nothing else is; without a window a prediction changes nothing.
     Coordinates are always the full frame's. A disc whose radius lies outside `radii_px` is not the marker; where there
-    is none, the best of these is `wrong_size`. `cast`: of the light, where it is followed from frame to frame. Raises
-    ValueError for anything but such a picture with at least one pixel.
+    is none, the best of these is `wrong_size`. Raises ValueError for anything but such a picture with at least one
+    pixel.
     """
     check_picture(image)
     timer = StageTimer(now_ns)
-    limits = limits_of(image, params, radii_px, cast or cast_of(image))
+    limits = limits_of(image, params, radii_px)
     x0, y0, cut = _part(image, window)
     part = grey_levels(limits.marker.seen(cut))
     taken: Candidate | None = None
@@ -90,11 +89,8 @@ class FullFrameDetector:
         return detect(image, self._params, self._now_ns, radii_px=self._radii.at(t_ns))
 
 
-def limits_of(
-    image: Pixels, params: VisionConfig, radii_px: tuple[float, float] | None, cast: Cast = WHITE_LIGHT
-) -> Limits:
+def limits_of(image: Pixels, params: VisionConfig, radii_px: tuple[float, float] | None) -> Limits:
     """The settings for one picture; `radii_px` as for `detect`."""
-    marker = marker_of(params.marker_colour)
     diagonal_px = math.hypot(*image.shape[:2])
     return Limits(
         min_radius_px=max(SMALLEST_PX, params.min_radius_share * diagonal_px),
@@ -102,8 +98,7 @@ def limits_of(
         min_confidence=params.min_confidence,
         possible_px=radii_px,
         proposals=params.proposals,
-        marker=marker,
-        cast=cast if marker.order is None else WHITE_LIGHT,
+        marker=marker_of(params.marker_colour),
     )
 
 

@@ -1,27 +1,26 @@
 """How far is a disc from the marker's colour? By its hue and its chroma, whatever the light. Pure.
 
 Light and shade scale all channels, dust adds the same to all: neither changes the hue. Chroma is redness relative to
-what dust leaves of that of paint. A cast of the light is known from the picture where it is bluish: scenes are seldom
-blue by themselves, but often brown, and a saturated red in warm light is still red.
+what dust leaves of that of paint. A cast of the light is not taken off: a bluish picture may be a blue truck, and then
+grey would become red.
 """
 
 import colorsys
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import cast
 
 import numpy as np
 
-from gateway.durations import NS_PER_S
 from gateway.vision.detect.robust.constants import FULL_VEIL
 from gateway.vision.detect.robust.evidence import Evidence
 from gateway.vision.detect.robust.redness import DARK
 from gateway.vision.detect.robust.veil import contrast_left
-from gateway.vision.pixels import Pixels, grey_levels
+from gateway.vision.pixels import Pixels
 
 PALE, FULL_REDNESS = 0.12, 0.3  # log units in clear air: not the marker below, and as red as needed from
-LEAST_SATURATION, SATURATED = 0.12, 0.2  # the same, less the haze: of dark paint redness says little (`redness.DARK`)
+LEAST_SATURATION, SATURATED = 0.12, 0.2  # the same, less the haze
 NOISE, TINT = 1.0, 0.02  # grey levels, and of the veil's light: the channels' differences may be off by so much
 BRIGHTEST, MOST_BLUE = 250.0, 1.0  # grey level that may be a clipped one; log(B / G), of over-exposed light red
 CLIPPED_DEG = 1.5  # so much less towards yellow is the hue where the red is clipped
@@ -30,9 +29,6 @@ VEILED_BROWN = -0.06  # so much more behind a full veil, whose tint is not known
 NEAR_DEG, FARTHEST_DEG = 8.0, 14.0  # from a taught hue: nothing is amiss; as far as can be
 MOST_RED_DEG = 20.0
 SEXTANT_DEG = 60.0  # of hue, from one pure colour to the next
-MOST_CAST = 0.55  # log units to either side of green
-SAMPLES = 4000  # pixels that show the light's colour, about
-EVERY_NS, FOLLOWED_S = NS_PER_S, 120.0  # a coloured truck that stops in view is no change of the light
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,42 +63,24 @@ def marker_of(text: str | None) -> MarkerColour:
     return MarkerColour(hues_deg, order, brown=order is not None or hue_deg > NEAR_DEG)
 
 
-@dataclass(frozen=True, slots=True)
-class Cast:
-    """Of the light: log(B / G) and log(R / G) of what is grey."""
-
-    blue: float = 0.0
-    red: float = 0.0
-
-
-WHITE_LIGHT = Cast()
-
-
 def paint_left(found: Evidence) -> float:
     """1 in clear air: how much of the redness of paint, and of its contrast, the dust leaves."""
     return (1 - found.haze) * contrast_left(found.veil)
 
 
-def distance(found: Evidence, marker: MarkerColour, light: Cast) -> float:
+def distance(found: Evidence, marker: MarkerColour) -> float:
     """0: of the marker's colour; 1: as far from it as can be; more: another colour."""
-    clipped = found.colour[2] >= BRIGHTEST
-    found = in_white_light(found, light)
     pale = (FULL_REDNESS - found.redness / paint_left(found)) / (FULL_REDNESS - PALE)
-    spread, most = max(found.colour) - min(found.colour), max(found.colour) - FULL_VEIL * found.haze
-    grey = (SATURATED - spread / max(most, spread, 1.0)) / (SATURATED - LEAST_SATURATION)
-    return max(0.0, min(pale, grey), _off_hue(found, marker, clipped))
+    if pale <= 1:  # of dark paint redness says little (`redness.DARK`): its saturation may say more for it
+        spread, most = max(found.colour) - min(found.colour), max(found.colour) - FULL_VEIL * found.haze
+        grey = (SATURATED - spread / max(most, spread, 1.0)) / (SATURATED - LEAST_SATURATION)
+        pale = min(pale, grey)
+    return max(0.0, pale, _off_hue(found, marker))
 
 
-def in_white_light(found: Evidence, light: Cast) -> Evidence:
-    if light == WHITE_LIGHT:
-        return found
+def _off_hue(found: Evidence, marker: MarkerColour) -> float:
     blue, green, red = found.colour
-    colour = blue / math.exp(light.blue), green, red / math.exp(light.red)
-    return replace(found, redness=found.redness - light.red, colour=colour)
-
-
-def _off_hue(found: Evidence, marker: MarkerColour, clipped: bool) -> float:
-    blue, green, red = found.colour
+    clipped = red >= BRIGHTEST
     spread = max(blue, green, red) - min(blue, green, red)
     if spread < 1:
         return math.inf
@@ -127,34 +105,3 @@ def not_brown(found: Evidence, marker: MarkerColour) -> bool:
     lean = (green - blue) / max(red - blue, 1.0)
     strong = found.contrast >= BROWN_CONTRAST * (1 - found.haze) / (1 - found.veil)
     return marker.brown or strong or lean <= BROWN + VEILED_BROWN * found.veil
-
-
-def cast_of(image: Pixels) -> Cast:
-    """The light's colour in a (H, W, 3) BGR picture of a scene; white where blue is not its greatest channel."""
-    step = max(1, math.isqrt(image.shape[0] * image.shape[1] // SAMPLES))
-    logs = np.log(grey_levels(image[step // 2 :: step, step // 2 :: step]).reshape(-1, 3) + np.float32(DARK))
-    if not len(logs):
-        return WHITE_LIGHT
-    blue, red = (float(np.median(logs[:, channel] - logs[:, 1])) for channel in (0, 2))
-    if blue <= max(red, 0.0):
-        return WHITE_LIGHT
-    return Cast(min(max(blue, -MOST_CAST), MOST_CAST), min(max(red, -MOST_CAST), MOST_CAST))
-
-
-class SceneLight:
-    """The cast of one camera's pictures, in order; followed slowly."""
-
-    def __init__(self) -> None:
-        self._cast: Cast | None = None
-        self._seen_ns = 0
-
-    def at(self, image: Pixels, t_ns: int) -> Cast:
-        since_ns = t_ns - self._seen_ns
-        if self._cast is not None and 0 <= since_ns < EVERY_NS:
-            return self._cast
-        now, was = cast_of(image), self._cast
-        self._seen_ns = t_ns
-        share = 1.0 if was is None else 1 - math.exp(-max(0, since_ns) / NS_PER_S / FOLLOWED_S)
-        was = was or now
-        self._cast = Cast(was.blue + share * (now.blue - was.blue), was.red + share * (now.red - was.red))
-        return self._cast

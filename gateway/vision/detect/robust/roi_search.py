@@ -24,7 +24,7 @@ from gateway.vision.detect.geometry import SAME_SIZE, same_place
 from gateway.vision.detect.method import NowNs
 from gateway.vision.detect.robust import proposer
 from gateway.vision.detect.robust.detect import Window, detect
-from gateway.vision.detect.robust.marker_colour import WHITE_LIGHT, SceneLight, marker_of
+from gateway.vision.detect.robust.marker_colour import marker_of
 from gateway.vision.detect.robust.red_change import RedRegions, red_regions
 from gateway.vision.detect.stage_timer import StageTimer, total_ns
 from gateway.vision.pixels import Pixels
@@ -48,8 +48,6 @@ class RoiSearch:
         self._checked_ns = self._t_ns = 0  # when that was, and the frame at hand
         self._radii_px: tuple[float, float] | None = None  # possible in the frame at hand
         self._marker = marker_of(params.marker_colour)
-        self._light = SceneLight()
-        self._cast = WHITE_LIGHT
 
     def __call__(
         self,
@@ -59,19 +57,10 @@ class RoiSearch:
         radii_px: tuple[float, float] | None = None,
     ) -> Detection:
         self._t_ns, self._radii_px = t_ns, radii_px
-        self._cast = self._light.at(image, t_ns)
         if expected is None or not _possible(expected.circle, radii_px):
             return self._recorded(image, self._full_search(image))
         window = window_round(expected, image.shape[1], image.shape[0])
-        found = detect(
-            image,
-            self._params,
-            self._now_ns,
-            window=window,
-            expected=expected.circle,
-            radii_px=radii_px,
-            cast=self._cast,
-        )
+        found = detect(image, self._params, self._now_ns, window=window, expected=expected.circle, radii_px=radii_px)
         if found.circle is None or not expected.admits(found.circle):
             return self._with_full_search(image, found)
         self._near += 1
@@ -86,7 +75,7 @@ class RoiSearch:
 
     def _full_search(self, image: Pixels) -> Detection:
         self._near = 0
-        return detect(image, self._params, self._now_ns, radii_px=self._radii_px, cast=self._cast)
+        return detect(image, self._params, self._now_ns, radii_px=self._radii_px)
 
     def _with_full_search(self, image: Pixels, before: Detection, *, followed: bool = False) -> Detection:
         """`before`: the window's result, the marker that is followed or not; its time is reported, too."""

@@ -20,6 +20,7 @@ from gateway.vision.detect.robust.decision import (
     confidence,
     failed_gate,
     priority,
+    weight,
 )
 from gateway.vision.detect.robust.evidence import Evidence
 from gateway.vision.detect.robust.facets import cornered
@@ -242,8 +243,8 @@ def _decided(
 ) -> tuple[Candidate | None, list[Rejected]]:
     """The marker, and the others with the reason."""
     rejected: list[Rejected] = []
-    discs: list[tuple[Candidate, str | None]] = []  # of any size; each once, though both kinds of level may show it
-    judged = [(found, failed_gate(found, limits)) for found in refined]
+    discs: list[tuple[Candidate, str | None]] = []  # of any size; each once, as the level that shows it best has it
+    judged = [(found, failed_gate(found, limits)) for found in sorted(refined, key=weight, reverse=True)]
     signs = [c.rim.ellipse for c, why in judged if why in (None, SIZE) and cornered(image, c.rim)]
     for found, gate in judged:
         on_a_sign = gate in (None, SIZE) and any(encloses(sign, found.rim.ellipse) for sign in signs)
