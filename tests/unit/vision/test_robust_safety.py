@@ -200,12 +200,11 @@ REDS = {"red": (45, 35, 190), "vermilion": (39, 57, 198), "faded": (120, 120, 20
 LIT = [(colour, light) for colour in REDS for light in LIGHTS if (colour, light) != ("faded", "blue")]  # that is lilac
 
 
-@pytest.mark.parametrize("ground", [(150, 150, 100), (140, 120, 60), (160, 150, 70), (110, 140, 100)])
+@pytest.mark.parametrize("ground", [(140, 120, 60), (110, 140, 100)])
 def test_a_grey_disc_on_a_coloured_truck_is_no_marker(ground: tuple[int, int, int]) -> None:
     """Though it is redder than the truck, and would be red in a light that made a grey truck look like that."""
     sheet = decoys.sheet(WIDTH, HEIGHT, "concrete", 8)
-    sheet.paint[:] = 40  # of something dark, so that the air is clear
-    sheet.paint[:, 100:230] = ground
+    sheet.paint[:] = ground
     sheet.disc(158.0, 122.0, 44.0, (150, 150, 150))
 
     assert detect(sheet.finished(), PARAMS).circle is None
