@@ -169,11 +169,13 @@ class SynchronisedTime:
     `unix_ms` returns the Unix time of a stamp of 0, NaN where it is not known. It is exact for a moment only, because
     the stamps may drift against the camera's clock. So what the fastest frame was late by is measured once, when
     `PresentationTime` has settled, plus what may have drifted by then; each frame is older by that than the latter
-    says. Not seen is a clock that is up to 50 ms ahead. A wrong one proves nothing, and is looked at anew after 60 s.
+    says. `exact`: it is so for each stamp; then nothing is kept of one frame for another. Not seen is a clock that is
+    up to 50 ms ahead. A wrong one proves nothing, and is looked at anew after 60 s.
     """
 
-    def __init__(self, unix_ms: Callable[[], float], clock: Clock, label: str) -> None:
+    def __init__(self, unix_ms: Callable[[], float], clock: Clock, label: str, *, exact: bool = False) -> None:
         self._unix_ms = unix_ms
+        self._exact = exact
         self._clock = clock
         self._label = label
         self._by_arrival = PresentationTime()
@@ -198,7 +200,7 @@ class SynchronisedTime:
                     self._tell("it does not state its clock: no RTCP sender report, no Unix time")
                 return latest_ns
             self._known_ns = arrival_ns if self._known_ns is None else self._known_ns
-            shift_ns += MOST_DRIFT * (arrival_ns - self._known_ns)
+            shift_ns += 0 if self._exact else MOST_DRIFT * (arrival_ns - self._known_ns)
         delay_ns = shift_ns + self._clock.wall_ns() - self._clock.now_ns()  # anew each time: a wall clock is set
         if not -AHEAD_NS <= delay_ns <= SAME_CLOCK_NS:
             self._wrong_ns = arrival_ns if self._wrong_ns is None else self._wrong_ns
@@ -210,7 +212,7 @@ class SynchronisedTime:
             return latest_ns
         self._wrong_ns = None
         if settled:
-            self._shift_ns = shift_ns
+            self._shift_ns = None if self._exact else shift_ns
             self.proof = AgeProof.DEVICE_TIME
         return latest_ns - max(0, round(delay_ns))
 

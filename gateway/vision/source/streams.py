@@ -64,8 +64,8 @@ def open_stream(spec: "StreamSpec", clock: Clock) -> LiveSource:
     )
 
 
-def _stamps(spec: "StreamSpec", clock: Clock, unix_ms: Callable[[], float]) -> FrameTime:
-    return SynchronisedTime(unix_ms, clock, spec.label) if spec.synchronised else PresentationTime()
+def _stamps(spec: "StreamSpec", clock: Clock, unix_ms: Callable[[], float], *, exact: bool = False) -> FrameTime:
+    return SynchronisedTime(unix_ms, clock, spec.label, exact=exact) if spec.synchronised else PresentationTime()
 
 
 def _unix_ms(capture: cv2.VideoCapture) -> float:
@@ -192,7 +192,7 @@ def stamp_ms(text: str) -> float:
 
 class PartsSource(LiveSource):
     def __init__(self, answer: HTTPResponse, spec: "StreamSpec", clock: Clock) -> None:
-        super().__init__(spec, clock, _stamps(spec, clock, lambda: 0.0))
+        super().__init__(spec, clock, _stamps(spec, clock, lambda: 0.0, exact=True))
         self._answer = answer
         self._parts = Parts(answer)
 

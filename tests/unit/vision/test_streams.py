@@ -1,12 +1,13 @@
 """Streams from a server on loopback: what is damaged, what is refused, and what the times of its parts prove."""
 
 import hashlib
+import io
 import math
 import re
 import socketserver
 import ssl
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -24,7 +25,7 @@ from gateway.core.readings import AgeProof
 from gateway.errors import LinkError
 from gateway.vision.source.contract import Frame, Source
 from gateway.vision.source.specs import source_spec
-from gateway.vision.source.streams import MOST_PART_BYTES, stamp_ms
+from gateway.vision.source.streams import MOST_PART_BYTES, PartsSource, stamp_ms
 from tests.e2e.tcp_proxy import NetworkConditions, Proxy
 
 MS = 1_000_000
@@ -262,6 +263,9 @@ class Stepped:
         self.now += self.step_ns
         return self.now
 
+    def wall_ns(self) -> int:
+        return self.now + 1_714_557_600 * S
+
 
 def read_at(step_ns: int, stamps: list[str], **camera: Any) -> tuple[list[Frame], str]:
     """Frames with these stamps, one of which arrives every `step_ns`; and why there is no other."""
@@ -317,6 +321,30 @@ def test_times_that_are_none_prove_nothing(stamps: list[str]) -> None:
 def test_a_part_without_a_time_among_others_is_not_proven() -> None:
     frames, _ = read_at(PERIOD, [*FAST[:150], "", *FAST[151:]])
     assert [n for n, frame in enumerate(frames) if frame.age_proof is AgeProof.UNPROVEN] == [*range(125), 150]
+
+
+@pytest.mark.failure_mode("C8")
+@pytest.mark.parametrize(
+    ("delay_ms", "wrong"),
+    [(lambda n: 20 + 0.018 * n, 0), (lambda n: 20 if n < 250 else 900, 500)],
+    ids=["a backlog that grows by 450 ppm", "one stamp ahead in a full link"],
+)
+def test_synchronised_each_part_is_as_old_as_its_own_time_says(delay_ms: Callable[[int], float], wrong: int) -> None:
+    clock: Any = Stepped(0)
+    taken_ns = [clock.now + n * PERIOD for n in range(3000)]
+    wall_ns = [taken + 1_714_557_600 * S + (880 * MS if n == wrong > 0 else 0) for n, taken in enumerate(taken_ns)]
+    answer: Any = io.BytesIO(b"".join(part(ONE, f"{wall // 1000}") for wall in wall_ns))
+    spec: Any = source_spec(CameraConfig(url="http://cam/live", clock="synchronised"))
+    source = PartsSource(answer, spec, clock)
+    ages_ms, proofs = [], []
+    for n, taken in enumerate(taken_ns):
+        clock.now = taken + round(delay_ms(n) * MS)
+        frame = source.read()
+        ages_ms.append((clock.now - frame.t_capture_ns) / MS)
+        proofs.append(frame.age_proof)
+    true_ms = [20 if n == wrong > 0 else delay_ms(n) for n in range(3000)]
+    assert ages_ms == pytest.approx(true_ms, abs=1)
+    assert proofs[-1] is AgeProof.DEVICE_TIME
 
 
 def test_by_arrival_the_times_of_its_parts_are_not_used() -> None:
