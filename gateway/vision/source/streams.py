@@ -121,9 +121,9 @@ def _parts_of(spec: "StreamSpec") -> HTTPResponse | None:
 
 class OneLogin(request.BaseHandler):
     """As FFmpeg does: the digest where it is offered, and a login that was refused is not tried again, because cameras
-    lock themselves."""
+    lock themselves. What a redirection sends with it is not read: urllib would read it to its end."""
 
-    handler_order = 100  # before those that log in
+    handler_order = 100  # before those that log in and that follow a redirection
 
     def http_error_401(self, req: request.Request, fp: IO[bytes], code: int, msg: str, headers: HTTPMessage) -> None:
         fp.close()
@@ -133,6 +133,11 @@ class OneLogin(request.BaseHandler):
         if digests := [offer for offer in offers if offer.lower().startswith("digest")]:
             del headers["WWW-Authenticate"]
             headers["WWW-Authenticate"] = min(digests, key=lambda offer: "sha-" in offer.lower())  # urllib has MD5
+
+    def http_error_302(self, req: request.Request, fp: IO[bytes], code: int, msg: str, headers: HTTPMessage) -> None:
+        fp.close()
+
+    http_error_301 = http_error_303 = http_error_307 = http_error_308 = http_error_302
 
 
 class Parts:

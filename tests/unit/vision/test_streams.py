@@ -181,10 +181,11 @@ def md5(text: str) -> str:
 
 
 class LoginHandler(socketserver.StreamRequestHandler):
-    """Asks for the digest, or for the password itself, of joe with se:cret; /old has moved."""
+    """Asks for the digest, or for the password itself, of joe with se:cret; /old has moved, and says so at length."""
 
     scheme = "Digest"
     refused = 0
+    read_whole = 0
     others = ""
 
     def handle(self) -> None:
@@ -201,6 +202,9 @@ class LoginHandler(socketserver.StreamRequestHandler):
             self.wfile.write(f"HTTP/1.0 {answer}\r\n\r\n".encode())
             if answer.startswith("200"):
                 self.wfile.write(part(ONE) + part(TWO))
+            if path == "/old":
+                self.wfile.write(b"x" * 2 * MOST_PART_BYTES)  # more than the sockets hold
+                type(self).read_whole += 1
 
     def known(self, path: str, sent: str) -> bool:
         if self.scheme == "Basic":
@@ -233,6 +237,7 @@ def test_a_login_follows_a_redirection_and_no_other_is_let_in(scheme: str, other
                 source_spec(config).open(SystemClock())
             assert "guess" not in str(error.value)
             assert handler.refused == 1
+            assert handler.read_whole == 0
         finally:
             server.shutdown()
             thread.join()
