@@ -25,6 +25,7 @@ ENVIRONMENT = {
     "MALLOC_MMAP_MAX_": "0",
     "MALLOC_TRIM_THRESHOLD_": str(16 * 1024**3),
     "MALLOC_ARENA_MAX": "1",  # frames are allocated in one thread and freed in another
+    "OPENCV_IO_MAX_IMAGE_PIXELS": str(1 << 27),  # decoded, 400 MB: a few bytes of a camera can claim gigabytes
     "OPENCV_LOG_LEVEL": "ERROR",
     "OPENCV_FFMPEG_LOGLEVEL": "-8",  # FFmpeg prints every hiccup of a stream; what matters is sent as a message
 }

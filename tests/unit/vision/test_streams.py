@@ -3,9 +3,12 @@
 import hashlib
 import io
 import math
+import os
 import re
 import socketserver
 import ssl
+import subprocess
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -23,6 +26,7 @@ from gateway.clock import SystemClock
 from gateway.config import CameraConfig
 from gateway.core.readings import AgeProof
 from gateway.errors import LinkError
+from gateway.processes.start import ENVIRONMENT
 from gateway.vision.source.contract import Frame, Source
 from gateway.vision.source.specs import source_spec
 from gateway.vision.source.streams import MOST_PART_BYTES, PartsSource, stamp_ms
@@ -174,6 +178,18 @@ def test_a_garbled_part_costs_frames_and_nothing_else(
     assert why.endswith(("lost: it gave no further frame", "lost: its frames could not be decoded"))
     assert levels(frames) == pytest.approx([level for level, _ in expected], abs=2)
     assert [frame.damaged for frame in frames] == [damaged for _, damaged in expected]
+
+
+def test_a_picture_that_claims_more_pixels_than_any_camera_has_is_refused_before_it_takes_memory() -> None:
+    """In a process as the gateway starts it: OpenCV reads its limit once."""
+    claims = bytearray(ONE)
+    size = claims.index(b"\xff\xc0") + 5
+    claims[size : size + 4] = 2 * (11_600).to_bytes(2)
+    script = "import cv2, numpy, sys; cv2.imdecode(numpy.frombuffer(sys.stdin.buffer.read(), 'u1'), cv2.IMREAD_COLOR)"
+    done = subprocess.run(
+        [sys.executable, "-c", script], input=claims, capture_output=True, env={**os.environ, **ENVIRONMENT}
+    )
+    assert b"CV_IO_MAX_IMAGE_PIXELS" in done.stderr
 
 
 def md5(text: str) -> str:
