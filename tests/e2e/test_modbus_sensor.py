@@ -149,18 +149,19 @@ SPAN = {
     "delay_ms": 50,
 }
 """4 to 20 mA are 200 to 5000 mm."""
-IO_LINK = {"mm_per_unit": 1, "nearest_mm": 20, "farthest_mm": 5000}
+IO_LINK = {"mm_per_unit": 1, "nearest_mm": 20, "farthest_mm": 5000, "delay_ms": 50}
+RANGE = {"nearest_mm": 200, "farthest_mm": 5000}
 MAKERS: list[tuple[str, dict[str, Any], int, str, int, list[int], Quality, float | None]] = [
     # profile, what it leaves to the plant, and as documented: unit, table, first register, what they hold
     ("benewake-tf02-i", {}, 1, "holding", 0, [25, 800], Quality.GOOD, 250.0),
     ("benewake-tf02-i", {}, 1, "holding", 0, [4500, 30], Quality.TOO_FAR, None),
     ("dfrobot-sen0492", {}, 0x50, "holding", 0x34, [0x070B], Quality.GOOD, 1803.0),
-    ("dfrobot-sen0519", {}, 15, "holding", 5, [2500], Quality.GOOD, 2500.0),
-    ("dfrobot-sen0519", {}, 15, "holding", 5, [65535], Quality.NO_ECHO, None),
+    ("dfrobot-sen0519", {"number": {**RANGE, "delay_ms": 50}}, 15, "holding", 5, [2500], Quality.GOOD, 2500.0),
+    ("dfrobot-sen0519", {"number": {**RANGE, "delay_ms": 50}}, 15, "holding", 5, [65535], Quality.NO_ECHO, None),
     ("geolux-lx80-o", {}, 1, "holding", 1, [1250, 1300], Quality.GOOD, 1250.0),
     ("ifm-al1940", {"number": IO_LINK}, 1, "holding", 1001, [0x0003, 250], Quality.GOOD, 250.0),
     ("ifm-al1940", {"number": IO_LINK}, 1, "holding", 1001, [0x0001, 250], Quality.LINK_DOWN, None),
-    ("seeed-101991042", {}, 1, "holding", 0x0100, [999, 250], Quality.GOOD, 250.0),
+    ("seeed-101991042", {"number": RANGE}, 1, "holding", 0x0100, [999, 250], Quality.GOOD, 250.0),
     ("waveshare-ai-8ch", {"number": SPAN}, 1, "input", 0, [12_000, 0], Quality.GOOD, 2600.0),
     ("waveshare-ai-8ch", {"number": SPAN}, 1, "input", 0, [3_590, 12_000], Quality.LINK_DOWN, None),
     ("waveshare-ai-8ch", {"number": SPAN}, 1, "input", 0, [20_000, 12_000], Quality.LINK_DOWN, None),

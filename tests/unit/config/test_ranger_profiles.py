@@ -68,6 +68,22 @@ def test_every_profile_is_one_of_known_keys() -> None:
         assert parse({"ranger": ranger}).bays[0].ranger.type == one.keys["type"]
 
 
+@pytest.mark.parametrize("key", ["nearest_mm", "farthest_mm", "delay_ms"])
+def test_no_profile_has_the_range_or_the_delay_of_another_sensor(key: str) -> None:
+    """The defaults are those of the HC-SR04, and no delay."""
+    silent = [
+        n
+        for n, one in PROFILES.items()
+        if key not in one.keys.get("number", {}) and f"number.{key}" not in one.required
+    ]
+    assert silent == []
+
+
+def test_a_profile_is_as_strict_as_its_source() -> None:
+    number = parse({"ranger": {"profile": "dfrobot-sen0492", "baud": 115200}}).bays[0].ranger.number
+    assert (number.nearest_mm, number.farthest_mm, number.delay_ms) == (40, 4000, 50)
+
+
 def test_check_shows_the_values_in_force(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "bay.toml").write_text(FILE)
     assert check.main(argparse.Namespace(config=tmp_path / "bay.toml", keys=False, full=False)) == 0
