@@ -49,8 +49,11 @@ LINK_LATENCY_NS = 1 * MS
 TEMPERATURE_DUE_NS = 5 * S
 """No believed temperature for this time is a loss. After a reset the first one takes the board 1 s."""
 TEMPERATURE_K_S = 0.5
-"""After the first one the temperature of the sound changes no faster: where one is lost or returns, a truck in place
-would else seem to roll. So Z changes by less than `rolling.FOLLOW_MM_S`, up to 1.1 m."""
+"""The temperature of the sound changes no faster: where one is lost or returns, a truck in place would else seem to
+roll. So Z changes by less than `rolling.FOLLOW_MM_S`, up to 1.1 m. Only the first one is taken at once, and only within
+TEMPERATURE_DUE_NS of the first measurement that was used since the gateway's start."""
+TEMPERATURE_STEP_NS = 1 * S
+"""A longer gap between two measurements allows no greater step of the temperature than this time does."""
 
 NEAREST_MM, FARTHEST_MM = 20.0, 4000.0  # the HC-SR04's datasheet
 
@@ -84,7 +87,8 @@ class Hcsr04Session:
         self._temperature_c = self._sound_c = config.hcsr04.temperature_c
         self._temperature_expected = config.hcsr04.temperature_sensor
         self._temperature_heard = False  # since the gateway's start
-        self._sound_ns = 0  # of the newest _sound_c
+        self._sound_ns: int | None = None  # of the newest _sound_c
+        self._settled_ns = 0  # from then on it never jumps
         self._temperature_tolerance_c = config.hcsr04.temperature_tolerance_c
         self._byte_ns = config.byte_ns
         self._beacon_wanted = config.hcsr04.beacon
@@ -285,9 +289,12 @@ class Hcsr04Session:
         if self._air_c is not None and abs(self._air_c - self._temperature_c) > self._temperature_tolerance_c:
             self.implausible_temperatures += 1
             self._air_c = None
-        most_k = TEMPERATURE_K_S * (arrived_ns - self._sound_ns) / S
+        if self._sound_ns is None:
+            self._sound_ns, self._settled_ns = arrived_ns, arrived_ns + TEMPERATURE_DUE_NS
+        most_k = TEMPERATURE_K_S * min(arrived_ns - self._sound_ns, TEMPERATURE_STEP_NS) / S
         if self._air_c is not None:
-            most_k = most_k if self._temperature_heard else inf
+            if not self._temperature_heard and arrived_ns < self._settled_ns:
+                most_k = inf
             self._temperature_heard, self._air_ns = True, arrived_ns
         wanted_c = self._temperature_c if self._air_c is None else self._air_c
         self._sound_c += max(-most_k, min(most_k, wanted_c - self._sound_c))

@@ -146,6 +146,29 @@ def test_a_temperature_that_is_measured_no_more_is_lost_after_5_s_and_the_distan
     assert bench.session.tick(bench.now_ns + 2 * S)[0].temperature_lost is False  # nothing is known of it
 
 
+@pytest.mark.parametrize(("before_dc", "then_dc"), [(None, -100), (-100, None)])
+@pytest.mark.parametrize("between", ["nothing", "gap", "reboot", "port reopened"])
+def test_no_temperature_that_comes_late_or_goes_makes_the_distance_jump(
+    between: str, before_dc: int | None, then_dc: int | None
+) -> None:
+    """1100 mm at -10 instead of 20 °C is 1042 mm: the truck would seem to have driven 58 mm."""
+    bench = settled(1100.0, median=1)
+    for _ in range(100):
+        (before,) = bench.measures(1100.0, temperature_dc=before_dc)
+    if between != "nothing":
+        bench.skips(1000)  # 60 s
+    if between == "port reopened":
+        bench.session.lost(bench.now_ns, "pulled")
+        bench.session.opened(bench.now_ns)
+    if between in ("reboot", "port reopened"):
+        bench.seq = 0
+        bench.receives(HELLO)
+    found = [reading for _ in range(6) for reading in bench.measures(1100.0, temperature_dc=then_dc)]
+    mm = [one.distance_mm for one in (before, *found) if one.distance_mm is not None]
+    assert len(mm) >= 4
+    assert max(abs(a - b) for a, b in pairwise(mm)) < 1.2  # 0.5 K is 1 mm
+
+
 def test_one_that_never_came_is_missed_only_where_it_is_configured() -> None:
     assert not any(losses(settled(300.0), 200, None))
     assert not any(losses(settled(300.0), 200, 850))
