@@ -7,6 +7,8 @@ from functools import partial
 from gateway.clock import Clock
 from gateway.config import BayConfig, GatewayConfig
 from gateway.core.beacon import BEACON_MEANING, BeaconStatus
+from gateway.core.readings import DEAD, QUALITY_MEANING, Quality
+from gateway.core.state import REASON_MEANING, Reason
 from gateway.doctor import network
 from gateway.doctor.finding import Finding, Verdict
 from gateway.errors import ProtocolError
@@ -69,8 +71,8 @@ def of_bay(config: GatewayConfig, bay: BayConfig, port: int) -> Iterator[Finding
     """
     judges: list[tuple[str, Judge]] = [("ranger", partial(_ranger, bay, n)) for n in range(len(bay.ranger.sensors))]
     judges = judges if bay.ranger.more else []
-    judges += [("beacon", _beacon)] if bay.camera.beacon is not None else []
-    judges += [("relay", _relay)] if bay.ranger.has_relay else []
+    judges += [("beacon", partial(_beacon, bay))] if bay.camera.beacon is not None else []
+    judges += [("relay", partial(_relay, bay))] if bay.ranger.has_relay else []
     if not judges:
         return
     here = from_here(config.modbus.host)
@@ -86,8 +88,26 @@ def of_bay(config: GatewayConfig, bay: BayConfig, port: int) -> Iterator[Finding
             yield Finding(part, bay.name, Verdict.WARNING, tried, result, "look at these registers with the PLC")
         return
     for part, judge in judges:
-        verdict, result, remedy = judge(image)
+        verdict, result, remedy = _bay_dead(image) or judge(image)
         yield Finding(part, bay.name, verdict, tried, result, remedy)
+
+
+def _bay_dead(image: dict[str, Value]) -> Judgement | None:
+    """Nothing is known of any part then."""
+    reason = int(image["reason"] or 0)
+    if reason not in (Reason.GATEWAY_FAULT, Reason.SHUTDOWN):
+        return None
+    remedy = "look at the gateway's log; start it again"
+    return Verdict.FAULT, f"nothing is known of it: {REASON_MEANING[Reason(reason)]}", remedy
+
+
+def _board_dead(bay: BayConfig, image: dict[str, Value]) -> Judgement | None:
+    """The first ranger's board has the beacon's LED and the relay. Of several the bay's quality is their vote."""
+    several, quality = bool(bay.ranger.more), int(image["range_quality"] or 0)
+    if int(image["rangers"] or 0) & 0b0001_0001 if several else quality not in DEAD | {Quality.WAITING}:
+        return None
+    why = "no fresh, valid distance" if several else f"{Quality(quality).name}, {QUALITY_MEANING[Quality(quality)]}"
+    return Verdict.FAULT, f"its ranger: {why}", "see to the ranger first: its cable, and the bay's alarms"
 
 
 def _ranger(bay: BayConfig, n: int, image: dict[str, Value]) -> Judgement:
@@ -103,16 +123,20 @@ def _ranger(bay: BayConfig, n: int, image: dict[str, Value]) -> Judgement:
     return verdict, f"ranger {n + 1}, {bay.ranger.sensors[n].port}: {result}", remedy
 
 
-def _beacon(image: dict[str, Value]) -> Judgement:
+def _beacon(bay: BayConfig, image: dict[str, Value]) -> Judgement:
     status, latency_ms = BeaconStatus(int(image["beacon_status"] or 0)), image["beacon_latency"]
     found = "" if latency_ms is None else f"; {latency_ms:.0f} ms from the LED's light to the state"
     remedy = BEACON_REMEDIES.get(status, "")
+    if remedy and (dead := _board_dead(bay, image)):
+        return dead
     return Verdict.FAULT if remedy else Verdict.OK, f"{status.name}: {BEACON_MEANING[status]}{found}", remedy
 
 
-def _relay(image: dict[str, Value]) -> Judgement:
+def _relay(bay: BayConfig, image: dict[str, Value]) -> Judgement:
     held = RELAY.on(int(image["relay_status"] or 0))
     if "known" not in held:
+        if dead := _board_dead(bay, image):
+            return dead
         remedy = "put this version's firmware on the board (docs/firmware.md)"
         return Verdict.FAULT, "its outputs are not reported", remedy
     on = [name for name in ("in_place", "may_move") if f"pin_{name}" in held]

@@ -163,6 +163,35 @@ def test_beacon_and_relay_of_a_running_gateway(
     assert [bool(one.remedy) for one in found] == [beacon != 2] * 2
 
 
+@pytest.mark.parametrize(
+    ("shown", "more", "said", "remedy"),
+    [
+        ({"reason": Reason.GATEWAY_FAULT, "range_quality": Quality.STALE}, [], "control task does not run", "log"),
+        ({"reason": Reason.SHUTDOWN}, [{"port": "/dev/b"}], "shutting down", "log"),
+        ({"range_quality": Quality.LINK_DOWN}, [], "LINK_DOWN, ", "ranger first"),
+        ({"range_quality": Quality.STALE, "beacon_status": 4}, [], "STALE, ", "ranger first"),
+        (
+            {"rangers": 0b0110_0110},
+            [{"port": "/dev/b"}, {"port": "/dev/c"}],
+            "its ranger: no fresh, valid",
+            "ranger first",
+        ),
+        ({"range_quality": Quality.NO_ECHO}, [], "not reported|no beacon", "firmware on|this beacon"),
+    ],
+)
+def test_what_is_dead_is_said_before_beacon_and_relay_are_blamed(
+    served: Callable[[Answer], int], shown: dict[str, int], more: list[dict[str, str]], said: str, remedy: str
+) -> None:
+    ranger = {"port": "/dev/a", "hcsr04": {"beacon": True, "relay": True}, "more": more}
+    config = parse({"camera": {"beacon": {"u_px": 9, "v_px": 9}}, "ranger": ranger, "fusion": {"period_s": 0.02}})
+    found = list(plc.of_bay(config, config.bays[0], served(lambda _: block(7, shown))))
+    judged = [one for one in found if one.part in ("beacon", "relay") or "log" in remedy]
+    assert len(judged) >= 2
+    assert {one.verdict for one in judged} == {Verdict.FAULT}
+    assert [one.result for one in judged if not re.search(said, one.result)] == []
+    assert [one.remedy for one in judged if not re.search(remedy, one.remedy)] == []
+
+
 def test_without_beacon_and_relay_nothing_is_read_and_without_a_port_nothing_is_known() -> None:
     config = parse({"camera": {"beacon": {"u_px": 9, "v_px": 9}}, "ranger": {"hcsr04": {"beacon": True}}})
     (found,) = plc.of_bay(config, config.bays[0], 0)
