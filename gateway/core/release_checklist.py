@@ -112,16 +112,17 @@ def step(
     stop = state.stop or (len(rangers) > 1 and state.range.quality is Quality.GOOD)
     outs = _rangers_out(checklist, len(rangers))
     outs = [_ended_outage(out) if n in ports_released else out for n, out in enumerate(outs)]
-    first, *more = [
-        _outage(out, name in good and quality in RANGER_OUT, quality, stop, unix_s)
-        for out, name, quality in zip(outs, names, rangers, strict=True)
-    ]
+    if len(rangers) == len(outs):  # else of several rangers nothing is known for the moment
+        outs = [
+            _outage(out, name in good and quality in RANGER_OUT, quality, stop, unix_s)
+            for out, name, quality in zip(outs, names, rangers, strict=True)
+        ]
     return replace(
         checklist,
         marker_unix_s=checklist.marker_unix_s or (unix_s if seen["camera"] else None),
         camera_out=_outage(checklist.camera_out, "camera" in good and vision in CAMERA_OUT, vision, state.stop, unix_s),
-        ranger_out=first,
-        more_rangers_out=tuple(more),
+        ranger_out=outs[0],
+        more_rangers_out=tuple(outs[1:]),
         good=tuple(name for name, now in seen.items() if now or name in good),
     )
 
@@ -155,8 +156,9 @@ def _rangers(state: StateVector) -> list[Quality]:
 
 
 def _rangers_out(checklist: Checklist, rangers: int) -> list[Outage | None]:
+    """Of at least so many, and of all that were ever seen."""
     known = [checklist.ranger_out, *checklist.more_rangers_out]
-    return (known + [None] * rangers)[:rangers]
+    return known + [None] * (rangers - len(known))
 
 
 def _ended(checklist: Checklist, polled: Polled | None) -> Checklist:

@@ -86,6 +86,17 @@ def test_of_several_rangers_each_must_be_tried(of: int) -> None:
     assert not done(resumed(step(BEGUN, good, None, 0.0)), good, None)["ranger_out"]
 
 
+def test_what_was_tried_of_several_rangers_outlasts_a_moment_in_which_nothing_is_known_of_them() -> None:
+    good, now = several(GOOD, GOOD), BEGUN
+    for n, one in enumerate([good, several(GOOD, DOWN), several(GOOD, DOWN), good, state(distance=Quality.STALE)]):
+        now = step(now, replace(one, stop=one is not good), None, 1000.0 + n)
+    tried = (Outage("link_down", 1001.0, 1003.0),)
+    assert (now.ranger_out, now.more_rangers_out) == (None, tried)
+    assert not done(now, state(), None)["ranger_out"]
+    now = step(step(now, good, None, 1010.0), good, None, 1012.0)
+    assert (now.ranger_out, now.more_rangers_out) == (None, tried), "nobody has unplugged the first one"
+
+
 def test_of_several_rangers_only_the_port_that_was_given_away_is_not_tried() -> None:
     now = step(BEGUN, several(GOOD, GOOD), None, 1000.0)
     for n in (1, 2):
