@@ -1,5 +1,6 @@
 """Thresholds, gates and exposure advice from drawn examples whose answer is known."""
 
+import dataclasses
 import math
 import tomllib
 
@@ -179,6 +180,15 @@ def test_a_study_shows_what_the_method_finds_before_and_after() -> None:
     few = study(labels(2), look, PAPER)
     assert "thresholds from the other half" not in few.effect
     assert list(few.gates) == ["min_area_px2"], "two markers say nothing of the shape of others"
+
+
+def test_the_colour_of_a_marker_where_signed_hue_wraps() -> None:
+    """H 89 and H -90: one teal, in one picture or in two."""
+    found = [example(bay(marker=bgr)) for bgr in ((163, 157, 20), (157, 163, 20))]
+    both = dataclasses.replace(found[0], marker=np.concatenate([e.marker for e in found]))
+    for examples in (found, [both], found[:1]):
+        red, green, blue = bytes.fromhex(proposal.robust(examples).rstrip()[-7:-1])
+        assert (blue, green, red) == pytest.approx((160, 160, 20), abs=6)
 
 
 def test_markers_without_a_pixel_are_no_examples() -> None:

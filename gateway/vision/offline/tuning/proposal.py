@@ -40,7 +40,11 @@ def _two_digits(value: float) -> float:
 
 def robust(examples: Sequence[Example]) -> str:
     """The markers' colour, to paste where they are not red: the median of each one's pixels, and of these."""
-    h, s, v = np.median([np.median(e.marker, axis=0) for e in examples if e.marked], axis=0)
+    markers = [e.marker for e in examples if e.marked]
+    turns = np.concatenate(markers)[:, 0] * (math.pi / 90)
+    middle = round(math.atan2(np.sin(turns).sum(), np.cos(turns).sum()) * 90 / math.pi)
+    cut = np.array([middle - 90, 0, 0])  # hue is cut open opposite to the markers' own, or a median would mix its ends
+    h, s, v = np.median([np.median((m - cut) % (180, 256, 256), axis=0) for m in markers], axis=0) + cut
     colour = "".join(f"{round(255 * part):02x}" for part in colorsys.hsv_to_rgb(h % 180 / 180, s / 255, v / 255))
     return f'# For vision.method = "robust", unless the markers are red: marker_colour = "#{colour}"\n'
 
