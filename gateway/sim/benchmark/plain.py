@@ -6,6 +6,7 @@
 import math
 from collections.abc import Callable
 from importlib import import_module
+from typing import Any
 
 import cv2
 import numpy as np
@@ -51,16 +52,30 @@ def _inside(redness: Image, circle: np.ndarray) -> float:
 
 
 def detector(find: Find, name: str) -> Detector:
+    """Its answers. The detector raises ConfigError for whatever `find` raises, and for an answer that is no circle."""
+
     def detect(image: Image, t_ns: int = 0) -> Detection:
-        found = find(image)
-        if found is None:
-            return Detection(None)
-        u, v, radius = (float(value) for value in found)
-        if not (radius > 0 and math.isfinite(u) and math.isfinite(v) and math.isfinite(radius)):
-            raise ConfigError(f"--method {name}: answered {found}; expected: (u, v, R) in px, or None")
-        return Detection(Circle(u, v, radius))
+        try:
+            found = find(image)
+            return Detection(None if found is None else _circle(found))
+        except (Exception, SystemExit) as error:  # it is anybody's code
+            raise ConfigError(f"--method {name}: {_one_line(error)}") from error
 
     return detect
+
+
+def _circle(found: Any) -> Circle:
+    try:
+        u, v, radius = (math.nan,) * 3 if isinstance(found, str | bytes) else (float(value) for value in found)
+    except (TypeError, ValueError, OverflowError):
+        u = v = radius = math.nan
+    if not (radius > 0 and math.isfinite(u) and math.isfinite(v) and math.isfinite(radius)):
+        raise ValueError(f"answered {found!r:.80}; expected: (u, v, R) in px, or None")
+    return Circle(u, v, radius)
+
+
+def _one_line(error: BaseException) -> str:
+    return " ".join(f"{type(error).__name__}: {error}".split())
 
 
 def named(place: str) -> Find:
@@ -68,6 +83,6 @@ def named(place: str) -> Find:
     module, _, name = place.partition(":")
     try:
         found = getattr(import_module(module), name)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise ConfigError(f"--method {place}: {error}") from error
+    except (Exception, SystemExit) as error:
+        raise ConfigError(f"--method {place}: {_one_line(error)}") from error
     return found  # type: ignore[no-any-return]

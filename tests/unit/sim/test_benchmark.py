@@ -1,6 +1,7 @@
 """The benchmark's frames: exact truth, the same every time, each condition what it says; and the verb."""
 
 import json
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,9 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.cli.main import main
-from gateway.sim.benchmark import conditions, scene
+from gateway.clock import SystemClock
+from gateway.sim.benchmark import conditions, plain, scene
+from gateway.sim.benchmark.compare import compare
 from gateway.sim.benchmark.conditions import CONDITIONS, Condition, frame
 from gateway.sim.canvas import Canvas
 from gateway.sim.textures import pyramid
@@ -187,6 +190,50 @@ def test_a_strangers_function_beside_the_built_in_methods(
     assert "paper: " in capsys.readouterr().out.splitlines()[-1]
 
 
+BENCH = ["benchmark", "--conditions", "clear", "--count", "1", "--size", "320x240"]
+
+
+@pytest.mark.parametrize(
+    ("source", "complaint"),
+    [
+        ("raise SystemExit(0)", "SystemExit: 0"),
+        ("def find(image): raise SystemExit(0)", "SystemExit: 0 (frame clear-000.png)"),
+        ("def find(image): raise OSError('two\\nlines')", "OSError: two lines (frame clear-000.png)"),
+        (
+            "def find(image): return 1, 2",
+            "ValueError: answered (1, 2); expected: (u, v, R) in px, or None (frame clear-000.png)",
+        ),
+        (
+            "def find(image): return '123'",
+            "ValueError: answered '123'; expected: (u, v, R) in px, or None (frame clear-000.png)",
+        ),
+    ],
+)
+def test_a_function_that_fails_is_named_with_its_frame(
+    source: str, complaint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "failing.py").write_text(source)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "failing", raising=False)
+    assert main([*BENCH, "--method", "failing:find"]) == 2
+    assert capsys.readouterr().err.splitlines()[-1] == f"--method failing:find: {complaint}"
+
+
+def test_what_a_function_draws_no_other_method_sees() -> None:
+    given: list[int] = []
+
+    def draws(image: Image) -> None:
+        given.append(int(image.max()))
+        image[:] = 0
+
+    detectors = {name: plain.detector(draws, name) for name in ("first", "second")}
+    seen_last: list[Image] = []
+    how: dict[str, Any] = {"seed": 1, "count": 1, "size": SMALL, "clock": SystemClock()}
+    compare(detectors, [BY_NAME["clear"]], see=lambda _, image, __: seen_last.append(image), **how)
+    assert min(given) > 0
+    assert seen_last[0].max() > 0
+
+
 def test_the_frames_can_be_evaluated(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = str(tmp_path / "frames")
     assert (
@@ -205,7 +252,7 @@ def test_the_frames_can_be_evaluated(tmp_path: Path, capsys: pytest.CaptureFixtu
         (["--conditions", "fog"], "--conditions fog: there is: clear, crust"),
         (["--count", "0"], "--count 0: must be 1 to 10000"),
         (["--method", "magic"], "--method magic: there is: "),
-        (["--method", "no_module:find"], "--method no_module:find: No module named"),
+        (["--method", "no_module:find"], "--method no_module:find: ModuleNotFoundError: No module named"),
     ],
 )
 def test_what_must_be_edited(argument: list[str], complaint: str, capsys: pytest.CaptureFixture[str]) -> None:
