@@ -134,21 +134,21 @@ def _detectors(args: argparse.Namespace) -> "dict[str, Detector]":
 
 
 def _write_frames(args: argparse.Namespace, conditions: "Sequence[Condition]") -> None:
-    import cv2
-
     from gateway.sim.benchmark.conditions import frame
     from gateway.vision.offline.evaluation.labels import FILE_NAME
+    from gateway.vision.offline.reports.page import write
+    from gateway.vision.view import drawing
 
     lines = []
-    args.frames.mkdir(parents=True, exist_ok=True)
+    drawing.made(args.frames)
     with vision_args.progress("frames", args.count * len(conditions)) as advance:
         for number in range(args.count):
             for condition in conditions:
                 image, label = frame(args.seed, condition, number, args.size)
-                cv2.imwrite(str(args.frames / label.file), image)
+                drawing.save_as(args.frames / label.file, image)
                 lines.append(label.model_dump_json(exclude_none=True) + "\n")
                 advance()
-    (args.frames / FILE_NAME).write_text("".join(lines), encoding="utf-8")
+    write(args.frames / FILE_NAME, "".join(lines))
     print(f"{len(lines)} frames: gateway evaluate {args.frames} --method all")
 
 

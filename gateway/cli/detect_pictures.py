@@ -13,7 +13,6 @@ import cv2
 from gateway.clock import SystemClock
 from gateway.config import VisionConfig
 from gateway.core.detection import Circle, Detection
-from gateway.errors import ConfigError
 from gateway.vision.detect import registry
 from gateway.vision.detect.stage_timer import total_ns
 from gateway.vision.offline import inputs
@@ -27,11 +26,7 @@ class Names:
     """Names in a folder, one for each picture, that no two pictures share."""
 
     def __init__(self, folder: Path) -> None:
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise ConfigError(f"{folder}: cannot be made: {error.strerror}") from error
-        self.folder = folder
+        self.folder = drawing.made(folder)
         self._taken: set[str] = set()
 
     def of(self, path: Path, picture: InputPicture) -> str:

@@ -10,6 +10,7 @@ from gateway.core.detection import Circle
 from gateway.sim.canvas import Colour, u8
 from gateway.vision.offline.evaluation.scoring import ScoredPicture
 from gateway.vision.pixels import Image
+from gateway.vision.view import drawing
 
 CELL_PX = 400  # width of a frame
 ACROSS = 3
@@ -21,11 +22,10 @@ MOST = 12  # frames of a condition
 
 
 class Sheets:
-    """One PNG a condition in `folder`."""
+    """One PNG a condition in `folder`. Raises ConfigError where it or one of them can't be written."""
 
     def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        folder.mkdir(parents=True, exist_ok=True)
+        self._folder = drawing.made(folder)
         self._cells: dict[str, list[Image]] = {}
         self._methods: tuple[str, ...] = ()
 
@@ -37,7 +37,7 @@ class Sheets:
 
     def write(self) -> None:
         for name, cells in self._cells.items():
-            cv2.imwrite(str(self._folder / f"{name}.png"), _sheet(name, cells, self._methods))
+            drawing.save_as(self._folder / f"{name}.png", _sheet(name, cells, self._methods))
 
 
 def _sheet(title: str, cells: Sequence[Image], methods: Sequence[str]) -> Image:

@@ -1,6 +1,6 @@
 """Lines, circles and words in a picture, placed to a sixteenth of a pixel; and how pictures get to the disk.
 
-Only `save` touches a disk.
+Only `made`, `save` and `save_as` touch a disk.
 """
 
 import math
@@ -28,16 +28,26 @@ READABLE_PX = 480  # smaller pictures are enlarged before anything is written in
 
 def save(folder: Path, stem: str, pictures: Mapping[str, NDArray[np.uint8]]) -> list[Path]:
     """Write each picture as `folder/stem-<name>.png`, over what is there. Raises ConfigError where that fails."""
-    written = []
-    for name, picture in pictures.items():
-        path = folder / f"{stem}-{name}.png"
-        try:
-            # Encoded first: OpenCV's own writer returns only "false", and crashes on names that are not UTF-8.
-            path.write_bytes(cv2.imencode(".png", picture)[1].tobytes())
-        except OSError as error:
-            raise ConfigError(f"{path}: cannot be written: {error.strerror}") from error
-        written.append(path)
-    return written
+    return [save_as(folder / f"{stem}-{name}.png", picture) for name, picture in pictures.items()]
+
+
+def save_as(path: Path, picture: NDArray[np.uint8]) -> Path:
+    """A PNG, over what is there. Raises ConfigError where that fails."""
+    try:
+        # Encoded first: OpenCV's own writer returns only "false", and crashes on names that are not UTF-8.
+        path.write_bytes(cv2.imencode(".png", picture)[1].tobytes())
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {error.strerror}") from error
+    return path
+
+
+def made(folder: Path) -> Path:
+    """The folder, there from now on. Raises ConfigError where that fails."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"{folder}: cannot be made: {error.strerror}") from error
+    return folder
 
 
 def box(panel: Image, corner: tuple[int, int], lines: Sequence[str], font_px: int) -> Image:

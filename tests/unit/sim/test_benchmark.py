@@ -234,6 +234,19 @@ def test_what_a_function_draws_no_other_method_sees() -> None:
     assert seen_last[0].max() > 0
 
 
+@pytest.mark.parametrize(("option", "picture"), [("--out", "clear.png"), ("--frames", "clear-000.png")])
+def test_a_folder_or_a_picture_that_cannot_be_written_is_named(
+    option: str, picture: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = [*BENCH, "--method", "hough-circles", option]
+    (tmp_path / "file").touch()
+    assert main([*asked, str(tmp_path / "file")]) == 2
+    assert capsys.readouterr().err.splitlines()[-1] == f"{tmp_path / 'file'}: cannot be made: File exists"
+    (tmp_path / picture).mkdir()
+    assert main([*asked, str(tmp_path)]) == 2
+    assert capsys.readouterr().err.splitlines()[-1] == f"{tmp_path / picture}: cannot be written: Is a directory"
+
+
 def test_the_frames_can_be_evaluated(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = str(tmp_path / "frames")
     assert (
