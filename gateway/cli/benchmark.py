@@ -26,6 +26,7 @@ exit codes: 0 done, 2 an argument is wrong
 
 import argparse
 import json
+import os
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -140,7 +141,9 @@ def _write_frames(args: argparse.Namespace, conditions: "Sequence[Condition]") -
     from gateway.vision.view import drawing
 
     lines = []
-    drawing.made(args.frames)
+    labels = drawing.made(args.frames) / FILE_NAME
+    if os.path.lexists(labels):  # pictures of somebody's, perhaps, and labels made by hand
+        raise ConfigError(f"{labels}: is there already; choose another folder")
     with vision_args.progress("frames", args.count * len(conditions)) as advance:
         for number in range(args.count):
             for condition in conditions:
@@ -148,7 +151,7 @@ def _write_frames(args: argparse.Namespace, conditions: "Sequence[Condition]") -
                 drawing.save_as(args.frames / label.file, image)
                 lines.append(label.model_dump_json(exclude_none=True) + "\n")
                 advance()
-    write(args.frames / FILE_NAME, "".join(lines))
+    write(labels, "".join(lines))
     print(f"{len(lines)} frames: gateway evaluate {args.frames} --method all")
 
 

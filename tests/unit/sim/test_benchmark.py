@@ -259,6 +259,15 @@ def test_the_frames_can_be_evaluated(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert (method["whole"]["with_marker"], method["whole"]["without"]) == (2, 2)
 
 
+def test_labels_that_are_there_are_never_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    labels = tmp_path / "labels.jsonl"
+    labels.write_text("by hand\n")
+    assert main([*BENCH, "--frames", str(tmp_path)]) == 2
+    assert capsys.readouterr().err == f"{labels}: is there already; choose another folder\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["labels.jsonl"]
+    assert labels.read_text() == "by hand\n"
+
+
 @pytest.mark.parametrize(
     ("argument", "complaint"),
     [
