@@ -144,24 +144,27 @@ class Parts:
     """The parts of an answer, one by one. The first line that begins with -- is the delimiter: what the answer's header
     says of it is wrong in many cameras."""
 
-    def __init__(self, answer: HTTPResponse) -> None:
+    def __init__(self, answer: HTTPResponse, clock: Clock) -> None:
         self._answer = answer
+        self._clock = clock
         self._delimiter = b""
         self._delimited = False  # the headers of a part come next
 
-    def next(self) -> tuple[HTTPMessage, bytes]:
-        """Headers and body of the next one. Raises ValueError for a part that can't be used."""
+    def next(self) -> tuple[HTTPMessage, int, bytes]:
+        """Headers, their arrival and body of the next one: a slow link brings the body later. Raises ValueError for a
+        part that can't be used."""
         try:
             if not self._delimited:
                 self._up_to_delimiter()
             self._delimited = False
             headers = parse_headers(self._answer)
+            arrival_ns = self._clock.now_ns()
             length = headers.get("Content-Length", "")
             if not re.fullmatch("[0-9]{1,9}", length):
-                return headers, self._up_to_delimiter()
+                return headers, arrival_ns, self._up_to_delimiter()
             if int(length) > MOST_PART_BYTES:
                 raise ValueError("a part of it is too long")
-            return headers, self._answer.read(int(length))
+            return headers, arrival_ns, self._answer.read(int(length))
         except (OSError, HTTPException) as error:
             raise ValueError(ENDED) from error
 
@@ -199,12 +202,12 @@ class PartsSource(LiveSource):
     def __init__(self, answer: HTTPResponse, spec: "StreamSpec", clock: Clock) -> None:
         super().__init__(spec, clock, _stamps(spec, clock, lambda: 0.0, exact=True))
         self._answer = answer
-        self._parts = Parts(answer)
+        self._parts = Parts(answer, clock)
 
     def _next(self) -> Frame:
-        headers, body = self._parts.next()
+        headers, arrival_ns, body = self._parts.next()
         stamp = stamp_ms(headers.get("X-Timestamp", ""))
-        t_capture_ns = self._taken_ns(self._clock.now_ns(), stamp)
+        t_capture_ns = self._taken_ns(arrival_ns, stamp)
         # One that was cut short would be decoded, with grey in it.
         whole = body.startswith(b"\xff\xd8\xff") and b"\xff\xd9" in body.rstrip(b"\0")[-PADDING_BYTES:]
         try:

@@ -368,6 +368,21 @@ def test_synchronised_each_part_is_as_old_as_its_own_time_says(delay_ms: Callabl
     assert proofs[-1] is AgeProof.DEVICE_TIME
 
 
+@pytest.mark.failure_mode("C8")
+def test_a_part_counts_as_arrived_before_its_body_which_a_slow_link_brings_later() -> None:
+    clock: Any = Stepped(0)
+
+    class SlowLink(io.BytesIO):
+        def read(self, size: int | None = -1, /) -> bytes:
+            clock.now += 300 * MS
+            return super().read(size)
+
+    answer: Any = SlowLink(part(ONE) * 3)
+    spec: Any = source_spec(CameraConfig(url="http://cam/live"))
+    frames, _ = read_all(PartsSource(answer, spec, clock))
+    assert [frame.t_capture_ns for frame in frames] == [7 * S, 7 * S + 300 * MS, 7 * S + 600 * MS]
+
+
 def test_by_arrival_the_times_of_its_parts_are_not_used() -> None:
     frames, _ = read_at(50 * MS, FAST, frame_time="arrival")
     assert len(frames) == 200
