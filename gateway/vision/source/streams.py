@@ -184,8 +184,8 @@ class Parts:
 
 
 def stamp_ms(text: str) -> float:
-    """Of an `X-Timestamp`: seconds with a fraction (mjpg-streamer, uStreamer, ESP32); ms, us or ns since 1970; or ISO
-    8601 with a fraction. NaN: none, or one of whole seconds, which are longer than a deadline."""
+    """Of an `X-Timestamp`: seconds with a fraction (mjpg-streamer, ESP32; of uStreamer when it was sent); ms, us or ns
+    since 1970; or ISO 8601 with a fraction. NaN: none, or one of whole seconds, which are longer than a deadline."""
     text = text.strip()
     if re.fullmatch(r"[0-9]{1,12}\.[0-9]{1,9}", text):
         return 1000 * float(text)
