@@ -3,7 +3,7 @@
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
 
-import { brokerUrl, cameraIsRight, cameraKeys, changesOf, lastingName, lookedAt, nextName, nextUnit, NOTHING_CHOSEN, ofBays, portIsRight, profileBefore, rangerTable, sizesOf, unfinished, usualSize } from '../static/setup/draft.js';
+import { brokerUrl, cameraIsRight, cameraKeys, changesOf, lastingName, lookedAt, nextName, nextUnit, NOTHING_CHOSEN, ofBays, portIsRight, profileBefore, profilePicked, rangerTable, sizesOf, unfinished, usualSize } from '../static/setup/draft.js';
 
 test('the next name and unit id are free', () => {
   assert.equal(nextName([]), 'bay1');
@@ -127,4 +127,11 @@ test('a ranger with a profile: its keys are looked with and go into the file, th
   assert.deepEqual(changesOf({ ...chosen, ...other, portOwn: true }).map(({ path }) => path[3]), ['port']);
   const settings = { written: { ranger: { profile: 'x' } }, values: { bays: { A: { ranger: { profile: 'y' } } } } };
   assert.deepEqual([profileBefore(draft(), settings), profileBefore(draft(other), settings), profileBefore(draft(), { written: {} })], ['x', 'y', 'none']);
+});
+
+test('what was typed for one profile goes into the file with no other, nor with none', () => {
+  const typed = draft({ profile: 'waveshare-ai-8ch', rangerKeys: { mm_per_unit: '0.3', baud: '19200' } });
+  assert.deepEqual(rangerTable({ ...typed, ...profilePicked('ifm-al1940', 'none') }, 'ifm-al1940'), { port: '/dev/b', profile: 'ifm-al1940' });
+  assert.deepEqual(changesOf({ ...typed, ...profilePicked('none', 'none') })[0].value.ranger, { port: '/dev/b' });
+  assert.deepEqual(changesOf({ ...typed, ...profilePicked('none', 'x') })[0].value.ranger, { port: '/dev/b', profile: 'none' });
 });

@@ -71,6 +71,9 @@ export const NO_PROFILE = 'none';
 /** The profile that a bay's ranger has without another choice. */
 export const profileBefore = (draft, settings) => (draft.bay === '' ? settings.written.ranger?.profile : settings.values.bays[draft.bay].ranger.profile) ?? NO_PROFILE;
 
+/** Another sensor is picked: what was typed for the one before is not its. `before`: of `profileBefore`. */
+export const profilePicked = (profile, before) => ({ profile: profile === before ? null : profile, rangerKeys: {} });
+
 /**
  * Beside the port: keys that a profile leaves to the plant. `rangerKeys`: by their name, as typed.
  * @returns {[string[], number][]} path and value of each

@@ -9,7 +9,7 @@ import { titled } from '../lib/title.js';
 import { guarded, start } from '../lib/start.js';
 import { Top } from '../lib/top.js';
 import { BayCamera, BayRanger, CameraLook, FlashLook, Line, OfferFirmware, RangerLook, useDevices, usePreview } from './devices.js';
-import { KEPT, NO_PROFILE, NOTHING_CHOSEN, brokerUrl, cameraIsRight, cameraKeys, changesOf, lastingName, lookedAt, nextName, nextUnit, portIsRight, profileBefore, rangerTable, sizesOf, unfinished, usualSize } from './draft.js';
+import { KEPT, NO_PROFILE, NOTHING_CHOSEN, brokerUrl, cameraIsRight, cameraKeys, changesOf, lastingName, lookedAt, nextName, nextUnit, portIsRight, profileBefore, profilePicked, rangerTable, sizesOf, unfinished, usualSize } from './draft.js';
 import { FileStep, Started, Waiting } from './finish.js';
 import { nodeAt } from './keys.js';
 import { NetworkCameras } from './network.js';
@@ -166,7 +166,7 @@ const RANGER_KEYS = ['baud', 'mm_per_unit', 'offset_mm', 'nearest_mm', 'farthest
 /** Which device is at the port, and what its profile leaves to the plant. */
 function RangerProfile({ draft, change, settings, profile }) {
   const names = nodeAt(settings.json_schema, ['ranger', 'profile'])?.enum ?? [];
-  const pick = (name) => change({ profile: name === profileBefore(draft, settings) ? null : name });
+  const pick = (name) => change(profilePicked(name, profileBefore(draft, settings)));
   return html`<div class="field"><label for="profile">Sensor</label><select id="profile" onChange=${(event) => pick(event.target.value)}>
     ${names.map((name) => html`<option value=${name} selected=${name === profile} translate=${name === NO_PROFILE ? 'yes' : 'no'}>${name === NO_PROFILE ? t('a board with an HC-SR04, or by its keys') : name}</option>`)}</select></div>
     ${profile !== NO_PROFILE && html`<fieldset class="step"><legend>What the sensor's profile leaves to you; empty: as it has it</legend>
