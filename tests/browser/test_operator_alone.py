@@ -285,6 +285,7 @@ def test_tiles_fill_the_width(operator: Open, client: StandInServer, bays: int, 
 TO_GO = {"name": "FORWARD", "code": 1, "amount_mm": None, "closing_mm_s": None, "offset_u_px": None}
 TO_GO |= {"offset_v_px": None, "offset_mm": None, "text": ""}
 ENDS = "(all) => all.map((each) => each.getBoundingClientRect().bottom)"
+HEIGHT = "(box) => box.getBoundingClientRect().height"
 BOXES = "(all) => all.map((each) => each.getBoundingClientRect()).map((box) => [box.left, box.right])"
 HERE = {"d": True, "stop": True, "may_move": False, "in_place": True, "phase": "IN_PLACE", "in_place_ms": 125_000.0}
 SCALE = {"px_mm": 56_000.0, "spread": 0.012, "visits": 12, "newest_ms": 1_794_000_000_000, "jump": None}
@@ -317,6 +318,26 @@ def test_facts_stand_in_lines_and_no_word_of_them_is_cut(operator: Open, width_p
     until(page, lambda: fact(page, "Visit") == "approaching")
     assert page.evaluate(LINES) == lines
     judgements.no_word_is_cut(page)
+
+
+@pytest.mark.parametrize("width_px", [390, 1366, 1920])
+def test_a_relay_that_is_not_reported_keeps_its_row(operator: Open, width_px: int) -> None:
+    def says(configured: bool, relay: dict[str, Any] | None = None) -> Any:
+        message = live([state("bay1", relay=relay)])
+        message["bays"][0]["relay"] = configured
+        return message
+
+    shown = {"commanded": "MAY_MOVE", "in_place": False, "may_move": True, "fault": False}
+    page = operator(says(True, shown), width_px=width_px)
+    health = page.locator("[aria-labelledby=health-title]")
+    row = health.locator("dl > div", has=page.get_by_text("relay", exact=True)).locator("dd")
+    expect(row).to_have_text("may move")
+    height = health.evaluate(HEIGHT)
+    say(page, says(True))
+    expect(row).to_have_text("–")
+    assert health.evaluate(HEIGHT) == height
+    say(page, says(False))
+    expect(row).to_have_count(0)
 
 
 def test_on_a_telephone_the_page_begins_high(operator: Open) -> None:

@@ -123,6 +123,9 @@ class BayView(View):
     deadlines: DeadlinesView
     function_check: Literal["OFF", "MAY_MOVE_OFF", "MAY_MOVE_KEPT"]
     method: str | None = Field(description="how the marker is searched for; null: nothing known yet")
+    relay: bool = Field(
+        False, description="`ranger.hcsr04.relay` is configured; `state.relay` has what is reported of it"
+    )
     stage_ms: dict[str, float] = Field(description="time of each stage of vision in the newest frame; empty: no result")
 
 

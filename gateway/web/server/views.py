@@ -61,6 +61,7 @@ def bay_view(client: GatewayClient, config: BayConfig) -> BayView:
         ),
         function_check="OFF" if report is None else report.now.state.function_check.name,
         method=None if report is None else report.now.vision.method,
+        relay=config.ranger.has_relay,
         stage_ms={}
         if report is None
         else {stage: round(took_ns / NS_PER_MS, 3) for stage, took_ns in report.now.state.vision.stage_ns},

@@ -50,6 +50,14 @@ async def test_the_live_view_of_some_bays() -> None:
 
 
 @in_virtual_time
+async def test_a_page_knows_a_relay_that_is_not_reported() -> None:
+    async with plant(keep=False) as made:
+        for used in (False, True):
+            bay = parse({"ranger": {"hcsr04": {"relay": used}}}).bays[0]
+            assert views.bay_view(made.client, bay).relay is used
+
+
+@in_virtual_time
 async def test_the_live_view_of_the_alarms_is_that_of_the_operator_s_page() -> None:
     async with plant() as made:
         made.conditions = replace(made.conditions, crashes=1, crashed="mqtt.deliver: KeyError")

@@ -88,14 +88,14 @@ function rangers(shown) {
   });
 }
 
-/** The outputs of the ranger's board, by their pins. */
-function relay(shown) {
-  if (!shown) return [];
+/** The outputs of the ranger's board, by their pins. `configured`: without a report it is unknown, and not absent. */
+function relay(configured, shown) {
+  if (!shown) return configured ? [['relay', NONE]] : [];
   const on = { '10': 'in place', '01': 'may move', '11': 'in place and may move', '00': 'off' }[`${Number(shown.in_place)}${Number(shown.may_move)}`];
   return [['relay', shown.fault ? text('{0} (not as commanded)', t(on)) : on]];
 }
 
-export function Health({ state, links }) {
+export function Health({ state, links, hasRelay }) {
   const [open, setOpen] = useKept('operator.counters', false);
   const [mqtt, reads, gateway] = [broker(links), modbus(links), tasks(links)];
   const unknown = html`<${Sign} state="off" text="not known" />`;
@@ -110,7 +110,7 @@ export function Health({ state, links }) {
         facts=${[['brightness', percent(state?.picture?.brightness)], ['contrast', percent(state?.picture?.contrast)], ['sharpness', percent(state?.picture?.sharpness)], ['veil', percent(state?.picture?.veil)], ['proven to', percent(state?.picture?.veil_proven)], ['shift', px(state?.picture?.shift_px, 0)]]} />
       <${Part} name="Ranger" detail=${state ? saidText(state.range) : ''}
         sign=${state ? html`<${Sign} state=${rangeHealth(state)} text=${words(state.range.quality.name)} />` : unknown}
-        facts=${[['age', age(state?.range.age_ms)], ['rate', hz(state?.rates.range_hz)], ['damaged', count(state?.counters.range_damaged)], ...rangers(state?.rangers), ...relay(state?.relay)]} />
+        facts=${[['age', age(state?.range.age_ms)], ['rate', hz(state?.rates.range_hz)], ['damaged', count(state?.counters.range_damaged)], ...rangers(state?.rangers), ...relay(hasRelay, state?.relay)]} />
       <${Part} name="PLC"
         sign=${state ? html`<${Sign} state=${plcHealth(state)} text=${{ UNUSED: 'reads only', WAITING: 'no heartbeat yet', ALIVE: 'heartbeat alive', LOST: 'heartbeat lost' }[state.plc.link] ?? words(state.plc.link)} />` : unknown}
         facts=${[['heartbeat', state?.plc.age_ms == null ? NONE : age(state.plc.age_ms)], ['recipe', count(state?.plc.recipe)], ['writes', count(state?.plc.writes)], ['conflicts', count(state?.plc.write_conflicts)]]} />
