@@ -133,7 +133,8 @@ def test_controls_are_tried_put_back_and_saved_with_crop_and_rotation(
         panel.get_by_label("turned by").select_option("90")
         for label, value in (("left edge", 40), ("upper edge", 0), ("width", 560), ("height", 480)):
             panel.get_by_label(label).fill(str(value))
-        panel.get_by_role("button", name="Look at the change in the file…").click()
+        framing = panel.get_by_role("group", name="Crop and rotation")
+        framing.get_by_role("button", name="Look at the change in the file…").click()
         expect(dialog).to_contain_text(re.compile(r"A restart of the gateway is needed for:.*rotation_deg", re.DOTALL))
         dialog.get_by_role("button", name="Save").click()
         expect(dialog.locator("[data-saved]")).to_be_visible()

@@ -88,7 +88,7 @@ function Beacon({ view, led, seen, look, busy }) {
     ${view.blinks === null
       ? html`<p class="hint">It needs the board of an HC-SR04.</p>`
       : html`<p class="hint">An LED of the ranger's board, whose code proves that the pictures are of the present. Set the eyedropper's click to the beacon's LED, and click it in the picture. It takes effect at the next start of the gateway.</p>
-        <p role="status">${seen ? html`<b>${SEEN[seen.status]}</b>${seen.latency_ms === null ? '' : html` <span class="nowrap">${text('From the light to the state: {0} ms', Math.round(seen.latency_ms))}</span>`}` : 'No beacon is in force.'}</p>
+        <p>${seen ? html`<b>${SEEN[seen.status]}</b>${seen.latency_ms === null ? '' : html` <span class="nowrap">${text('From the light to the state: {0} ms', Math.round(seen.latency_ms))}</span>`}` : 'No beacon is in force.'}</p>
         <p class="mono">${place ? `u ${place.u_px}  v ${place.v_px}  r ${place.radius_px}` : 'u –  v –  r –'}</p>
         <div class="row"><button type="button" disabled=${busy || !changes.length} onClick=${() => look(changes)}>Look at the change in the file…</button></div>`}
   </fieldset>`;
