@@ -17,7 +17,7 @@ from gateway.modbus.registers.register import Value
 from gateway.modbus.registers.register_map import BLOCK_WORDS, RELAY, decode
 from gateway.net.listener import from_here
 
-Judgement = tuple[Verdict, str, str]  # result, what to do
+Judgement = tuple[Verdict, str, str]  # and result, what to do
 Judge = Callable[[dict[str, Value]], Judgement]
 
 BEAT_S = 0.3  # between two reads: many ticks of the control task
@@ -53,7 +53,7 @@ def _answers(host: str, port: int, config: GatewayConfig, clock: Clock) -> Findi
             clock.block(BEAT_S)
             then = decode(client.holding_registers(sock, bay.unit_id, BLOCK_WORDS))
     except (OSError, ProtocolError) as error:
-        result = (error.strerror if isinstance(error, OSError) else None) or str(error) or "no answer"
+        result = _why(error)
         refused = isinstance(error, ConnectionResetError) and config.modbus.allow
         remedy = "modbus.allow lacks this machine: normal; try it with the PLC" if refused else "look at the log"
         return Finding("port", "modbus", Verdict.WARNING if refused else Verdict.FAULT, tried, result, remedy)
@@ -64,13 +64,17 @@ def _answers(host: str, port: int, config: GatewayConfig, clock: Clock) -> Findi
     return Finding("port", "modbus", Verdict.OK, tried, result)
 
 
+def _why(error: OSError | ProtocolError) -> str:
+    return (error.strerror if isinstance(error, OSError) else None) or str(error) or "no answer"
+
+
 def of_bay(config: GatewayConfig, bay: BayConfig, port: int) -> Iterator[Finding]:
     """What the running gateway's registers say of each of several rangers, of the beacon and of the relay of a bay.
 
     Nothing of what it has not. `port`: of plain Modbus TCP; 0: none is known.
     """
-    judges: list[tuple[str, Judge]] = [("ranger", partial(_ranger, bay, n)) for n in range(len(bay.ranger.sensors))]
-    judges = judges if bay.ranger.more else []
+    several = range(len(bay.ranger.sensors)) if bay.ranger.more else ()
+    judges: list[tuple[str, Judge]] = [("ranger", partial(_ranger, bay, n)) for n in several]
     judges += [("beacon", partial(_beacon, bay))] if bay.camera.beacon is not None else []
     judges += [("relay", partial(_relay, bay))] if bay.ranger.has_relay else []
     if not judges:
@@ -83,7 +87,7 @@ def of_bay(config: GatewayConfig, bay: BayConfig, port: int) -> Iterator[Finding
         with client.connect(here, port) as sock:
             image = decode(client.holding_registers(sock, bay.unit_id, BLOCK_WORDS))
     except (OSError, ProtocolError) as error:
-        result = (error.strerror if isinstance(error, OSError) else None) or str(error)
+        result = _why(error)
         for part in dict.fromkeys(part for part, _ in judges):
             yield Finding(part, bay.name, Verdict.WARNING, tried, result, "look at these registers with the PLC")
         return

@@ -62,7 +62,7 @@ class Condition:
     stored: Callable[[Image], Image] | None = None
 
 
-_with = partial(Condition, marker=True)
+_with = Condition
 _without = partial(Condition, marker=False, radii_px=(25.0, 160.0))
 # fmt: off
 CONDITIONS: tuple[Condition, ...] = (

@@ -96,3 +96,10 @@ def from_matrix(conic: NDArray[np.float64]) -> Ellipse | None:
         float(spread[0, 1]),
     )
     return to_ellipse(outline) if outline.real else None
+
+
+def outline(ellipse: Ellipse, angles_rad: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(N,) each, px: u and v of the points at such angles of the ellipse's parameter."""
+    c, s = cos(ellipse.angle_rad), sin(ellipse.angle_rad)
+    along, across = ellipse.semi_major_px * np.cos(angles_rad), ellipse.semi_minor_px * np.sin(angles_rad)
+    return ellipse.u_px + c * along - s * across, ellipse.v_px + s * along + c * across

@@ -7,6 +7,7 @@ turn. What a worn, chipped, hidden or blurred disc leaves is not such a curve.
 """
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 from typing import cast
 
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.core.detection import Ellipse
+from gateway.vision.detect.robust.conic import outline
 from gateway.vision.detect.robust.redness import Plane, redness
 from gateway.vision.detect.robust.rim_fine import Rim
 from gateway.vision.pixels import Colours
@@ -56,7 +58,7 @@ def _samples(image: Colours, rim: Ellipse) -> tuple[Plane, NDArray[np.bool_]]:
     if factor > 1:
         part = cast("Colours", cv2.resize(part, (columns, rows), interpolation=cv2.INTER_AREA))
     u, v = ((at - (factor - 1) / 2 - corner) / factor for at, corner in ((rim.u_px, x0), (rim.v_px, y0)))
-    du, dv = _directions(rim)
+    du, dv = outline(replace(rim, u_px=0.0, v_px=0.0), _angles())
     map_u, map_v = (np.asarray(at + np.outer(d / factor, SHARES), np.float32) for at, d in ((u, du), (v, dv)))
     seen = (map_u >= 0) & (map_u <= columns - 1) & (map_v >= 0) & (map_v <= rows - 1)
     soft = cv2.GaussianBlur(part, (3, 3), 0.6)
@@ -78,13 +80,6 @@ def _edges(red: Plane, seen: NDArray[np.bool_]) -> tuple[Floats, NDArray[np.bool
     edge = SHARES[at] + step * (before - 0.5) / np.maximum(before - after, 1e-6) - 1
     shown = seen & falls.any(axis=1) & (change > WEAK * np.median(change[seen]))
     return np.asarray(edge, np.float64), np.asarray(shown, np.bool_)
-
-
-def _directions(rim: Ellipse) -> tuple[Floats, Floats]:
-    t = _angles()
-    x, y = rim.semi_major_px * np.cos(t), rim.semi_minor_px * np.sin(t)
-    c, s = math.cos(rim.angle_rad), math.sin(rim.angle_rad)
-    return c * x - s * y, s * x + c * y
 
 
 def polygon_share(edge: Floats, shown: NDArray[np.bool_]) -> tuple[float, float]:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from gateway.config import Intrinsics
 from gateway.core.detection import Ellipse
 from gateway.vision.detect.lens import camera_matrix, project, undistorted
-from gateway.vision.detect.robust.conic import from_ellipse, from_matrix, matrix, to_ellipse
+from gateway.vision.detect.robust.conic import from_ellipse, from_matrix, matrix, outline, to_ellipse
 
 Floats = NDArray[np.float64]
 
@@ -87,11 +87,8 @@ def _cone(ellipse: Ellipse, lens: Intrinsics) -> Floats | None:
     if not lens.distortion:
         camera = camera_matrix(lens)
         return _scaled(camera.T @ matrix(ellipse) @ camera)
-    phi = np.arange(_POINTS) * (2 * pi / _POINTS)
-    c, s = np.cos(ellipse.angle_rad), np.sin(ellipse.angle_rad)
-    along, across = ellipse.semi_major_px * np.cos(phi), ellipse.semi_minor_px * np.sin(phi)
-    rim = np.stack([ellipse.u_px + c * along - s * across, ellipse.v_px + s * along + c * across], axis=1)
-    straight = undistorted(rim, lens)
+    phi = np.asarray(np.arange(_POINTS) * (2 * pi / _POINTS), np.float64)
+    straight = undistorted(np.stack(outline(ellipse, phi), axis=1), lens)
     if straight is None:
         return None
     fitted = _conic_through(straight)

@@ -27,8 +27,6 @@ MOST, FEW = 0.6, 0.35  # of the rays in the picture: so many are red; so few are
 FEWEST = 20  # rays in the picture
 KEPT = 0.4  # of the width of the outermost ring is left as it is
 ROOM = 1.7  # of the outer radius: as much of the picture as its evidence needs
-
-
 MOST_SIDE = 32_767  # of a picture that OpenCV samples
 GLANCE = np.exp(np.arange(0.1, 1.3, 0.06))  # of the radius: a window shows little more
 _TURNS = np.arange(10) * (2 * np.pi / 10)

@@ -12,6 +12,7 @@ from gateway.config import VisionConfig
 from gateway.core.detection import Detection, Ellipse
 from gateway.vision.detect.geometry import same_place
 from gateway.vision.detect.method import Panel, Remark
+from gateway.vision.detect.robust.conic import outline
 from gateway.vision.detect.robust.marker_colour import marker_of
 from gateway.vision.detect.robust.method import REJECTIONS
 from gateway.vision.detect.robust.redness import redness
@@ -108,10 +109,8 @@ def edges(image: Image, ellipse: Ellipse) -> Edges:
     reach = max(3.0, _REACH * ellipse.semi_minor_px)
     offsets = np.arange(-reach, reach + _STEP / 2, _STEP)
     angles = np.linspace(0, 2 * np.pi, RAYS, endpoint=False)
+    u, v = outline(ellipse, angles)
     cosine, sine = math.cos(ellipse.angle_rad), math.sin(ellipse.angle_rad)
-    along, across = ellipse.semi_major_px * np.cos(angles), ellipse.semi_minor_px * np.sin(angles)
-    u = ellipse.u_px + along * cosine - across * sine
-    v = ellipse.v_px + along * sine + across * cosine
     # The normal of an ellipse: axes swapped.
     n_along, n_across = ellipse.semi_minor_px * np.cos(angles), ellipse.semi_major_px * np.sin(angles)
     length = np.hypot(n_along, n_across)

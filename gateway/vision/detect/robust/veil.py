@@ -71,12 +71,17 @@ def _quantile(picture: Colours, channel: int) -> float:
     return float(np.searchsorted(np.cumsum(counts), constants.BRIGHT * counts.sum()))
 
 
+def _coarse(pictures: Sequence[Colours]) -> Colours:
+    """Of a pyramid: the finest one that is no larger than what a veil is estimated on."""
+    return next((one for one in pictures if max(one.shape[:2]) <= MOST_VEIL_SIDE), pictures[-1])
+
+
 def unveiled(levels: Sequence[PyramidLevel], veil: Veil) -> list[PyramidLevel]:
     """Each level less the veil's light, not below 0; those of 8 bits in 8 bits, times the `gain` that uses them."""
     left = [_left(level, veil) for level in levels]
     if levels[0].bgr.dtype != np.uint8:
         return [PyramidLevel(bgr, level.factor, veil.share) for bgr, level in zip(left, levels, strict=True)]
-    gain = _gain(next((bgr for bgr in left if max(bgr.shape[:2]) <= MOST_VEIL_SIDE), left[-1]))
+    gain = _gain(_coarse(left))
     return [
         PyramidLevel(np.asarray(cv2.convertScaleAbs(bgr, alpha=gain), np.uint8), level.factor, veil.share, gain)
         for bgr, level in zip(left, levels, strict=True)
@@ -91,7 +96,7 @@ def _left(level: PyramidLevel, veil: Veil) -> Plane:
     return np.asarray(np.maximum(left, 0, out=left))
 
 
-def _gain(left: Plane) -> float:
+def _gain(left: Colours) -> float:
     """A power of the root of 2, 1 to MOST_GAIN: few differ, since each has a table of logarithms."""
     bright = float(np.quantile(left, NEARLY_ALL))
     steps = math.floor(2 * math.log2(min(MOST_GAIN, max(1.0, BRIGHT_GREY / max(bright, 1.0)))))
@@ -107,7 +112,7 @@ def contrast_left(share: float) -> float:
 
 def over(levels: Sequence[PyramidLevel]) -> Veil | None:
     """The veil over a picture; None in clear air and in the dark."""
-    coarse = next((level.bgr for level in levels if max(level.bgr.shape[:2]) <= MOST_VEIL_SIDE), levels[-1].bgr)
+    coarse = _coarse([level.bgr for level in levels])
     sparse = -(-max(coarse.shape[:2]) // MOST_VEIL_SIDE)  # of a picture without a pyramid
     kernel = compiled_kernel()
     if kernel is not None and adjacent(coarse) and kernel.is_clear(coarse, sparse):

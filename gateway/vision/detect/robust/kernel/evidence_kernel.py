@@ -86,7 +86,7 @@ class EvidenceKernel:
         return list(_ROW.iter_unpack(rows))
 
     def _tables(self, gain: float) -> _Tables:
-        """All but a logarithm of its own is shared; there are GAINS of them at most."""
+        """All but a logarithm of its own is shared. There are few: `veil` rounds the gain."""
         tables = self._of_gain.get(gain)
         if tables is None:
             tables = _Tables.from_buffer_copy(self.tables)
