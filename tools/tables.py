@@ -13,6 +13,7 @@ from gateway.sinks.sparkplug.wire import QualityCode
 from gateway.vision.offline.evaluation.labels import Label
 from gateway.vision.offline.evaluation.requirements import METRICS
 from gateway.vision.offline.evaluation.scoring import VERDICT_MEANING
+from gateway.web.auth.access import Level, Rule
 from gateway.web.server.app import RULES
 from gateway.web.server.metrics.family import PREFIX
 from gateway.web.server.metrics.text import FAMILIES, INFO, LATENCY, STAGE
@@ -42,12 +43,16 @@ def ranger_profiles() -> str:
 
 
 def access() -> str:
-    """Who may call what, a table for each level: docs/hmi-security.md."""
-    parts: list[str] = []
-    for least, rules in groupby(sorted(RULES, key=lambda rule: rule.least), key=lambda rule: rule.least):
-        cells = ((rule.method, f"`{rule.path}`", rule.summary) for rule in rules)
-        parts += [f"**{least.role if least else 'everybody'}**\n", markdown_table(("method", "address", "what"), cells)]
-    return "\n".join(parts)
+    """Who may call what, a row for each role and method: docs/hmi-security.md."""
+    rows: list[tuple[str, str, str]] = []
+    for (least, method), rules in groupby(sorted(RULES, key=_access_order), key=_access_order):
+        role = least.role if least else "everybody"
+        rows.append((role, method, ", ".join(f"`{rule.path}`" for rule in rules)))
+    return markdown_table(("role", "method", "addresses"), rows)
+
+
+def _access_order(rule: Rule) -> tuple[Level, str]:
+    return rule.least, rule.method
 
 
 def metrics() -> str:
