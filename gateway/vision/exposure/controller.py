@@ -5,8 +5,8 @@
   gain of another scale) settles as well. Within `DEAD_BAND` nothing is changed. Where it is clipped the level is
   unknown: the more pixels are, the larger the step. Highlights on less than a tenth of the disc do not count. After a
   step that made it darker the light may still be rising: a marker that is a little too dark can wait. A brighter step
-  needs 0.3 s that were too dark, and is measured by the brightest frame of 0.7 s, so that the exposure does not follow
-  lamps that flicker on the mains.
+  needs 0.3 s that were too dark, and is measured by the brightest frame of 0.7 s, or by the crest of a slower beat
+  (`ripple`), so that the exposure does not follow lamps that flicker on the mains.
 - **The marker just lost:** it may be clipped or black, so the place where it was is kept from both; nothing else is
   changed, for it may be covered.
 - **No marker:** the median of the bay is brought to what it had while the marker was well exposed, so that nothing
@@ -21,6 +21,7 @@ from collections import deque
 from gateway.core.readings import ExposureState
 from gateway.vision.exposure.effect import TELLING, EffectJudge
 from gateway.vision.exposure.light import CLIPPED, FrameLight, RegionLight
+from gateway.vision.exposure.ripple import Ripple
 from gateway.vision.exposure.settings import Exposure, ExposureLimits
 
 SETTLE_FRAMES = 3
@@ -31,26 +32,31 @@ SHARE = 0.7  # of what is missing, a step
 MOST_UP, MOST_DOWN = 4.0, 8.0  # factors of one step
 RISING_NS, RISING_LEVEL = 700_000_000, 40.0  # after a darker step none brighter for this time, unless it is below this
 BRIGHTER_NS = 300_000_000  # for this time the frames must have been too dark
-FLICKER_NS = 700_000_000  # a beat of lamp and frames that is not slower than this is not followed
+FLICKER_NS = 700_000_000  # a beat of lamp and frames that is faster needs not be known to be borne
 LOST_DARK = 25.0  # grey level at the place of a marker that is not found any more
 
 
 class _Recent:
-    """Levels of the settled frames of the last FLICKER_NS."""
+    """Levels of one region in the settled frames since the last change, of FLICKER_NS at most; and its ripple."""
 
     def __init__(self) -> None:
         self._levels: deque[tuple[int, float]] = deque()
+        self._ripple = Ripple()
+
+    def changed(self) -> None:
+        self._levels.clear()
+        self._ripple.changed()
 
     @property
     def span_ns(self) -> int:
         return self._levels[-1][0] - self._levels[0][0] if self._levels else 0
 
     def brightest(self, level: float, t_ns: int) -> float:
-        """Of these and the newest frame, which is of `t_ns`."""
+        """Of these, the newest frame, which is of `t_ns`, and the next crest of a beat."""
         self._levels.append((t_ns, level))
         while not 0 <= t_ns - self._levels[0][0] < FLICKER_NS:
             self._levels.popleft()
-        return max(level for _, level in self._levels)
+        return max(self._ripple.crest(max(level, 1.0), t_ns), *(level for _, level in self._levels))
 
 
 class ExposureController:
@@ -64,7 +70,7 @@ class ExposureController:
         self._unsettled = 0  # frames taken after the last change that are still to be left out
         self._first_seq = 0  # the first frame that shows the last change
         self._darker_ns: int | None = None  # frame that led to the last darker step
-        self._marker, self._bay = _Recent(), _Recent()  # frames since the last change
+        self._marker, self._bay = _Recent(), _Recent()
         self._bay_level = BAY_LEVEL
         self._effect = EffectJudge(limits)
         self.state = ExposureState.CONTROLLED
@@ -100,7 +106,8 @@ class ExposureController:
         self._effect.changed(self._now, exposure, light)
         if exposure.amount < self._now.amount:
             self._darker_ns = light.t_ns
-        self._marker, self._bay = _Recent(), _Recent()
+        for recent in (self._marker, self._bay):
+            recent.changed()
         self._now, self._set_ns, self._unsettled = exposure, now_ns, SETTLE_FRAMES
 
     def refused(self) -> None:

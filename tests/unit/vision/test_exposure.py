@@ -14,6 +14,7 @@ from gateway.core.detection import Circle, Detection, Ellipse
 from gateway.core.readings import ExposureState
 from gateway.vision.exposure.controller import MARKER_LEVEL, SETTLE_FRAMES, ExposureController
 from gateway.vision.exposure.light import HELD_NS, FrameLight, LightMeter, RegionLight, bay_light, marker_light
+from gateway.vision.exposure.ripple import Ripple
 from gateway.vision.exposure.settings import Exposure, ExposureLimits
 
 S, MS = 1_000_000_000, 1_000_000
@@ -41,6 +42,7 @@ class Bench:
     in_sight: Callable[[float], bool] = lambda _: True
     covered: bool = True  # what is not in sight is covered by something grey; else it was only not found
     bay_share: float = 0.4  # the bay's level as a share of the marker's
+    fps: float = S / FRAME_NS
     levels: list[RegionLight] = field(default_factory=list)
     bays: list[RegionLight] = field(default_factory=list)
     changes: list[tuple[int, Exposure]] = field(default_factory=list)  # frame, settings
@@ -58,7 +60,8 @@ class Bench:
         return self
 
     def _frame(self, n: int) -> None:
-        t_s = n * FRAME_NS / S
+        frame_ns = round(S / self.fps)
+        t_s = n * frame_ns / S
         self._shown.append(self._set)
         shown = self._shown[-1 - self.delay]
         amount = shown.time_us / 1000 * 10 ** (shown.gain_db * self.gain_scale / 20)
@@ -67,7 +70,7 @@ class Bench:
         bay = RegionLight(min(255.0, round(self.bay_share * full)), float(self.bay_share * full >= 250))
         self.levels.append(marker)
         self.bays.append(bay)
-        t_ns = 10 * S + n * FRAME_NS
+        t_ns = 10 * S + n * frame_ns
         if self.in_sight(t_s):
             self._seen_ns = t_ns
         place = marker if self.in_sight(t_s) or not self.covered else RegionLight(90.0, 0.0)
@@ -79,7 +82,7 @@ class Bench:
             if self.obeys(t_s):
                 self._set = wanted
             self.changes.append((n, wanted))
-            self.controller.applied(wanted, light, t_ns + FRAME_NS // 2)
+            self.controller.applied(wanted, light, t_ns + frame_ns // 2)
         self.states.append(self.controller.state)
 
     @property
@@ -209,6 +212,87 @@ class TestLoop:
         bench = Bench(steady(190.0), in_sight=lambda t_s: t_s < 1, bay_share=0.01).run(120)
         first = bench.changes[0][0] * FRAME_NS / S
         assert 2.4 < first < 2.8, "then the dark bay counts"
+
+
+def lamps(hz: float, *, phase: float = 0.0, then: float = 1.0, at_s: float = math.inf) -> Radiance:
+    """Flicker of 25 % on the mains; from `at_s` on with so much of their light."""
+    return lambda t_s: 190 * (1 + 0.25 * math.sin(2 * math.pi * hz * t_s + phase)) * (then if t_s >= at_s else 1.0)
+
+
+BEATS = [(100, 10.01), (120, 9.98), (120, 15.02), (100, 24.99), (100, 25.05), (120, 29.97)]
+"""Frequency of the flicker and frames a second that give beats of 5 to 25 s."""
+
+
+class TestSlowBeat:
+    @pytest.mark.one_interpreter
+    @pytest.mark.parametrize(("hz", "fps"), BEATS)
+    def test_a_slow_beat_of_lamps_and_frames_is_not_followed_once_it_is_known(self, hz: float, fps: float) -> None:
+        for phase in (0.0, 1.6, 3.1, 4.7):
+            for gamma in (0.45, 1.0):
+                bench = Bench(lamps(hz, phase=phase), WIDE, MIDDLE, gamma=gamma, fps=fps).run(round(120 * fps))
+                assert len(bench.changes) <= 11
+                assert not [n for n, _ in bench.changes if n >= 60 * fps]
+                late = [light.level for light in bench.levels[round(60 * fps) :]]
+                assert 115 <= min(late) <= max(late) <= 228
+
+    @pytest.mark.one_interpreter
+    @pytest.mark.parametrize("then", [0.05, 0.1, 0.3])
+    @pytest.mark.parametrize(("hz", "fps"), [(100, 25.05), (120, 29.97)])
+    def test_lamps_that_go_out_are_followed_at_once_though_they_beat(self, hz: float, fps: float, then: float) -> None:
+        """Without a beat the marker is at half of its level again after 0.6 s at most."""
+        for at_s in (60.0, 61.3, 62.9, 64.4, 66.0):
+            bench = Bench(lamps(hz, then=then, at_s=at_s), WIDE, fps=fps).run(round((at_s + 12) * fps))
+            assert min(light.level for light in bench.levels[round((at_s + 1.2) * fps) :]) >= 90
+
+    @pytest.mark.parametrize(("then", "seconds"), [(0.1, 1.1), (0.3, 1.4), (0.6, 0.9), (2.0, 1.4), (10.0, 0.3)])
+    def test_steady_light_that_changes_is_in_the_band_again_within(self, then: float, seconds: float) -> None:
+        bench = Bench(lambda t_s: 190 * (then if t_s >= 3 else 1.0), WIDE, fps=30).run(150)
+        assert all(158 <= light.level <= 228 for light in bench.levels[90 + round(30 * seconds) :])
+
+    def test_light_that_is_darker_for_good_is_followed_when_the_crest_is_overdue(self) -> None:
+        """By less than the beat's own depth."""
+        bench = Bench(lamps(120, then=0.65, at_s=66.0), WIDE, fps=29.97).run(round(120 * 29.97))
+        since = [n / 29.97 for n, _ in bench.changes if n > 66 * 29.97]
+        assert since[0] < 66 + 8.4
+        assert max(light.level for light in bench.levels[round(90 * 29.97) :]) >= 158
+
+
+class TestRipple:
+    def crests(self, levels: list[float], step_ns: int = S // 10) -> list[int]:
+        ripple = Ripple()
+        return [round(ripple.crest(level, 5 * S + n * step_ns)) for n, level in enumerate(levels)]
+
+    def test_a_fall_alone_and_a_rise_alone_are_no_ripple(self) -> None:
+        assert self.crests([200, 150, 120]) == [200, 150, 120]
+        assert self.crests([120, 150, 200]) == [120, 150, 200]
+
+    def test_after_a_crest_and_a_trough_the_crest_is_awaited(self) -> None:
+        assert self.crests([200, 150, 140, 160, 210, 160, 140]) == [200, 150, 140, 200, 210, 210, 210]
+
+    def test_light_well_below_the_trough_has_changed(self) -> None:
+        assert self.crests([200, 150, 200, 130, 119]) == [200, 150, 200, 200, 119]
+
+    def test_what_is_deeper_than_half_is_no_flicker(self) -> None:
+        assert self.crests([200, 99, 120, 200, 150]) == [200, 99, 120, 200, 150]
+
+    def test_a_crest_that_is_overdue_is_not_awaited(self) -> None:
+        """Crest to trough 0.1 s: the next crest within 0.2 s of the trough."""
+        assert self.crests([200, 150, 170, 170, 170]) == [200, 150, 200, 200, 170]
+
+    def test_a_change_of_the_exposure_is_none_of_the_light(self) -> None:
+        ripple = Ripple()
+        for n, level in enumerate([200.0, 150.0, 170.0]):
+            ripple.crest(level, n * S // 10)
+        ripple.changed()
+        assert ripple.crest(85.0, 3 * S // 10) == pytest.approx(100.0)
+
+    def test_after_a_gap_nothing_is_known(self) -> None:
+        ripple = Ripple()
+        for n, level in enumerate([200.0, 170.0, 150.0, 170.0]):
+            ripple.crest(level, n * S)
+        assert ripple.crest(170.0, 4 * S) == pytest.approx(200.0)
+        assert ripple.crest(170.0, 5 * S + 1) == 170.0
+        assert ripple.crest(170.0, 4 * S) == 170.0, "a clock that was set back"
 
 
 class TestCameraThatDoesNotObey:

@@ -83,7 +83,7 @@ def played(seconds: float, over: Mapping[str, Any], *, controlled: bool = True, 
     loop = ExposureLoop(RULES, clock)
     if controlled:
         loop.take_over(camera, "simulated camera")
-    for seq in range(1, round(30 * seconds)):
+    for seq in range(1, round(scenario.camera.fps * seconds)):
         frame = camera.read()
         loop.captured(seq, frame.t_capture_ns)
         found = find(frame.image, frame.t_capture_ns)
@@ -133,6 +133,17 @@ def test_lamps_that_flicker_do_not_make_it_hunt(flicker: float, hz: float) -> No
     assert run.changes(2.0) == []
     assert run.turns() <= 3
     assert run.longest_clipped_s() <= 0.5
+    assert run.found(1.0) == 1.0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("hz", "fps"), [(100.0, 25.05), (120.0, 29.97)])
+def test_a_slow_beat_of_lamps_and_frames_is_not_followed(hz: float, fps: float) -> None:
+    """Of 5 and 8 s, after two of them."""
+    light = {"drift": 0.0, "flicker": 0.25, "flicker_hz": hz}
+    run = played(30, {"light": light, "camera": {"fps": fps}})
+    assert run.changes(17.0) == []
+    assert len(run.changes()) <= 9
     assert run.found(1.0) == 1.0
 
 
