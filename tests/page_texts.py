@@ -18,7 +18,8 @@ from gateway.alarms.bay_alarms import BAY_ALARMS
 from gateway.alarms.gateway_alarms import GATEWAY_ALARMS
 from gateway.alarms.states import AlarmEvent, AlarmState
 from gateway.config import GatewayConfig
-from gateway.core import details, detection, events, ne107, plc, readings, state, teach_in, visit_summary
+from gateway.core import detection, events, ne107, plc, readings, state, teach_in, visit_summary
+from gateway.records import sentences
 from gateway.records.alarm_rates import BENCHMARKS
 from gateway.sinks import registry
 from gateway.vision.detect.paper import tuning_view as paper_view
@@ -245,7 +246,7 @@ def of_the_states() -> set[str]:
 def of_the_details() -> set[str]:
     """The sentences of events, faults and alarms, which travel as codes with values; and the words among these."""
     words = {each.value.replace("_", " ") for each in (*AlarmEvent, *AlarmState)}
-    return {detail.text for detail in details.DETAILS if _words(detail.text)} | words
+    return {detail.text for detail in sentences.SENTENCES.details if _words(detail.text)} | words
 
 
 def of_the_alarms() -> set[str]:

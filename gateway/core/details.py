@@ -27,7 +27,7 @@ class Detail:
     def __post_init__(self) -> None:
         parts = re.split(r"\{(\d)\}", self.text)  # text, number of a value, text, ...
         places = [
-            (r"(.+)" if int(part) in self.words else _NUMBER) if n % 2 else re.escape(part)
+            (r"(.+?)" if int(part) in self.words else _NUMBER) if n % 2 else re.escape(part)
             for n, part in enumerate(parts)
         ]
         object.__setattr__(self, "pattern", re.compile("".join(places), re.DOTALL))
@@ -91,6 +91,12 @@ VISION_SILENT = Detail("vision_silent", "vision process has stopped: no sign of 
 DETECTOR_SILENT = Detail("detector_silent", "vision process has stopped: no sign of its detector for {0} s")
 NO_FIRST_FRAME = Detail("no_first_frame", "{0}: no first frame within {1} s", words=(0,))
 NO_FRAME = Detail("no_frame", "{0}: no frame within {1} s", words=(0,))
+EXIT_CODE = Detail("exit_code", "ended with exit code {0}")
+KILLED_BY = Detail("killed_by", "was killed by {0}", words=(0,))
+COULD_NOT_START = Detail("could_not_start", "could not be started")
+VISION_ENDED = Detail("vision_ended", "vision process {0}", words=(0,))
+VISION_FAILED = Detail("vision_failed", "vision process: {0}", words=(0,))
+DRIVER_CRASHED = Detail("driver_crashed", "{0}: vision process {1} in the source's driver", words=(0, 1))
 CAMERA_SEES = Detail("camera_sees", "camera sees {0} mm, ranger {1} mm")
 OTHER_SCALE = Detail("other_scale", "R x Z is not that of this marker: {0}", words=(0,))
 # Where a truck stands.
@@ -157,6 +163,28 @@ CHECK_OFF = Detail("check_may_move_off", "may_move_off")
 CHECK_KEPT = Detail("check_may_move_kept", "may_move_kept")
 ALARM_STEP = Detail("alarm_step", "{0}: {1}, now {2}", words=(0, 1, 2))
 ALARM_STEP_BY = Detail("alarm_step_by", "{0}: {1}, now {2} by {3}", words=(0, 1, 2, 3))
+CERT_EXPIRES = Detail("cert_expires", "{0} expires on {1}", words=(0, 1))
+CERT_EXPIRED = Detail("cert_expired", "{0} expired on {1}", words=(0, 1))
+BROKERS_EXPIRES = Detail("brokers_expires", "the certificate of {0} expires on {1}", words=(0, 1))
+BROKERS_EXPIRED = Detail("brokers_expired", "the certificate of {0} expired on {1}", words=(0, 1))
+AND_MORE = Detail("and_more", "{0}, and {1} more", words=(0,))
+TOPIC_REFUSED = Detail("topic_refused", "{0} is refused: {1}", words=(0, 1))
+TOO_LARGE = Detail("too_large", "{0} bytes, the broker accepts {1} (0x95)")
+ENDS_AFTER = Detail("ends_after", "{0}; the connection ends after it", words=(0,))
+ENDS_AFTER_WHY = Detail("ends_after_why", "the connection ends after it ({0})", words=(0,))
+CLIENT_ID_TAKEN = Detail("client_id_taken", "another client is connected with our client id {0}", words=(0,))
+CLIENT_ID_SHARED = Detail(
+    "client_id_shared",
+    "closed soon after it was accepted, {0} times or more: does another client use the client id {1}?",
+    words=(1,),
+)
+BROKER_ENDED = Detail("broker_ended", "ended by the broker: {0}", words=(0,))
+NO_PINGRESP = Detail("no_pingresp", "no answer to a PINGREQ")
+CLOSED_BARE = Detail("closed_bare", "closed by the broker, or on the way to it, without a reason")
+LINK_LOST = Detail("link_lost", "{0}: connection lost", words=(0,))
+LINK_LOST_WHY = Detail("link_lost_why", "{0}: connection lost: {1}", words=(0, 1))
+NO_LINK = Detail("no_link", "{0}: no connection within {1} s", words=(0,))
+NO_ACKNOWLEDGEMENT = Detail("no_acknowledgement", "{0}: no acknowledgement within {1} s", words=(0,))
 COUNTED = Detail("counted", "{0} since the start of the gateway")
 COUNTED_NEWEST = Detail("counted_newest", "{0} since the start of the gateway; {1}", words=(1,))
 
@@ -192,13 +220,36 @@ _PICTURE = {
 }
 _TABLES = (*RECIPE_REFUSED.values(), *VISIT_MOVED.values(), *_FROM_TO_MOVED.values(), *_PICTURE.values(), *_MEANINGS)
 
-# Those with more words of their own first: a text that fits several is of the first.
-DETAILS: tuple[Detail, ...] = tuple(
-    sorted(
-        (*(one for one in list(vars().values()) if isinstance(one, Detail)), *_TABLES),
-        key=lambda detail: -len(re.sub(r"\{\d\}", "", detail.text)),
-    )
-)
+
+@dataclass(frozen=True, eq=False)
+class Sentences:
+    """A table of them. `details`: those with more words of their own first, as a text may fit several."""
+
+    details: tuple[Detail, ...]
+
+    @staticmethod
+    def of(*details: Detail) -> "Sentences":
+        return Sentences(tuple(sorted(details, key=lambda detail: -len(re.sub(r"\{\d\}", "", detail.text)))))
+
+    @lru_cache(maxsize=2048)  # noqa: B019 - the tables are there as long as the process
+    def told(self, text: str) -> tuple[Told, ...]:
+        """The sentences of a text, which are joined by "; " or ", " where there are several; empty: it is another's,
+        such as an error of a device.
+        """
+        for parts in (text.split("; "), [text], text.split(", ")):
+            found = [self._one(part) for part in parts]
+            if None not in found:
+                return tuple(one for one in found if one is not None)
+        return ()
+
+    def _one(self, text: str) -> Told | None:
+        matches = ((detail, detail.pattern.fullmatch(text)) for detail in self.details)
+        return next((Told(detail, match.groups()) for detail, match in matches if match is not None), None)
+
+
+SENTENCES = Sentences.of(*(one for one in list(vars().values()) if isinstance(one, Detail)), *_TABLES)
+DETAILS = SENTENCES.details
+told = SENTENCES.told
 
 
 def moved_from_to(moved: Moved, before: str, after: str) -> str:
@@ -208,20 +259,3 @@ def moved_from_to(moved: Moved, before: str, after: str) -> str:
 def picture(fault: PictureFault, number: str | None) -> str:
     """What is wrong with a picture; `number`: by how much, None: not known."""
     return _PICTURE[fault, number is not None](number)
-
-
-@lru_cache(maxsize=2048)
-def told(text: str) -> tuple[Told, ...]:
-    """The sentences of a text, which are joined by ", " where there are several; empty: it is another's, such as an
-    error of a device.
-    """
-    if (whole := _one(text)) is not None:
-        return (whole,)
-    parts = [_one(part) for part in text.split(", ")]
-    found = tuple(part for part in parts if part is not None)
-    return found if len(found) == len(parts) else ()
-
-
-def _one(text: str) -> Told | None:
-    matches = ((detail, detail.pattern.fullmatch(text)) for detail in DETAILS)
-    return next((Told(detail, match.groups()) for detail, match in matches if match is not None), None)

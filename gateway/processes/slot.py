@@ -19,6 +19,7 @@ from types import TracebackType
 from typing import Any, Generic, Protocol, Self, TypeVar
 
 from gateway.clock import Clock
+from gateway.core import details
 from gateway.errors import LinkError
 from gateway.processes.channel import Channel, Failed, Gone
 from gateway.processes.codec import Codec
@@ -214,10 +215,10 @@ class ProcessSlot(Generic[Out, In]):
 
 def _how(status: int) -> str:
     if status == NOT_STARTED:
-        return "could not be started"
+        return details.COULD_NOT_START()
     if status >= 0:
-        return f"ended with exit code {status}"
+        return details.EXIT_CODE(status)
     try:
-        return f"was killed by {signal.Signals(-status).name}"
+        return details.KILLED_BY(signal.Signals(-status).name)
     except ValueError:
-        return f"was killed by signal {-status}"
+        return details.KILLED_BY(f"signal {-status}")

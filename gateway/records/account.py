@@ -10,10 +10,11 @@ from gateway.core.plc import Control, PlcConnection, PlcWrite, WriteVerdict
 from gateway.core.readings import FRESH_FRAME, Quality
 from gateway.core.state import REASON_MEANING, FunctionCheck, Moved, StateVector
 from gateway.durations import NS_PER_S
+from gateway.records import sentences as say
 from gateway.records.factors import Factor
 from gateway.records.inquiry import WINDOW_S, Answer
 from gateway.records.moment import shown, unix_ns
-from gateway.records.record import NotedKind
+from gateway.records.record import EventRecord, NotedKind
 from gateway.records.recording import config_of
 from gateway.records.segment import RecordedPicture
 
@@ -93,24 +94,24 @@ def sensors(answer: Answer, state: StateVector) -> list[Row]:
 
 def done_by(answer: Answer) -> list[tuple[int, str]]:
     """What people and the PLC did in the window: Unix ns and words."""
-    found = [(t, _event(e.kind, e.sensor, e.quality, e.detail)) for t, e in answer.events if e.kind in PEOPLE]
+    found = [(t, _event(e)) for t, e in answer.events if e.kind in PEOPLE]
     for before, step in zip(answer.steps, answer.steps[1:], strict=False):
         at_ns = unix_ns(step.place.head, step.state.t_ns)
         match step.observation:
             case PlcWrite() as write:
                 changes = ", ".join(map(str, events.changes(before.state.plc, step.state.plc)))
                 if step.state.plc.write_verdict is not WriteVerdict.TAKEN:
-                    changes = "refused, another writer owns the block"
+                    changes = say.WROTE_REFUSED()
                 if changes:
-                    found.append((at_ns, f"{write.writer} wrote {changes}{_bits(step.state)}"))
+                    found.append((at_ns, _bits(say.WROTE(write.writer, changes), step.state)))
             case PlcConnection() as change:
-                found.append((at_ns, f"{change.writer} {'connected' if change.open else 'disconnected'}"))
+                found.append((at_ns, (say.CONNECTED if change.open else say.DISCONNECTED)(change.writer)))
     return sorted(found)
 
 
 def happened(answer: Answer) -> list[tuple[int, str]]:
     """The events of the window: Unix ns and words."""
-    return [(t, _event(e.kind, e.sensor, e.quality, e.detail)) for t, e in answer.events]
+    return [(t, _event(e)) for t, e in answer.events]
 
 
 def settings(answer: Answer) -> list[Row]:
@@ -132,7 +133,8 @@ def settings(answer: Answer) -> list[Row]:
 
 
 def as_json(answer: Answer, pictures: list[RecordedPicture]) -> dict[str, Any]:
-    """All of it, for programs. Times are local ISO times with their zone."""
+    """All of it, for programs. Times are local ISO times with their zone. `said`: by each text of a cause, of a change
+    or of what was done its sentences as codes with values; a text that has none is missing there."""
     state = answer.state
     return {
         "time": shown(answer.at_ns),
@@ -165,8 +167,23 @@ def as_json(answer: Answer, pictures: list[RecordedPicture]) -> dict[str, Any]:
         "settings": dict(settings(answer)),
         "pictures": [{"time": shown(p.head.unix_ns), "frame_id": p.head.frame_id, "why": p.head.why} for p in pictures],
         "missing": list(answer.missing),
+        "said": _said(answer),
         "decided_otherwise_by_this_version": answer.differing,
     }
+
+
+def _said(answer: Answer) -> dict[str, list[dict[str, object]]]:
+    links = [text for link in (*answer.chain, *answer.after) for text in (link.by, link.why)]
+    texts = [
+        *warnings(answer),
+        *(cause.text for cause in answer.causes),
+        *links,
+        *(what for _, what in done_by(answer)),
+    ]
+    found = {text: say.said(text) for text in texts}
+    found |= {_event(e): say.happened(e.kind, e.detail) for _, e in answer.events if e.kind in PEOPLE}
+    found[headline(answer)] = say.said(headline(answer) if answer.state is not None else answer.silence)
+    return {text: said for text, said in found.items() if said}
 
 
 def headline(answer: Answer) -> str:
@@ -175,9 +192,8 @@ def headline(answer: Answer) -> str:
         return f"{answer.silence[:1].upper()}{answer.silence[1:]}."
     first = answer.causes[0].text if answer.causes else ""
     if answer.state.may_move:
-        return f"The truck was allowed to move: {first}."
-    stop = "stop was on" if answer.state.stop else "stop was off, but may_move too"
-    return f"{stop[0].upper()}{stop[1:]}: {first}."
+        return say.MAY_MOVE(first)
+    return (say.STOP_ON if answer.state.stop else say.BOTH_OFF)(first)
 
 
 def warnings(answer: Answer) -> Iterator[str]:
@@ -185,14 +201,11 @@ def warnings(answer: Answer) -> Iterator[str]:
     if answer.silence and answer.state is not None:  # else it is the headline
         yield answer.silence
     for why in answer.missing:
-        yield f"missing: {why}"
+        yield say.MISSING(why)
     if answer.differing:
-        yield (
-            f"{answer.differing} records were decided otherwise by gateway {answer.head.gateway_version} than now: "
-            "the causes are those of this version"
-        )
+        yield say.OTHERWISE(answer.differing, answer.head.gateway_version)
     if answer.state is not None and answer.since_ns is None:
-        yield "the outputs have been so for longer than was searched"
+        yield say.SO_FOR_LONGER()
 
 
 def _link(link: Any) -> dict[str, str]:
@@ -223,22 +236,23 @@ def _ages(answer: Answer, state: StateVector) -> dict[str, float | None]:
     return {name: round((state.t_ns - t_ns) / NS_PER_S, 4) if t_ns else None for name, t_ns in times.items()}
 
 
-def _event(kind: str, sensor: str, quality: Quality, detail: str) -> str:
-    of = f" ({sensor}{'' if quality is Quality.GOOD else f' {quality.name.lower()}'})" if sensor else ""
-    return f"{kind.replace('_', ' ')}{of}{f': {detail}' if detail else ''}"
+def _event(event: EventRecord) -> str:
+    quality = "" if event.quality is Quality.GOOD else f" {event.quality.name.lower()}"
+    of = f" ({event.sensor}{quality})" if event.sensor else ""
+    return f"{event.kind.replace('_', ' ')}{of}{f': {event.detail}' if event.detail else ''}"
 
 
 def _plc(state: StateVector) -> str:
     plc = state.plc
     text = plc.link.name.lower()
     if plc.owner is not None:
-        text += f", {plc.owner}, plc_heartbeat {plc.heartbeat}, {_age(state, plc.beat_ns)} old{_bits(state)}"
+        text = _bits(f"{text}, {plc.owner}, plc_heartbeat {plc.heartbeat}, {_age(state, plc.beat_ns)} old", state)
     return text
 
 
-def _bits(state: StateVector) -> str:
+def _bits(text: str, state: StateVector) -> str:
     bits = [bit.name.lower() for bit in Control if state.plc.on(bit)]
-    return f", bits {' '.join(bits)}" if bits else ""
+    return say.BITS(text, " ".join(bits)) if bits else text
 
 
 def _speed(state: StateVector) -> str:

@@ -15,6 +15,7 @@ from gateway.core.plc import PlcConnection, PlcWrite
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import FunctionCheck, Reason, StateVector
 from gateway.durations import NS_PER_S
+from gateway.records import sentences as say
 from gateway.records.factors import Cause, Factor, causes, position
 from gateway.records.moment import unix_ns
 from gateway.records.record import Decision
@@ -77,7 +78,7 @@ def relevant(earlier: list[Link], before: list[Link], since_ns: int | None) -> t
     old = [link for link in earlier if window_ns is None or link.unix_ns < window_ns]
     if len(old) > 2 * MOST_BETWEEN:
         left_out = len(old) - 2 * MOST_BETWEEN
-        told = Link(old[MOST_BETWEEN].unix_ns, f"{left_out} more changes, not listed")
+        told = Link(old[MOST_BETWEEN].unix_ns, say.MORE_CHANGES(left_out))
         old = [*old[:MOST_BETWEEN], told, *old[-MOST_BETWEEN:]]
     if since_ns is None:
         return (*old, *before)
@@ -95,27 +96,27 @@ def changed(was: Decision, now: Decision) -> str:
 
 def entered(observation: Observation | NoTick | None, old: StateVector | None, state: StateVector) -> str:
     """What entered the step that made `state` of `old`, in words."""
-    text = "tick"
+    text = say.TICK()
     match observation:
         case VisionReading():
             age_ms = (state.t_ns - observation.t_ns) / 1e6
             circle = observation.circle
             seen = observation.quality.name.lower() if circle is None else f"R {circle.radius_px:.1f} px"
-            text = f"frame {observation.frame_id}, {age_ms:.0f} ms old: {seen}"
+            text = say.FRAME(observation.frame_id, f"{age_ms:.0f}", seen)
         case RangeReading():
             z_mm = observation.distance_mm
-            text = "ranger: " + (observation.quality.name.lower() if z_mm is None else f"Z {z_mm:.0f} mm")
+            text = say.OF_RANGER(observation.quality.name.lower() if z_mm is None else f"Z {z_mm:.0f} mm")
         case PlcWrite():
             changes = [] if old is None else events.changes(old.plc, state.plc)
-            text = f"write of {observation.writer}: {', '.join(map(str, changes)) or 'nothing new'}"
+            text = say.WRITE(observation.writer, ", ".join(map(str, changes)) or say.NOTHING_NEW())
         case PlcConnection():
-            text = f"{observation.writer} {'connected' if observation.open else 'disconnected'}"
+            text = (say.CONNECTED if observation.open else say.DISCONNECTED)(observation.writer)
         case FunctionCheck():
-            text = f"function check: {observation.name.lower()}"
+            text = say.CHECK(observation.name.lower())
         case NoTick():
-            text = "no tick in time"
+            text = say.NO_TICK()
         case None:
-            text = "the gateway's end" if state.reason is Reason.SHUTDOWN else "a new beginning of the recording"
+            text = say.THE_END() if state.reason is Reason.SHUTDOWN else say.ANEW()
     return text
 
 
@@ -173,7 +174,7 @@ class _Past:
         self.large_ns = (self.large_ns or state.t_ns) if large else None
         self.near_ns = (self.near_ns or state.t_ns) if near else None
         if state.visit.in_place_since_ns is not None and state.visit.place is not None:
-            self.placed = state.visit.in_place_since_ns, f"in place: {position(state.visit.place)}"
+            self.placed = state.visit.in_place_since_ns, say.PLACED(position(state.visit.place))
         if state.d is True and (old is None or old.d is not True):
             self.target_ns = state.t_ns
         if old is None:
@@ -204,58 +205,58 @@ class _Past:
         if factor is Factor.CONTRADICTION:
             yield from self._contradiction(state)
         if factor is Factor.PLC_LOST and plc.owner_beats:
-            yield plc.beat_ns, f"the last change of plc_heartbeat, to {plc.heartbeat}, by {plc.owner}"
+            yield plc.beat_ns, say.LAST_BEAT(plc.heartbeat, plc.owner)
         if factor in (Factor.MOVED, Factor.IN_PLACE, Factor.RELEASED):
             yield from self._place(old, state)
         if factor is Factor.TARGET and state.memory.pending_since_ns is None:
-            yield self.large_ns or state.t_ns, "R was at least R_th from here on"
-            yield self.near_ns or state.t_ns, "Z was at most Z_th from here on"
+            yield self.large_ns or state.t_ns, say.R_FROM_HERE()
+            yield self.near_ns or state.t_ns, say.Z_FROM_HERE()
         if factor is Factor.LATCH and self.target_ns is not None:
-            yield self.target_ns, "D became 1"
+            yield self.target_ns, say.D_BECAME_1()
         if factor in (Factor.HOLD, Factor.CLEAR) and self.ended is not None:
-            yield self.ended[0], f"the last cause ended: {self.ended[1]}"
+            yield self.ended[0], say.LAST_CAUSE(self.ended[1])
 
     def _contradiction(self, state: StateVector) -> Iterator[tuple[int, str]]:
         if self.fitting is not None:
-            yield self.fitting.t_ns, f"the last that fitted: {_values(self.fitting)}"
+            yield self.fitting.t_ns, say.LAST_FITTING(_values(self.fitting))
         if (since_ns := state.memory.disagree_since_ns) is not None and since_ns != state.t_ns:
-            yield since_ns, "camera and ranger did not fit from here on"
+            yield since_ns, say.NO_FIT()
 
     def _camera(self, old: StateVector, state: StateVector) -> Iterator[tuple[int, str]]:
         if state.vision.quality is Quality.STALE:
             never, number = old.vision.quality is Quality.WAITING, old.vision.frame_id
-            text = "no frame arrived from here on" if never else f"the newest frame, number {number}, was taken"
-            yield old.vision.t_ns, text
+            yield old.vision.t_ns, say.NO_FRAME_HERE() if never else say.NEWEST_FRAME(number)
             return
         if self.seen is not None and self.seen.vision.circle is not None:
             circle = self.seen.vision.circle
-            where = f"R {circle.radius_px:.1f} px at ({circle.u_px:.0f}, {circle.v_px:.0f})"
-            yield self.seen.vision.t_ns, f"the last frame with the marker, number {self.seen.vision.frame_id}: {where}"
+            where = f"{circle.radius_px:.1f}", f"{circle.u_px:.0f}", f"{circle.v_px:.0f}"
+            yield self.seen.vision.t_ns, say.LAST_MARKER(self.seen.vision.frame_id, *where)
 
     def _ranger(self, state: StateVector) -> Iterator[tuple[int, str]]:
         if self.heard is not None and self.heard.range.distance_mm is not None:
-            yield self.heard.range.t_ns, f"the last distance: Z {self.heard.range.distance_mm:.0f} mm"
+            yield self.heard.range.t_ns, say.LAST_DISTANCE(f"{self.heard.range.distance_mm:.0f}")
 
     def _place(self, old: StateVector, state: StateVector) -> Iterator[tuple[int, str]]:
         visit = old.visit
         if self.placed is not None and visit.place is not None:
             yield self.placed
         if visit.covered_since_ns is not None and visit.place is not None:
-            yield visit.covered_since_ns, "the marker was covered from here on"
+            yield visit.covered_since_ns, say.COVERED_HERE()
         if not visit.in_place and state.visit.in_place and visit.still_since_ns is not None:
-            yield visit.still_since_ns, "D = 1, and the truck stood still, from here on"
+            yield visit.still_since_ns, say.STOOD_HERE()
 
 
 def _restarted(old: StateVector, state: StateVector) -> Iterator[str]:
     was, now = old.vision.stats, state.vision.stats
     for count, before, text in (
-        (now.restarts, was.restarts, "the vision process was replaced"),
-        (now.reopens, was.reopens, "the camera was opened again"),
-        (now.lost, was.lost, "a frame was lost with its process"),
-        (state.range.stats.reopens, old.range.stats.reopens, "the ranger's port was opened again"),
+        (now.restarts, was.restarts, say.REPLACED()),
+        (now.reopens, was.reopens, say.CAMERA_OPENED()),
+        (now.lost, was.lost, say.FRAME_LOST()),
+        (state.range.stats.reopens, old.range.stats.reopens, say.PORT_OPENED()),
     ):
         if count > before:
-            yield f"{text} ({before} -> {count}{f': {state.vision.detail}' if state.vision.detail else ''})"
+            why = state.vision.detail
+            yield say.COUNT_WHY(text, before, count, why) if why else say.COUNT(text, before, count)
 
 
 def _values(state: StateVector) -> str:

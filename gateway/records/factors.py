@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from gateway.config import FusionConfig
-from gateway.core.details import RECOVERING
+from gateway.core.details import RECOVERING, Detail
 from gateway.core.fusion import RANGE_REASON, VISION_REASON
 from gateway.core.interlock import Recipe, Rules
 from gateway.core.plc import Control, PlcLink
@@ -26,6 +26,7 @@ from gateway.core.state import (
     VisitPhase,
 )
 from gateway.durations import NS_PER_S
+from gateway.records import sentences as say
 
 
 class Factor(StrEnum):
@@ -67,12 +68,11 @@ def causes(state: StateVector, rules: Rules, now_ns: int | None = None) -> tuple
     The last two factors, RELEASED and CLEAR, say why nothing stops the truck. Never empty.
     """
     if state.reason is Reason.SHUTDOWN:
-        return (Cause(Factor.SHUTDOWN, "the gateway was stopped: its final state, without any value", state.t_ns),)
+        return (Cause(Factor.SHUTDOWN, say.SHUT_DOWN(), state.t_ns),)
     if now_ns is not None and not valid(state, now_ns):
         return (_not_valid(state, now_ns),)
     if state.reason is Reason.GATEWAY_FAULT:
-        text = "the control task did not run: without a tick in time every output shows stop, and no value"
-        return (Cause(Factor.GATEWAY, text, state.valid_until_ns),)
+        return (Cause(Factor.GATEWAY, say.NOT_TICKED(), state.valid_until_ns),)
     recipe = rules.recipes.get(state.plc.recipe, rules.recipes[0])
     if state.may_move:
         return (_nothing(state, recipe.fusion),)
@@ -83,8 +83,7 @@ def causes(state: StateVector, rules: Rules, now_ns: int | None = None) -> tuple
 
 
 def _not_valid(state: StateVector, now_ns: int) -> Cause:
-    silent_s = (now_ns - state.t_ns) / NS_PER_S
-    text = f"the gateway's decision stood still: its last step was {silent_s:.2f} s earlier; outputs then show stop"
+    text = say.STOOD_STILL(f"{(now_ns - state.t_ns) / NS_PER_S:.2f}")
     return Cause(Factor.GATEWAY, text, state.valid_until_ns)
 
 
@@ -112,16 +111,14 @@ def _of_stop(state: StateVector, rules: Rules, recipe: Recipe) -> Iterator[Cause
     visit, memory = state.visit, state.memory
     sensors = [c for c in (vision_cause(state, recipe.fusion), range_cause(state, recipe.fusion)) if c is not None]
     if state.stop and visit.moved is not Moved.NO and rules.handshake is not None:
-        yield Cause(Factor.MOVED, _moved(state, recipe))
+        yield Cause(Factor.MOVED, _moved(state))
     elif state.stop and visit.restored and rules.handshake is not None:
-        text = "a truck was in place before the gateway began anew; until it is again, the bay is clear, or a reset"
-        yield Cause(Factor.RESTORED, text)
+        yield Cause(Factor.RESTORED, say.RESTORED())
     if visit.phase is VisitPhase.EMPTY and len(sensors) == 2:
-        yield Cause(Factor.NO_TRUCK, "no truck: no marker in the picture, and no echo", visit.clear_since_ns)
+        yield Cause(Factor.NO_TRUCK, say.NO_TRUCK(), visit.clear_since_ns)
     yield from sensors
     if memory.disagree:
-        text = f"camera and ranger contradict each other: {_pair(state)}"
-        yield Cause(Factor.CONTRADICTION, text, memory.disagree_since_ns)
+        yield Cause(Factor.CONTRADICTION, say.CONTRADICT(_pair(state)), memory.disagree_since_ns)
     if state.plc.missed:
         yield _plc_lost(state, rules)
     if state.d is True and state.stop:
@@ -129,31 +126,29 @@ def _of_stop(state: StateVector, rules: Rules, recipe: Recipe) -> Iterator[Cause
     if visit.in_place:
         yield _in_place(state)
     if memory.latched and state.d is not True:
-        yield Cause(Factor.LATCH, "the stop is latched: no reset, no release, and the truck has not left")
+        yield Cause(Factor.LATCH, say.LATCHED())
     calm = state.d is False and not sensors and not memory.disagree
     if calm and memory.no_cause_since_ns is not None and not state.may_move:
         gone_s = (state.t_ns - memory.no_cause_since_ns) / NS_PER_S
         if gone_s < recipe.fusion.clear_hold_s and recipe.fusion.decision != "plain":
-            text = f"every cause has been gone for {gone_s:.2f} s only; "
-            text += f"fusion.clear_hold_s is {recipe.fusion.clear_hold_s:g} s"
+            text = say.GONE_ONLY(f"{gone_s:.2f}", f"{recipe.fusion.clear_hold_s:g}")
             yield Cause(Factor.HOLD, text, memory.no_cause_since_ns)
     elif calm and memory.disagree_since_ns is not None and state.stop:
-        text = f"camera and ranger do not fit, which ends no stop: {_pair(state)}"
-        yield Cause(Factor.CONTRADICTION, text, memory.disagree_since_ns)
+        yield Cause(Factor.CONTRADICTION, say.NOT_FITTING(_pair(state)), memory.disagree_since_ns)
 
 
 def _of_may_move(state: StateVector, rules: Rules) -> Iterator[Cause]:
     if state.function_check is FunctionCheck.MAY_MOVE_OFF:
-        yield Cause(Factor.FUNCTION_CHECK, "a technician's function check withholds may_move")
+        yield Cause(Factor.FUNCTION_CHECK, say.WITHHELD())
     handshake, plc = rules.handshake, state.plc
     if handshake is None:
         return
     if handshake.heartbeat_required and plc.link is not PlcLink.ALIVE and not plc.missed:
-        yield Cause(Factor.PLC_LOST, "no heartbeat of the PLC yet, and it is required")
+        yield Cause(Factor.PLC_LOST, say.NO_HEARTBEAT())
     if handshake.enable_required and not plc.on(Control.ENABLE):
-        yield Cause(Factor.ENABLE, "the PLC has not set enable (plc_control bit 0), and it is required")
+        yield Cause(Factor.ENABLE, say.NO_ENABLE())
     if handshake.truck_required and not plc.on(Control.TRUCK_PRESENT):
-        yield Cause(Factor.TRUCK_PRESENT, "the PLC reports no truck (plc_control bit 1), and one is required")
+        yield Cause(Factor.TRUCK_PRESENT, say.NO_TRUCK_BIT())
 
 
 def vision_cause(state: StateVector, config: FusionConfig) -> Cause | None:
@@ -161,15 +156,15 @@ def vision_cause(state: StateVector, config: FusionConfig) -> Cause | None:
     reading, now_ns = state.vision, state.t_ns
     if reading.quality is Quality.GOOD:
         return None
-    if (recovering := _recovering(reading, state.memory.vision_failure.alive_since_ns, now_ns, config)) is not None:
-        return Cause(Factor.CAMERA, f"the camera {recovering}", state.memory.vision_failure.alive_since_ns)
+    alive_ns = state.memory.vision_failure.alive_since_ns
+    if (recovering := _recovering(say.CAMERA_AGAIN, reading, alive_ns, now_ns, config)) is not None:
+        return Cause(Factor.CAMERA, recovering, alive_ns)
     if _aged(reading, now_ns, config.vision_deadline_s):
-        text = f"the newest frame was {_age_s(reading, now_ns):.2f} s old; "
-        text += f"fusion.vision_deadline_s is {config.vision_deadline_s:g} s"
+        text = say.FRAME_OLD(f"{_age_s(reading, now_ns):.2f}", f"{config.vision_deadline_s:g}")
         return Cause(Factor.CAMERA, text, reading.t_ns + round(config.vision_deadline_s * NS_PER_S))
-    text = f"camera: {QUALITY_MEANING[reading.quality]}{_detail(reading.detail)}"
+    text = say.OF_CAMERA(_because(QUALITY_MEANING[reading.quality], reading.detail))
     if reading.wrong_size is not None:
-        text += f"; a red disc of R {reading.wrong_size.radius_px:.1f} px does not fit the distance"
+        text = say.WRONG_SIZE(text, f"{reading.wrong_size.radius_px:.1f}")
     return Cause(Factor.CAMERA, text, state.visit.covered_since_ns)
 
 
@@ -178,50 +173,48 @@ def range_cause(state: StateVector, config: FusionConfig) -> Cause | None:
     reading, now_ns = state.range, state.t_ns
     if reading.quality is Quality.GOOD:
         return None
-    if (recovering := _recovering(reading, state.memory.range_failure.alive_since_ns, now_ns, config)) is not None:
-        return Cause(Factor.RANGER, f"the ranger {recovering}", state.memory.range_failure.alive_since_ns)
+    alive_ns = state.memory.range_failure.alive_since_ns
+    if (recovering := _recovering(say.RANGER_AGAIN, reading, alive_ns, now_ns, config)) is not None:
+        return Cause(Factor.RANGER, recovering, alive_ns)
     if _aged(reading, now_ns, config.range_deadline_s):
-        text = f"the ranger's newest reading was {_age_s(reading, now_ns):.2f} s old; "
-        text += f"fusion.range_deadline_s is {config.range_deadline_s:g} s"
+        text = say.READING_OLD(f"{_age_s(reading, now_ns):.2f}", f"{config.range_deadline_s:g}")
         return Cause(Factor.RANGER, text, reading.t_ns + round(config.range_deadline_s * NS_PER_S))
-    return Cause(Factor.RANGER, f"ranger: {QUALITY_MEANING[reading.quality]}{_detail(reading.detail)}")
+    return Cause(Factor.RANGER, say.OF_RANGER(_because(QUALITY_MEANING[reading.quality], reading.detail)))
 
 
 def _recovering(
-    reading: VisionReading | RangeReading, alive_since_ns: int | None, now_ns: int, config: FusionConfig
+    again: Detail,
+    reading: VisionReading | RangeReading,
+    alive_since_ns: int | None,
+    now_ns: int,
+    config: FusionConfig,
 ) -> str | None:
     if reading.detail != RECOVERING() or alive_since_ns is None:
         return None
     alive_s = (now_ns - alive_since_ns) / NS_PER_S
-    return (
-        f"was {reading.quality.name.lower()} and has been good again for {alive_s:.2f} s only; "
-        f"fusion.recovery_s is {config.recovery_s:g} s"
-    )
+    return again(reading.quality.name.lower(), f"{alive_s:.2f}", f"{config.recovery_s:g}")
 
 
 def _plc_lost(state: StateVector, rules: Rules) -> Cause:
     deadline_s = rules.handshake.heartbeat_deadline_s if rules.handshake is not None else 0.0
     since_ns = state.plc.beat_ns + round(deadline_s * NS_PER_S)
-    quiet_s = (state.t_ns - state.plc.beat_ns) / NS_PER_S
-    last = f"has stood at {state.plc.heartbeat} for" if state.plc.owner_beats else "has not been written for"
-    text = f"plc_heartbeat {last} {quiet_s:.2f} s; heartbeat_deadline_s is {deadline_s:g} s"
+    times = f"{(state.t_ns - state.plc.beat_ns) / NS_PER_S:.2f}", f"{deadline_s:g}"
+    text = say.BEAT_STANDS(state.plc.heartbeat, *times) if state.plc.owner_beats else say.NOT_WRITTEN(*times)
     return Cause(Factor.PLC_LOST, text, since_ns)
 
 
 def _in_place(state: StateVector) -> Cause:
     visit = state.visit
-    where = "" if visit.place is None else f" at {position(visit.place)}"
-    text = f"in place{where}"
+    text = say.IN_PLACE() if visit.place is None else say.IN_PLACE_AT(position(visit.place))
     if visit.covered_since_ns is not None:
         covered_s = (state.t_ns - visit.covered_since_ns) / NS_PER_S
-        text += f"; the marker has been covered for {covered_s:.1f} s, and the ranger holds it: Z {_mm(state)}"
+        text = say.COVERED(text, f"{covered_s:.1f}", _mm(state))
     return Cause(Factor.IN_PLACE, text, visit.in_place_since_ns)
 
 
-def _moved(state: StateVector, recipe: Recipe) -> str:
-    visit = state.visit
-    was = "" if visit.place is None else f"; it was in place at {position(visit.place)}, and Z is {_mm(state)} now"
-    return f"a truck that was in place moved without release: {MOVED_MEANING[visit.moved]}{was}"
+def _moved(state: StateVector) -> str:
+    place, text = state.visit.place, say.MOVED(MOVED_MEANING[state.visit.moved])
+    return text if place is None else say.MOVED_FROM(text, position(place), _mm(state))
 
 
 def _at_mark(state: StateVector, config: FusionConfig) -> str:
@@ -234,16 +227,15 @@ def _at_mark(state: StateVector, config: FusionConfig) -> str:
     if large and near:
         return f"D = 1: {now}"
     mark = state.memory.mark
-    last = "" if mark is None else f" since {position(mark)}"
-    return f"D stays 1: {now}; both sensors have not yet shown that the truck moved away{last}"
+    return say.STAYS(now) if mark is None else say.STAYS_SINCE(now, position(mark))
 
 
 def _nothing(state: StateVector, config: FusionConfig) -> Cause:
     if state.visit.released:
-        where = "it has left the mark" if state.visit.off_mark else "it may leave although D is 1 or unknown"
-        return Cause(Factor.RELEASED, f"the PLC has released the truck: {where}; {_pair(state)}")
-    text = f"nothing stops the truck: D = 0, {_pair(state)}; R_th {config.radius_threshold_px:g} px, "
-    text += f"Z_th {config.distance_threshold_mm:g} mm"
+        where = say.OFF_MARK() if state.visit.off_mark else say.MAY_LEAVE()
+        return Cause(Factor.RELEASED, say.RELEASED(where, _pair(state)))
+    thresholds = f"{config.radius_threshold_px:g}", f"{config.distance_threshold_mm:g}"
+    text = say.NOTHING_STOPS(_pair(state), *thresholds)
     return Cause(Factor.CLEAR, text, state.memory.no_cause_since_ns)
 
 
@@ -253,7 +245,7 @@ def position(place: TruckPosition) -> str:
 
 def _pair(state: StateVector) -> str:
     circle = state.vision.circle or state.vision.wrong_size
-    return f"R {'unknown' if circle is None else f'{circle.radius_px:.1f} px'}, Z {_mm(state)}"
+    return say.PAIR("unknown" if circle is None else f"{circle.radius_px:.1f} px", _mm(state))
 
 
 def _mm(state: StateVector) -> str:
@@ -269,5 +261,5 @@ def _age_s(reading: VisionReading | RangeReading, now_ns: int) -> float:
     return (now_ns - reading.t_ns) / NS_PER_S
 
 
-def _detail(text: str) -> str:
-    return f" ({text})" if text else ""
+def _because(text: str, detail: str) -> str:
+    return say.BECAUSE(text, detail) if detail else text

@@ -15,6 +15,7 @@ from gateway.core.state import REASON_MEANING, Reason, StateVector
 from gateway.durations import NS_PER_S
 from gateway.errors import ConfigError
 from gateway.records import chain, names, recording
+from gateway.records import sentences as say
 from gateway.records.chain import Link
 from gateway.records.factors import Cause, Factor, causes
 from gateway.records.moment import unix_ns
@@ -192,28 +193,28 @@ class Inquiry:
     ) -> tuple[str, StateVector | None, tuple[Cause, ...]]:
         """Why nothing was decided (empty: it was), what the outputs showed, and its causes."""
         if step is None:
-            return "no complete state of that moment is recorded", None, ()
+            return say.NO_STATE(), None, ()
         now_ns = step.state.t_ns + at_ns - _unix(step)
         if valid(step.state, now_ns) and step.state.reason is not Reason.SHUTDOWN:
             return "", step.state, causes(step.state, rules, now_ns)
         after = next((s for s in steps if _unix(s) > at_ns), None)
         if lost := _lost(items, _unix(step), at_ns):
-            return f"records are missing: {'; '.join(lost)}", None, ()
+            return say.RECORDS_MISSING("; ".join(lost)), None, ()
         found = causes(step.state, rules, now_ns)
         state: StateVector | None = None
-        silent = f"the last step before was {(at_ns - _unix(step)) / NS_PER_S:.2f} s earlier"
+        silent = say.LAST_STEP(f"{(at_ns - _unix(step)) / NS_PER_S:.2f}")
         if step.state.reason is Reason.SHUTDOWN:
-            silence = "no output was served: the gateway had been shut down"
+            silence = say.WAS_OFF()
         elif after is None:
-            return f"the recording ends before that moment: {silent}", None, ()
+            return say.ENDS_BEFORE(silent), None, ()
         elif after.place.head.boot != step.place.head.boot:
-            silence = f"no output was served: the gateway did not run: {silent}; it ended without shutting down"
-            found = (Cause(Factor.GATEWAY, "the gateway did not run"),)
+            silence = say.KILLED(silent)
+            found = (Cause(Factor.GATEWAY, say.DID_NOT_RUN()),)
         else:
-            silence = f"the control task did not run: {silent}"
+            silence = say.CONTROL_STOOD(silent)
             state = shown_at(step.state, now_ns)
         if after is not None:
-            silence += f"; the next one {(_unix(after) - at_ns) / NS_PER_S:.2f} s later"
+            silence = say.NEXT_STEP(silence, f"{(_unix(after) - at_ns) / NS_PER_S:.2f}")
         return silence, state, found
 
     def _since(self, items: list[Dated], first: int, at_ns: int, progress: Progress) -> tuple[int | None, list[Link]]:
@@ -308,9 +309,9 @@ def _pair(decision: Decision) -> tuple[bool, bool]:
 def _begins(item: Item | MissingItem) -> str:
     """Why what follows does not come of what was before; empty: it does."""
     if isinstance(item, MissingItem):
-        return f"the records before are missing: {item.why}"
+        return say.BEFORE_MISSING(item.why)
     record: AnyRecord = item[1]
-    return "the gateway started" if isinstance(record, Checkpoint) and not record.follows else ""
+    return say.STARTED() if isinstance(record, Checkpoint) and not record.follows else ""
 
 
 def _unix(step: Step) -> int:

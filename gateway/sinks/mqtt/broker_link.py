@@ -30,6 +30,7 @@ from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
+from gateway.core import details
 from gateway.errors import LinkError
 from gateway.sinks.mqtt.broker import Broker
 from gateway.sinks.mqtt.broker_socket import certificate_of, fault_of, open_socket
@@ -43,7 +44,7 @@ MAX_INCOMING = 100  # messages received and not fetched yet
 MAX_PACKET_BYTES = 65_536  # one of more ends the connection: MQTT allows 256 MB, which would be memory
 MAX_IN_FLIGHT = 64  # messages without acknowledgement at once; more wait their turn
 MAX_IN_FLIGHT_311 = 20  # MQTT 3.1.1 brokers state no Receive Maximum
-NO_SUBSCRIBERS, PACKET_TOO_LARGE = 0x10, 0x95  # reason codes of MQTT 5
+NO_SUBSCRIBERS = 0x10  # reason codes of MQTT 5
 RETAIN_NOT_SUPPORTED, QOS_NOT_SUPPORTED = 0x9A, 0x9B
 
 CERTIFICATE_HINT = (
@@ -130,13 +131,13 @@ class BrokerLink:
         properties = None if self.version == "3.1.1" else _properties(message)
         size, accepted = _packet_bytes(message, properties), self._client.maximum_packet_bytes
         if size > accepted:
-            fault = f"{size} bytes; the broker accepts {accepted} (0x{PACKET_TOO_LARGE:02x})"
+            fault = details.TOO_LARGE(size, accepted)
             raise PublishRefusedError(self._broker, message.topic, fault)
         try:
             async with self._turns, asyncio.timeout(self._acknowledge_s):
                 reason = await self._client.send(message, properties)
         except TimeoutError:
-            raise UnansweredError(f"{self._broker}: no acknowledgement within {self._acknowledge_s:g} s") from None
+            raise UnansweredError(details.NO_ACKNOWLEDGEMENT(self._broker, f"{self._acknowledge_s:g}")) from None
         except aiomqtt.MqttError as error:
             raise LinkError(f"{self._broker}: cannot publish: {self._why(error)}") from error
         if reason is not None and reason.is_failure:
@@ -181,8 +182,8 @@ class BrokerLink:
                 payload = message.payload if isinstance(message.payload, bytes) else str(message.payload).encode()
                 yield MqttMessage(str(message.topic), payload)
         except aiomqtt.MqttError as error:
-            raise LinkError(f"{self._broker}: connection lost: {self._why(error)}") from error
-        raise LinkError(f"{self._broker}: connection lost")
+            raise LinkError(details.LINK_LOST_WHY(self._broker, self._why(error))) from error
+        raise LinkError(details.LINK_LOST(self._broker))
 
     def _why(self, error: aiomqtt.MqttError) -> object:
         return error.__cause__ or error if self.end is None else self.end.text
@@ -231,12 +232,12 @@ def _end(reason: ReasonCode, fault: OSError | None, *, by_packet: bool) -> End:
     """paho's own text for a connection that was closed without a reason is `Unspecified error`, code 128."""
     if by_packet:
         taken_over = reason.value == SESSION_TAKEN_OVER
-        return End(f"ended by the broker: {reason}{' by another client' if taken_over else ''}", taken_over=taken_over)
+        return End(details.BROKER_ENDED(f"{reason}{' by another client' if taken_over else ''}"), taken_over=taken_over)
     if fault is not None and not isinstance(fault, ssl.SSLEOFError | ConnectionResetError):
         return End(fault_of(fault))
     if reason.value == KEEP_ALIVE_TIMEOUT:
-        return End("no answer to a PINGREQ")
-    return End("closed by the broker, or on the way to it, without a reason", bare=True)
+        return End(details.NO_PINGRESP())
+    return End(details.CLOSED_BARE(), bare=True)
 
 
 class _BoundedSocket:

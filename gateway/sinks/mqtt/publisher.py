@@ -16,6 +16,7 @@ from typing import NoReturn
 
 from gateway import __version__
 from gateway.config import GatewayConfig, MqttConfig
+from gateway.core import details
 from gateway.core.events import Event
 from gateway.core.readings import Quality
 from gateway.core.state import Moved, Reason, StateVector
@@ -200,13 +201,13 @@ class MqttPublisher:
         if link.newest_refusal is not None:  # mosquitto 2.0.11 refuses, and ends the connection all the same
             topic, fault, refused_s = link.newest_refusal
             if asyncio.get_running_loop().time() - refused_s < ENDED_AT_ONCE_S:
-                self._answers.cut(topic, f"{fault}; the connection ends after it", now_ns, certain=True)
+                self._answers.cut(topic, details.ENDS_AFTER(fault), now_ns, certain=True)
                 return
         soon = bool(unanswered) and lived_ns < SETTLED_S * NS_PER_S
         self._breaks = self._breaks + 1 if soon else 0
         for topic in set(unanswered):
             if self._answers.cuts_connections(topic) or (soon and narrow):
-                self._answers.cut(topic, f"the connection ends after it ({text})", now_ns)
+                self._answers.cut(topic, details.ENDS_AFTER_WHY(text), now_ns)
 
     async def _widen(self, link: BrokerLink) -> None:
         if self._breaks >= BREAKS:

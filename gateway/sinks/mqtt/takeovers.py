@@ -6,6 +6,7 @@ was accepted, again and again without a refusal in between, is taken for it.
 
 from dataclasses import dataclass
 
+from gateway.core import details
 from gateway.durations import NS_PER_S
 
 SHORT_NS = 30 * NS_PER_S
@@ -33,13 +34,9 @@ class Takeovers:
         """A connection. Returns what was found, where that is news."""
         self._short = self._short + 1 if end is not None and end.bare and lasted_ns < SHORT_NS else 0
         if end is not None and end.taken_over:
-            return self._note(now_ns, f"another client is connected with our client id {self._client_id}")
+            return self._note(now_ns, details.CLIENT_ID_TAKEN(self._client_id))
         if self._short >= ENOUGH:
-            return self._note(
-                now_ns,
-                f"closed soon after it was accepted, {ENOUGH} times or more: does another client use the client id "
-                f"{self._client_id}?",
-            )
+            return self._note(now_ns, details.CLIENT_ID_SHARED(ENOUGH, self._client_id))
         return ""
 
     def refused(self) -> None:

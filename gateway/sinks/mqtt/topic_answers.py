@@ -9,6 +9,7 @@ minutes.
 from collections.abc import Set
 from dataclasses import dataclass
 
+from gateway.core import details
 from gateway.durations import NS_PER_S
 
 RETRY_S = 1.0, 30.0  # the first wait, and the longest
@@ -111,7 +112,7 @@ class TopicAnswers:
         """As in LinkStatus: what is refused, and why; and topics without a subscriber that had one."""
         held = self._not_delivered.items()
         found = {
-            "messages_refused": _listed([f"{topic}: {answer.fault}" for topic, answer in held if answer.fault]),
+            "messages_refused": _listed([details.TOPIC_REFUSED(topic, one.fault) for topic, one in held if one.fault]),
             "events_unsubscribed": _listed([topic for topic, answer in held if answer.unsubscribed and answer.used]),
         }
         return {alarm: detail for alarm, detail in found.items() if detail}
@@ -131,5 +132,5 @@ class TopicAnswers:
 
 
 def _listed(found: list[str]) -> str:
-    more = f", and {len(found) - NAMED} more" if len(found) > NAMED else ""
-    return "; ".join(found[:NAMED]) + more
+    text = "; ".join(found[:NAMED])
+    return details.AND_MORE(text, len(found) - NAMED) if len(found) > NAMED else text

@@ -218,7 +218,7 @@ class ProcessMonitor:
     def failed(self, token: int, why: str, now_ns: int, *, config: bool = False) -> None:
         """The detector has raised something, or the process has sent what is not a message."""
         if self._is(token):
-            self._process_fault(f"vision process: {why}", now_ns)
+            self._process_fault(details.VISION_FAILED(why), now_ns)
             self._give_up(why, config)
 
     def gone(self, token: int, how: str, now_ns: int, *, crashed: bool = False) -> None:
@@ -230,9 +230,9 @@ class ProcessMonitor:
         if self._state is ProcessState.ENDING:
             self._state = ProcessState.ABSENT
         elif self._state is ProcessState.OPENING or in_driver:
-            self._link_down(f"{self.label}: vision process {how} in the source's driver", now_ns)
+            self._link_down(details.DRIVER_CRASHED(self.label, how), now_ns)
         else:
-            self._process_fault(f"vision process {how}", now_ns)
+            self._process_fault(details.VISION_ENDED(how), now_ns)
 
     # What to do.
 

@@ -5,22 +5,25 @@ import pytest
 from gateway.core import details
 from gateway.core.details import DETAILS, Detail, told
 from gateway.modbus.protocol.answers import MAY_NOT_WRITE
+from gateway.records.sentences import SENTENCES
 from gateway.web.languages import languages
 from gateway.web.server.models import said
 from tests.page_texts import of_the_details
 
+DAY = "2026-12-01"
 MADE = ("12", "3.5", "-4", "+7")
 
 
 def test_codes_and_texts_are_unique() -> None:
-    assert len({one.code for one in DETAILS}) == len({one.text for one in DETAILS}) == len(DETAILS) > 90
+    known = SENTENCES.details
+    assert len({one.code for one in known}) == len({one.text for one in known}) == len(known) > 200
 
 
-@pytest.mark.parametrize("detail", DETAILS, ids=lambda one: one.code)
+@pytest.mark.parametrize("detail", SENTENCES.details, ids=lambda one: one.code)
 def test_each_sentence_is_found_again_with_its_values(detail: Detail) -> None:
     count = detail.text.count("{")
     values = tuple(f"plc {n}" if n in detail.words else MADE[n] for n in range(count))
-    (found,) = told(detail(*values))
+    (found,) = (told if detail in DETAILS else SENTENCES.told)(detail(*values))
     assert (found.detail, found.values) == (detail, values)
 
 
@@ -51,3 +54,29 @@ def test_every_sentence_is_in_every_language(code: str) -> None:
         text = texts[key]
         assert isinstance(text, str)
         assert sorted(p for p in "0123" if f"{{{p}}}" in text) == sorted(p for p in "0123" if f"{{{p}}}" in key), key
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "values"),
+    [
+        ("cam: vision process was killed by SIGSEGV in the source's driver", "driver_crashed", ["cam", "killed_by"]),
+        ("vision process ended with exit code 7", "vision_ended", ["exit_code"]),
+        (
+            "modbus.tls.cert: /a/gw.pem expires on 2026-12-01",
+            "cert_expires",
+            ["modbus.tls.cert: /a/gw.pem", DAY],
+        ),
+        ("the certificate of mqtts://b:8883 expired on 2026-12-01", "brokers_expired", ["mqtts://b:8883", DAY]),
+        ("mqtt://b:1883: connection lost: no answer to a PINGREQ", "link_lost_why", ["mqtt://b:1883", "no_pingresp"]),
+    ],
+)
+def test_a_sentence_within_another_has_its_own_code(text: str, code: str, values: list[str]) -> None:
+    (found,) = said(text)
+    assert found.code == code
+    assert [value if isinstance(value, str) else value[0].code for value in found.values] == values
+
+
+def test_several_certificates_are_several_sentences() -> None:
+    assert [one.code for one in said("a: /x expires on 2026-12-01; b: /y expired on 2026-11-01")] == [
+        "cert_expires", "cert_expired",
+    ]  # fmt: skip

@@ -1,8 +1,13 @@
 """Recorded incidents are decided again by this version: a change of any decision is a diff that somebody must want."""
 
+import shutil
+from pathlib import Path
+
 import pytest
 
-from gateway.records import recording
+from gateway.core.state import REASON_MEANING
+from gateway.records import account, recording
+from gateway.records.inquiry import Inquiry
 from gateway.records.record import Decision
 from gateway.records.recorded_rules import RecordedRules
 from gateway.records.recording import MissingItem
@@ -43,3 +48,19 @@ def test_together_they_show_all_that_a_visit_can() -> None:
     assert {decision.phase.name for decision in decisions} >= {
         "UNKNOWN", "EMPTY", "APPROACHING", "AT_MARK", "IN_PLACE", "HELD", "RELEASED", "LEAVING",
     }  # fmt: skip
+
+
+@pytest.mark.mostly_long(short=3)
+@pytest.mark.parametrize("name", INCIDENTS)
+def test_each_text_of_its_account_has_a_code_or_is_in_the_pages_languages(name: str, tmp_path: Path) -> None:
+    shutil.copy(path_of(name), tmp_path)
+    inquiry = Inquiry(tmp_path)
+    begin_ns, end_ns = inquiry.span()
+    for at_ns in (begin_ns, (begin_ns + end_ns) // 2, end_ns):
+        answer = inquiry.at(at_ns)
+        told = account.as_json(answer, [])
+        links = [link[of] for link in (*told["chain"], *told["after"]) for of in ("by", "why") if link[of]]
+        causes = [cause["text"] for cause in told["causes"]]
+        texts = {told["headline"], *told["warnings"], *causes, *links, *(one["what"] for one in told["done"])}
+        without = {text for text in texts - set(told["said"]) if not text.startswith("D = 1: R ")}
+        assert without <= set(REASON_MEANING.values())

@@ -278,7 +278,7 @@ async def test_refused_events_wait_and_everything_else_goes_on() -> None:
         assert len(plant.broker.on("bay1/state")) - states == 28
         assert numbers(plant, "bay2") == [3, 4]
         assert numbers(plant) == [1, 1, 1, 1]
-        assert refused(plant.publisher.link) == "r/site/bay1/event: Not authorized (0x87)"
+        assert refused(plant.publisher.link) == "r/site/bay1/event is refused: Not authorized (0x87)"
         assert figures(plant, "events_held", "refused", "events_dropped") == [2, 0, 0]
         plant.broker.faults = {}
         await asyncio.sleep(16)
@@ -299,7 +299,7 @@ async def test_refused_states_and_announcements_are_dropped_and_counted() -> Non
         assert len(plant.broker.on(config)) == 1
         assert len(plant.broker.on("/status")) == 3
         assert "6000 bytes" in refused(plant.publisher.link)
-        assert "r/site/bay2/state: Quota (0x97)" in refused(plant.publisher.link)
+        assert "r/site/bay2/state is refused: Quota (0x97)" in refused(plant.publisher.link)
         assert figures(plant, "refused") == [1 + 21]
         plant.broker.faults = {}
         await asyncio.sleep(10)
@@ -321,7 +321,8 @@ async def test_a_topic_after_which_the_broker_ends_the_connection_is_found_and_h
         await asyncio.sleep(15)
         breaks = len(plant.link_errors)
         assert breaks == 6  # two, then four with one message at a time
-        assert refused(plant.publisher.link) == "r/site/bay2/event: the connection ends after it (connection lost)"
+        told = "r/site/bay2/event is refused: the connection ends after it (connection lost)"
+        assert refused(plant.publisher.link) == told
         happen(plant, 5)
         happen(plant, 5, "bay3")
         begun_s = now_s()
@@ -354,7 +355,10 @@ async def test_a_broker_that_ends_the_connection_after_a_refusal_does_so_once() 
         await asyncio.sleep(55)
         assert len(plant.link_errors) == 1
         assert numbers(plant, "bay2")[-2:] == [3, 4]
-        assert refused(plant.publisher.link) == "r/site/bay1/event: Not authorized (0x87); the connection ends after it"
+        assert (
+            refused(plant.publisher.link)
+            == "r/site/bay1/event is refused: Not authorized (0x87); the connection ends after it"
+        )
         await asyncio.sleep(200)  # tried again after 1 and 2 minutes
         assert len(plant.link_errors) == 3
         plant.broker.faults = {}
@@ -371,7 +375,7 @@ async def test_a_state_after_which_the_broker_ends_the_connection_does_not_stop_
     async with plant.running():
         await asyncio.sleep(15)
         assert len(plant.link_errors) == 6
-        assert refused(plant.publisher.link).startswith("r/site/bay1/state: ")
+        assert refused(plant.publisher.link).startswith("r/site/bay1/state is refused: ")
         begun_s = now_s()
         await asyncio.sleep(20)
         for bay in ("bay2", "bay3"):
@@ -416,7 +420,7 @@ def test_only_so_many_topics_are_named() -> None:
     answers = TopicAnswers()
     for number in range(5):
         answers.refused(f"t{number}", "no", 0)
-    assert answers.alarms["messages_refused"] == "t0: no; t1: no; t2: no, and 2 more"
+    assert answers.alarms["messages_refused"] == "t0 is refused: no; t1 is refused: no; t2 is refused: no, and 2 more"
 
 
 @pytest.mark.parametrize("name", ["messages_refused", "events_unsubscribed"])

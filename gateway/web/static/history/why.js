@@ -1,16 +1,16 @@
-// Why were the outputs as they were at the chosen moment? Asked on demand: it costs a second or more. The account itself is
-// the records', in English, as in the reports.
+// Why were the outputs as they were at the chosen moment? Asked on demand: it costs a second or more.
 
 import { html, useEffect, useRef, useState } from '../lib/page.js';
 import { listed, t, text } from '../lib/lang.js';
 import { stamp, words } from '../lib/format.js';
 import { stampOf } from '../lib/days.js';
+import { saidText } from '../lib/said.js';
 import { useAnswer } from './answers.js';
 
-const CHAIN = ['time', 'what', 'by', 'why'];
-const timed = (rows, caption) =>
+const CHAIN = ['what', 'by', 'why'];
+const timed = (rows, caption, shown) =>
   rows.length > 0 && html`<h3>${caption}</h3><table class="stack"><tbody>${rows.map((row) => html`<tr><td class="nowrap mono">${row.time.slice(11, 23)}</td>
-    ${CHAIN.slice(1).map((name) => html`<td translate="no">${row[name] ?? ''}</td>`)}</tr>`)}</tbody></table>`;
+    ${CHAIN.map((name) => html`<td translate="no">${shown(row[name])}</td>`)}</tr>`)}</tbody></table>`;
 
 /** `asked`: counts what was asked; 0: nothing yet. */
 export function Why({ bay, atMs, asked, ask }) {
@@ -26,6 +26,7 @@ export function Why({ bay, atMs, asked, ask }) {
   }, []);
   const { answer, wrong, busy } = useAnswer(of === null ? null : `${at}/why?at_ms=${of}`, { timeoutMs: 110_000, key: asked });
   const outputs = answer?.outputs;
+  const shown = (/** @type {string} */ text) => saidText({ said: answer.said[text], detail: text });
   return html`<section class="panel why-panel" ref=${panel} aria-labelledby="why-title">
     <header>
       <h2 id="why-title">Why?</h2>
@@ -41,13 +42,13 @@ export function Why({ bay, atMs, asked, ask }) {
     </div>
     ${answer && !busy && html`<div class="answer" tabindex="0" role="region" aria-label="the answer">
       <p class="small muted" translate="no">${stampOf(answer.time, { ms: true })}</p>
-      <p class="headline" translate="no">${answer.headline}</p>
-      ${answer.warnings.filter((text) => text !== answer.headline).map((text) => html`<p class="notice warn small" translate="no">${text}</p>`)}
+      <p class="headline" translate="no">${shown(answer.headline)}</p>
+      ${answer.warnings.filter((text) => text !== answer.headline).map((text) => html`<p class="notice warn small" translate="no">${shown(text)}</p>`)}
       ${outputs && html`<p class="small">${listed([`stop ${outputs.stop}`, `may_move ${outputs.may_move}`, `in_place ${outputs.in_place}`, text('reason: {0}', t(words(outputs.reason))), answer.since && text('so since {0}', stampOf(answer.since, { ms: true }))])}</p>`}
-      ${answer.causes.length > 1 && html`<h3>Besides</h3><ul class="notes">${answer.causes.slice(1).map((cause) => html`<li translate="no">${cause.text}</li>`)}</ul>`}
-      ${timed(answer.chain, 'How it came about')}
-      ${timed(answer.after, 'And then')}
-      ${timed(answer.done, 'Who did what')}
+      ${answer.causes.length > 1 && html`<h3>Besides</h3><ul class="notes">${answer.causes.slice(1).map((cause) => html`<li translate="no">${shown(cause.text)}</li>`)}</ul>`}
+      ${timed(answer.chain, 'How it came about', shown)}
+      ${timed(answer.after, 'And then', shown)}
+      ${timed(answer.done, 'Who did what', shown)}
       <p class="small muted">${answer.pictures.length === 1 ? '1 picture is kept round it.' : `${answer.pictures.length} pictures are kept round it.`} ${'The report has them, with plots, the state vector and the settings.'}</p>
     </div>`}
   </section>`;
