@@ -11,7 +11,7 @@ from gateway.config import VisionConfig
 from gateway.core.detection import Circle, Ellipse
 from gateway.vision.detect import registry
 from gateway.vision.detect.robust import facets
-from gateway.vision.detect.robust.decision import AMBIGUOUS, SHAPE, Candidate, chosen, ragged
+from gateway.vision.detect.robust.decision import AMBIGUOUS, SHAPE, Candidate, chosen, confidence, ragged
 from gateway.vision.detect.robust.detect import detect
 from gateway.vision.detect.robust.evidence import Evidence
 from gateway.vision.detect.robust.rim_fine import Rim
@@ -154,6 +154,21 @@ def test_of_two_of_about_one_size_the_one_with_clearly_more_evidence_is_taken() 
     faint = replace(larger, evidence=replace(PERFECT, redness=0.2))
     assert chosen([disc, faint])[0] is disc
     assert chosen([]) == (None, [])
+
+
+@pytest.mark.parametrize("radius_px", [34.0, 90.0])
+def test_a_larger_disc_that_is_only_less_sure_leaves_a_doubt(radius_px: float) -> None:
+    """As a marker of which half the picture was lost, beside a valve wheel."""
+    wheel = Candidate(RIM, PERFECT)
+    cut = Candidate(
+        replace(RIM, ellipse=Ellipse(300.0, 60.0, radius_px, radius_px, 0.0), support=0.5),
+        replace(PERFECT, coverage=0.65),
+    )
+    assert 0.5 < confidence(cut) < 0.6 * confidence(wheel)
+
+    assert chosen([wheel, cut]) == (None, [(wheel, AMBIGUOUS), (cut, AMBIGUOUS)])
+    reflection = replace(cut, rim=replace(cut.rim, ellipse=Ellipse(300.0, 60.0, 32.0, 32.0, 0.0)))
+    assert chosen([wheel, reflection]) == (wheel, [(reflection, WEAKER)])
 
 
 @pytest.mark.parametrize("radius", [40.5, 53.0])

@@ -175,12 +175,13 @@ def chosen(discs: Sequence[Candidate]) -> tuple[Candidate | None, list[tuple[Can
 
     The largest, as in equation 9, of those that are about as sure and as red as the best; of some of about its size,
     one for which clearly more speaks: not its reflection on the floor. Where another one elsewhere is as large as that,
-    nothing tells which is the marker: none is.
+    or a larger one is only less sure, as a marker of which a part is lost, nothing tells which is the marker: none is.
     """
     if not discs:
         return None, []
     surest, reddest = max(map(confidence, discs)), max(map(_redness, discs))
-    fit = [d for d in discs if confidence(d) >= AS_SURE * surest and _redness(d) >= AS_RED * reddest] or list(discs)
+    red = [d for d in discs if _redness(d) >= AS_RED * reddest] or list(discs)
+    fit = [d for d in red if confidence(d) >= AS_SURE * surest] or red
     large = [disc for disc in fit if ABOUT_AS_LARGE * _size(disc) >= max(map(_size, fit))]
     rivals = [disc for disc in large if CLEARLY_MORE * weight(disc) >= max(map(weight, large))]
     largest = max(rivals, key=_size)
@@ -190,8 +191,9 @@ def chosen(discs: Sequence[Candidate]) -> tuple[Candidate | None, list[tuple[Can
         for disc in rivals
         if AS_LARGE * _size(disc) >= _size(largest) and not same_place(circle_of(disc.rim.ellipse), place)
     ]
-    doubtful = [largest, *equal] if equal else []
-    taken = None if equal else largest
+    unsure = [d for d in red if d not in fit and _size(d) > ABOUT_AS_LARGE * _size(largest)]
+    doubtful = [largest, *equal, *unsure] if equal or unsure else []
+    taken = None if doubtful else largest
     others = [disc for disc in discs if disc is not taken]
     return taken, [(disc, AMBIGUOUS if any(disc is one for one in doubtful) else WEAKER) for disc in others]
 

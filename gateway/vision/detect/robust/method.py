@@ -39,7 +39,7 @@ REJECTIONS: dict[str, str] = {
     "confidence": "passes every gate, but too narrowly in too many: not round, not clear, not complete",
     "size": "a red disc, but at the ranger's distance the marker is larger or smaller",
     "weaker": "a red disc, but another one in this picture is larger or has much more evidence",
-    "ambiguous": "a red disc, but another one is as large, and nothing tells which of them is the marker",
+    "ambiguous": "a red disc, but another one is at least as large, and nothing tells which of them is the marker",
     "moved": "found in the mean of the newest frames, but it did not stand still in all of them",
     "jump": "with tracking: a red disc where the tracked marker cannot be, or of another size; not confirmed yet",
 }
