@@ -141,6 +141,29 @@ def test_dust_alone_is_no_marker(ground: str, share: float) -> None:
     assert detect(dust(empty, share, at=AT, uneven=True, seed=4), PARAMS).circle is None
 
 
+def wall(colour: tuple[float, float, float], disc: tuple[float, float, float]) -> Image:
+    sheet = decoys.sheet(320, 240, "concrete", 5)
+    sheet.paint[:] = np.array(colour, np.float32)
+    sheet.disc(PLACE.u_px, PLACE.v_px, PLACE.radius_px, disc)
+    return sheet.finished()
+
+
+@pytest.mark.parametrize("grey", [110.0, 130.0, 180.0])
+@pytest.mark.parametrize("colour", [(150, 150, 100), (150, 150, 138), (120, 150, 115)])
+def test_the_cyan_of_a_wall_makes_no_grey_disc_red(colour: tuple[float, float, float], grey: float) -> None:
+    assert detect(wall(colour, (grey, grey, grey)), PARAMS).circle is None
+
+
+@pytest.mark.parametrize("ground", [90.0, 120.0])
+def test_what_is_much_lighter_than_dust_has_to_be_red_by_itself(ground: float) -> None:
+    pale = detect(wall((ground, ground, ground), (178, 178, 188)), PARAMS)
+    pink = detect(wall((ground, ground, ground), (124, 122, 198)), PARAMS)
+
+    assert pale.circle is None
+    assert "colour" in [rejected.why for rejected in pale.rejected]
+    assert pink.circle is not None
+
+
 def test_the_tracked_place_is_measured_behind_dust_too() -> None:
     limits = Limits(min_radius_px=5.0, max_radius_px=200.0, min_confidence=0.5)
     image = dust(scene(), 0.92, at=AT, uneven=False, seed=6)

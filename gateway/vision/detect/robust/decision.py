@@ -17,6 +17,7 @@ from gateway.vision.detect.robust.marker_colour import (
     not_brown,
     paint_left,
 )
+from gateway.vision.detect.robust.redness import BLACK, Light
 from gateway.vision.detect.robust.rim_fine import Rim
 from gateway.vision.track.distractors import SIZE, WEAKER
 
@@ -33,6 +34,7 @@ FULL_ASPECT, FULL_CONTRAST = 0.85, 0.45  # from which on they have their full we
 ODDS = 80.0  # for a disc with nothing against it
 VEILED_ODDS = 0.8  # so much less behind a full veil, of which only an estimate was subtracted
 VEILED_REDNESS = 1.0  # the same behind a full veil: how much more was there is no longer known
+MOST_LIGHT, NEARLY_GREY, OWN_RED = 1.25, 1.04, 0.5  # of the airlight; its green by red; of what its subtraction adds
 AS_SURE, AS_RED = 0.6, 0.3  # of the surest disc's confidence and of the reddest one's redness: it may be the marker
 ABOUT_AS_LARGE, AS_LARGE = 1.1, 1.05  # a radius by another: more weight decides; the two are equal
 CLEARLY_MORE = 1.5  # weight by another's
@@ -72,14 +74,27 @@ class Candidate:
     evidence: Evidence
     veil: float = 0.0  # share of airlight over it, as far as known; the evidence may be that of the picture as it is
     off_colour: float = 0.0  # 0: of the marker's colour; above 1: of another
+    airlight: Light = BLACK  # of which `evidence.veil` was subtracted
 
     @property
     def aspect(self) -> float:
         return self.rim.ellipse.semi_minor_px / self.rim.ellipse.semi_major_px
 
 
-def candidate(rim: Rim, found: Evidence, limits: Limits, veil: float = 0.0) -> Candidate:
-    return Candidate(rim, found, veil, distance(found, limits.marker))
+def candidate(rim: Rim, found: Evidence, limits: Limits, airlight: Light = BLACK, veil: float = 0.0) -> Candidate:
+    return Candidate(rim, found, veil, distance(found, limits.marker), airlight)
+
+
+def _behind_dust(c: Candidate) -> bool:
+    """An even wall looks like dust. Before it may stand what is lighter than dust lets anything be, and what only the
+    subtraction of the wall's cyan has made red: these have to be red in the picture as it is."""
+    (_, green, red), share = c.evidence.colour, c.evidence.veil
+    _, green_light, red_light = (share * channel for channel in c.airlight)
+    if share == 0:
+        return True
+    if red + red_light > MOST_LIGHT * c.airlight[2]:
+        return math.log((red + red_light) / (green + green_light)) >= MIN_CONTRAST
+    return green_light <= NEARLY_GREY * red_light or red - green >= (1 + OWN_RED) * (green_light - red_light)
 
 
 def _sharp(c: Candidate) -> bool:
@@ -116,6 +131,7 @@ GATES: tuple[tuple[str, Gate], ...] = (
     ("visible", lambda c, _: c.rim.visible >= HALF * c.rim.support or quality(c.rim) >= CLEAR_HALF),
     ("fill", lambda c, _: c.evidence.fill >= MIN_FILL),
     ("hollow", lambda c, _: c.evidence.hollow <= MAX_HOLLOW),
+    ("colour", lambda c, _: _behind_dust(c)),
     ("support", lambda c, _: c.rim.support >= MIN_SUPPORT),
     ("blur", lambda c, _: _sharp(c)),
     (SHAPE, lambda c, _: not ragged(c.rim)),

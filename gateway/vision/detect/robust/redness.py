@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from gateway.vision.pixels import Colours
 
 Plane = NDArray[np.float32]
+Light = tuple[float, float, float]  # BGR grey levels
 
+BLACK: Light = (0.0, 0.0, 0.0)
 DARK = 8.0  # k: about twice the read noise of a cheap camera, grey levels
 
 
@@ -48,6 +50,7 @@ class PyramidLevel:
     factor: int
     veil: Plane | None = None  # share of airlight on a coarse grid, where it has been subtracted
     gain: float = 1.0  # an 8-bit value is the grey level times this; that of all levels of a pyramid
+    airlight: Light = BLACK  # of a full veil
 
     def veil_at(self, u_px: float, v_px: float) -> float:
         """Share of airlight that has been subtracted at a place of the full frame."""

@@ -137,7 +137,7 @@ def _judged(
 ) -> Iterator[tuple[Candidate, str | None]]:
     (evidence,) = measurement.of_ellipses(levels, [rim.ellipse])
     if evidence is not None:
-        found = candidate(rim, evidence, limits, share)
+        found = candidate(rim, evidence, limits, levels[0].airlight, share)
         yield found, _refused(image, found, limits)
 
 
@@ -213,7 +213,10 @@ def _refined(
         elif not any(same_ellipse(rim.ellipse, other.ellipse) for other in rims):
             rims.append(rim)
     measured = measurement.of_ellipses(levels, [rim.ellipse for rim in rims])
-    return [candidate(rim, found, limits) for rim, found in zip(rims, measured, strict=True) if found], rejected
+    airlight = levels[0].airlight
+    return [
+        candidate(rim, found, limits, airlight) for rim, found in zip(rims, measured, strict=True) if found
+    ], rejected
 
 
 def _share_at(dust: Veil | None, level: PyramidLevel, place: Ellipse) -> float:

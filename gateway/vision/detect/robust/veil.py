@@ -8,7 +8,7 @@ redness with the same k (`redness.DARK`) is at once relative to what the veil le
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -79,13 +79,12 @@ def _coarse(pictures: Sequence[Colours]) -> Colours:
 def unveiled(levels: Sequence[PyramidLevel], veil: Veil) -> list[PyramidLevel]:
     """Each level less the veil's light, not below 0; those of 8 bits in 8 bits, times the `gain` that uses them."""
     left = [_left(level, veil) for level in levels]
+    pairs = list(zip(left, levels, strict=True))
     if levels[0].bgr.dtype != np.uint8:
-        return [PyramidLevel(bgr, level.factor, veil.share) for bgr, level in zip(left, levels, strict=True)]
+        return [replace(level, bgr=bgr, veil=veil.share, airlight=veil.airlight) for bgr, level in pairs]
     gain = _gain(_coarse(left))
-    return [
-        PyramidLevel(np.asarray(cv2.convertScaleAbs(bgr, alpha=gain), np.uint8), level.factor, veil.share, gain)
-        for bgr, level in zip(left, levels, strict=True)
-    ]
+    eight_bits = ((np.asarray(cv2.convertScaleAbs(bgr, alpha=gain), np.uint8), level) for bgr, level in pairs)
+    return [replace(level, bgr=bgr, veil=veil.share, gain=gain, airlight=veil.airlight) for bgr, level in eight_bits]
 
 
 def _left(level: PyramidLevel, veil: Veil) -> Plane:
