@@ -19,7 +19,7 @@ import numpy as np
 
 from gateway.clock import Clock
 from gateway.core.detection import Detection
-from gateway.core.readings import AgeProof
+from gateway.core.readings import AgeProof, PictureHealth
 from gateway.errors import ConfigError, GatewayError, LinkError
 from gateway.processes import sandbox, seccomp
 from gateway.processes.channel import Channel
@@ -75,6 +75,7 @@ def run(channel: Channel[FromVision, MarkerRadii | ControlsRequest], job: Vision
     capture = CaptureThread(channel, job, progress, newest, exposure, recent)
     threading.excepthook = capture.crashed
     threading.Thread(target=capture.run, name="capture", daemon=True).start()
+    picture: PictureHealth | None = None
     while True:
         frame = newest.take(job.detector_beat_s / clock.speed)
         progress.detector_runs(clock.now_ns())
@@ -87,14 +88,14 @@ def run(channel: Channel[FromVision, MarkerRadii | ControlsRequest], job: Vision
             continue
         progress.work_begins(frame.seq, frame.t_capture_ns, clock.now_ns())
         detection, since_ns = detected(detect, sums, frame, recent)
-        marker = detection.circle is not None or detection.predicted is not None
-        picture = meter.measure(frame.image, frame.t_capture_ns, marker=marker)
         settings = None if exposure is None else exposure.state
         level = None if lamp is None else lamp.level(frame.image)
         proof = frame.age_proof
         channel.send(FrameResult(frame.seq, frame.t_capture_ns, detection, since_ns, picture, settings, proof, level))
         now_ns = clock.now_ns()
         progress.work_ends(now_ns)
+        marker = detection.circle is not None or detection.predicted is not None
+        picture = meter.measure(frame.image, frame.t_capture_ns, marker=marker)  # after the result, which is waited for
         if exposure is not None:
             exposure.look(frame.image, frame.seq, frame.t_capture_ns, detection)
         if ring.due(now_ns):

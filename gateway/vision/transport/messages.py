@@ -126,7 +126,7 @@ class FrameResult(Message, frozen=True):
     t_capture_ns: int
     detection: Detection
     unchanged_since_ns: int = 0  # what was found is as old: unchanged since, to the last bit, or of frames summed since
-    picture: PictureHealth | None = None  # measured in this frame; not judged yet
+    picture: PictureHealth | None = None  # measured in the frame before; not judged yet
     exposure: CameraExposure | None = None  # None: left to the camera
     age_proof: AgeProof = AgeProof.UNPROVEN  # of t_capture_ns
     beacon_level: float | None = None  # of the newest frame; None: no beacon, or its place is not in the picture

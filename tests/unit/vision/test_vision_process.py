@@ -13,11 +13,11 @@ import pytest
 from gateway.clock import Clock, SystemClock
 from gateway.config import CameraConfig, VisionConfig
 from gateway.core.detection import Circle, Detection
-from gateway.core.readings import Quality, VisionReading
+from gateway.core.readings import PictureHealth, Quality, VisionReading
 from gateway.errors import LinkError
 from gateway.processes.channel import Failed, Gone
 from gateway.processes.start import Role
-from gateway.vision.process import vision_service
+from gateway.vision.process import vision_process, vision_service
 from gateway.vision.process.monitor import ProcessMonitor
 from gateway.vision.process.vision_process import CaptureThread, CheckedFrame, NewestFrame
 from gateway.vision.source.checks import FrameRules
@@ -179,6 +179,36 @@ def test_every_frame_of_a_source_that_wants_it_is_looked_at_before_its_end_is_re
     thread.join()
     progress.close()
     assert diary.entries == [Opened(lossless=True), *range(1, 21), SourceLost("few: ended")]
+
+
+def test_a_result_does_not_wait_for_the_picture_s_own_figures_which_the_next_one_has(
+    ring: RingSpec, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: list[Any] = []
+
+    class Meter:
+        def measure(self, image: Any, t_ns: int, *, marker: bool) -> PictureHealth:
+            said.append("measured")
+            return PictureHealth(len(said) / 10, 0.0, 0.0, None, None, None)
+
+    class Link:
+        def waiting(self) -> list[Any]:
+            return []
+
+        def send(self, message: Any) -> None:
+            if isinstance(message, FrameResult):
+                said.append((message.seq, message.picture and message.picture.brightness))
+                if message.seq == 3:
+                    raise EOFError
+
+    monkeypatch.setattr(vision_process, "PictureMeter", Meter)
+    monkeypatch.setattr(threading, "excepthook", threading.excepthook)
+    spec = FewFrames(3, lossless=True)
+    detector = DetectorSpec(VisionConfig(method="paper"))
+    job = VisionJob(1, SourceRecord.of(spec), detector, CLOCK, ring, FrameRules(), 1)
+    with pytest.raises(EOFError):
+        vision_process.run(cast(Any, Link()), job)
+    assert said == [(1, None), "measured", (2, 0.2), "measured", (3, 0.4)]
 
 
 @pytest.mark.parametrize("message", [SourceLost, Failed])
