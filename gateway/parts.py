@@ -150,7 +150,7 @@ def build_outputs(shared: Shared, sensors: Sensors, in_force: InForce) -> BayOut
     """Raises ConfigError."""
     config, hub, clock = shared.config, shared.hub, shared.clock
     history = EventHistory(hub)
-    recorder = RecorderService(config, clock, sensors.frames, shared.boot)
+    recorder = RecorderService(config, clock, sensors.frames, shared.boot, sensors.template)
     listeners: list[Callable[[AlarmStep], None]] = []
     alarms = AlarmMonitor(
         {bay.name: bay for bay in config.bays},

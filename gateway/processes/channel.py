@@ -9,7 +9,7 @@ from typing import Generic, TypeVar
 from gateway.errors import ProtocolError
 from gateway.processes.codec import MAX_MESSAGE_BYTES, Codec, Message
 
-MAX_FDS = 32  # with one message
+MAX_FDS = 253  # with one message; Linux' own limit (SCM_MAX_FD)
 
 Out = TypeVar("Out")
 In = TypeVar("In")

@@ -13,7 +13,7 @@ import socket
 import subprocess
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from types import TracebackType
 from typing import Any, Generic, Protocol, Self, TypeVar
@@ -45,6 +45,7 @@ class Child(Generic[Out, In]):
     channel: Channel[Out, In | Failed]
     pidfd: int = -1
     given_up: bool = False  # before there was a process
+    unsent: list[tuple[Out, Sequence[int]]] = field(default_factory=list)  # until there is a process
 
     def status(self) -> int | None:
         """Exit code; None: it runs, or is about to."""
@@ -102,8 +103,13 @@ class ProcessSlot(Generic[Out, In]):
         self._begun(child, role.job, process)
 
     def send(self, message: Out, fds: Sequence[int] = ()) -> None:
-        """Never waits. A child that does not take its messages is killed; without one nothing is sent."""
-        if (child := self._child) is not None and child.process is not None and not child.channel.offer(message, fds):
+        """Never waits. A child that does not take its messages is killed; without one nothing is sent. One that the
+        template has still to make gets its messages after its job."""
+        if (child := self._child) is None:
+            return
+        if child.process is None:
+            child.unsent.append((message, fds))
+        elif not child.channel.offer(message, fds):
             child.process.kill()
 
     def kill(self) -> None:
@@ -193,6 +199,9 @@ class ProcessSlot(Generic[Out, In]):
         child.pidfd = os.pidfd_open(process.pid)
         asyncio.get_running_loop().add_reader(child.pidfd, self._arrived, True)
         self.send(job)
+        for message, fds in child.unsent:
+            self.send(message, fds)
+        child.unsent.clear()
         return True
 
     def _give_up(self, child: Child[Out, In]) -> None:

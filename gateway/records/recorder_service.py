@@ -35,6 +35,7 @@ from gateway.processes.channel import Failed, Gone
 from gateway.processes.deadlines import SignsOfLife, StartDeadline
 from gateway.processes.slot import ProcessSlot
 from gateway.processes.start import Role
+from gateway.processes.template import ProcessTemplate
 from gateway.records.collector import Collector
 from gateway.records.messages import (
     FROM_RECORDER,
@@ -108,12 +109,14 @@ def head_of(config: GatewayConfig, bay: BayConfig, boot: str) -> Head:
 
 @dataclass(slots=True)
 class RecorderService:
-    """`rings`: the bays' frames. `collectors`: by bay; none where nothing is recorded."""
+    """`rings`: the bays' frames. `collectors`: by bay; none where nothing is recorded. `template`: what the process
+    is forked from, and shares its memory with; None: it is a fresh interpreter."""
 
     config: GatewayConfig
     clock: SystemClock
     rings: Mapping[str, RingSpec]
     boot: str
+    template: ProcessTemplate | None = None
     status: RecorderStatus = field(default_factory=RecorderStatus)
     fault: str = ""  # of the process itself; empty: it runs
     pictures_not_kept: int = 0  # since the start, but for routine stops beyond the day's budget
@@ -212,8 +215,9 @@ class RecorderService:
         fds = tuple(fd for ring in self.rings.values() for fd in ring.fds) if pictures else ()
         job = Job(str(self.folder), self.config.records, self.clock, bays)
         role: Role[ToRecorder] = Role(MODULE, "gw-recorder", job, fds)
+        made = ProcessSlot[ToRecorder, FromRecorder]("recorder", self.clock, FROM_RECORDER, template=self.template)
         try:
-            async with ProcessSlot[ToRecorder, FromRecorder]("recorder", self.clock, FROM_RECORDER) as slot:
+            async with made as slot:
                 self._slot = slot
                 slot.start(role)
                 for message, _ in self._unacknowledged:

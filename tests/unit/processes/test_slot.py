@@ -2,6 +2,7 @@
 
 import asyncio
 import os
+import socket
 import subprocess
 from collections.abc import Awaitable, Callable
 from typing import Any, cast
@@ -9,6 +10,7 @@ from typing import Any, cast
 from gateway.processes.channel import Channel, Failed
 from gateway.processes.codec import Codec
 from gateway.processes.slot import MAX_MESSAGES, Child, ProcessSlot
+from gateway.processes.start import Role
 from tests.virtual_time import LoopClock, run
 
 ANYTHING = Codec(Any)
@@ -98,3 +100,32 @@ def test_what_was_not_taken_at_once_wakes_the_slot_again() -> None:
         assert found == [0, 1, 2, 3, 4]
 
     with_child(ANYTHING, scene)
+
+
+def test_what_is_sent_before_the_template_has_made_the_process_follows_its_job() -> None:
+    class Later:
+        """A template that has not answered yet."""
+
+        answer: Callable[[Any], bool]
+        theirs: socket.socket
+
+        def start(self, role: Role[Any], theirs: socket.socket, answer: Callable[[Any], bool]) -> None:
+            self.theirs, self.answer = theirs, answer
+
+    async def main() -> None:
+        template, process = Later(), Alive()
+        process.pid = os.getpid()
+        slot = Slot("recorder", LoopClock(), ANYTHING, template=template)
+        slot.start(Role("module", "name", "the job"))
+        slot.send("first")
+        slot.send("second")
+        other: Channel[Any, Any] = Channel(template.theirs, ANYTHING)
+        with template.theirs:
+            assert other.waiting() == []
+            assert template.answer(process)
+            slot.send("third")
+            assert other.waiting() == ["the job", "first", "second", "third"]
+        assert slot._child is not None
+        slot._forget(slot._child)
+
+    run(main())
