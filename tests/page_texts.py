@@ -32,7 +32,7 @@ from gateway.web.languages import languages
 from gateway.web.manager import collected
 from gateway.web.profile import parameter_schema, settings_model
 from gateway.web.testsets import scoring
-from gateway.web.tuning import eyedropper, remarks
+from gateway.web.tuning import eyedropper, marker_pick, remarks
 from gateway.web.tuning import teach_in as teach_ins
 
 STATIC = Path(__file__).parents[1] / "gateway" / "web" / "static"
@@ -50,7 +50,7 @@ NOT_TEXTS = {
     "'Segoe UI', Roboto, 'Noto Sans', 'Liberation Sans', sans-serif", "(prefers-color-scheme: dark)",
     "(max-width: 700px) and not print", "(min-width: 1700px)", "(prefers-reduced-motion: reduce)", "rgb({0}, {1}, {2})",
     "[name='{0}'], [name^='{1}.']", "[records]", "enabled = true", "[records] enabled = true",
-    "more false", "more wrong", "test set {0}/{1}: {2}", "the marker is refused: {0}",
+    "#rrggbb", "more false", "more wrong", "test set {0}/{1}: {2}", "the marker is refused: {0}",
     'state_dir = "/var/lib/loading-gateway"', "guidance.aim_u_px", "state_dir", "this picture", "pick-mode",
     "the score goes on: {0}", "no picture: {0}", "{0}{1}h {2}{3}min", "{0}{1}min {2}{3}s",
     "({0}, {1}) lies beside the picture of {2} x {3} px", "Value error, ", "id = {0}  # of [[recipes]]",
@@ -283,7 +283,7 @@ def of_the_remarks() -> set[str]:
     found = {f"{code}: {meaning}" for code, meaning in REJECTIONS.items()}
     found |= {f"the marker is refused: {meaning}" for meaning in REJECTIONS.values()}
     modules = (
-        *(remarks, eyedropper, scoring, exposure, thresholds, paper_view, robust_view),
+        *(remarks, eyedropper, marker_pick, scoring, exposure, thresholds, paper_view, robust_view),
         *(teach_in, teach_ins, solve, collected),
     )
     for module in modules:

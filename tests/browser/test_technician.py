@@ -385,6 +385,49 @@ def test_the_eyedropper_takes_the_colour_at_a_place(page: Page) -> None:
     until(page, lambda: white(page) > 1000)
 
 
+def orange_bay() -> bytes:
+    image = np.full((240, 320, 3), 120, np.uint8)
+    cv2.circle(image, (160, 120), 50, (18, 91, 231), -1)
+    return cv2.imencode(".png", cv2.GaussianBlur(image, (3, 3), 0))[1].tobytes()
+
+
+@pytest.mark.long
+def test_a_marker_of_another_colour_is_taught_by_a_click_tried_and_saved(
+    visit: Visit, watches: list[Watch], tmp_path: Path, started: ExitStack
+) -> None:
+    bay = started.enter_context(plant(tmp_path, STANDING))
+    page = tuning(bay, visit)
+    page.get_by_label("robust", exact=True).check()
+    expect(page.get_by_label("widens them")).to_have_count(0)
+    picture = FilePayload(name="orange.png", mimeType="image/png", buffer=orange_bay())
+    page.get_by_label("pictures to upload").set_input_files(picture)
+    settled(page)
+    verdict, colour, said = page.locator(".effect .verdict"), page.locator("#k-marker_colour"), page.locator("#picked")
+    expect(verdict).to_contain_text("no marker found")
+    page.locator(".tile.picture canvas").click()
+    expect(said).to_contain_text(re.compile(r"#e75b12 hue 21° \(21° to 21°\), chroma 2\.22.*Proposed"))
+    expect(said).to_contain_text("Another colour than the marker's")
+    expect(colour).to_have_value("#e75b12")
+    settled(page)
+    expect(verdict).to_have_text(re.compile(r"^marker found, R (49|50)\."))
+    colour.fill("#e75b1")
+    expect(page.get_by_text("# and six hex digits, two each of red, green and blue")).to_be_visible()
+    expect(colour).to_have_attribute("aria-invalid", "true")
+    colour.press("Enter")
+    expect(colour).to_have_value("#e75b12")  # what is no colour changes nothing
+
+    page.get_by_role("button", name="Save to file…").click()
+    dialog = page.get_by_role("dialog")
+    expect(dialog.locator(".diff .added").filter(has_text='marker_colour = "#e75b12"')).to_have_count(1)
+    dialog.get_by_role("button", name="Save").click()
+    warned = page.get_by_role("dialog").filter(has_text="finds the marker less often")  # the simulated one is red
+    warned.get_by_role("checkbox").check()
+    warned.locator("button.primary").click()
+    expect(dialog).to_contain_text("Saved.")
+    assert config.load(bay.config).bays[0].vision.marker_colour == "#e75b12"
+    watches[0].complaints.clear()  # of the save that was refused for its warnings
+
+
 @pytest.mark.long
 def test_a_function_check_ends_only_when_what_is_saved_is_in_force_and_names_what_follows(
     visit: Visit, tmp_path: Path, started: ExitStack

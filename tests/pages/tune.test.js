@@ -1,6 +1,6 @@
 import assert from 'node:assert/strict';
 import test from 'node:test';
-import { css, differing, groups, partLimits, placeOf, range, same, stepOf, title, typed, valueAt, widely, followed } from '../static/tune/settings.js';
+import { css, differing, groups, isColour, partLimits, placeOf, range, same, stepOf, title, typed, valueAt, widely, followed } from '../static/tune/settings.js';
 import { begun, changed, edited, profiled, tried } from '../static/tune/state.js';
 import { trials } from '../static/tune/trials.js';
 import { confirmed } from '../static/lib/warnings.js';
@@ -32,6 +32,11 @@ test('which settings differ; colours are lists', () => {
   assert.equal(same([0, 43, 46], [0, 43, 46]), true);
   assert.equal(same([0, 43, 46], [0, 43, 47]), false);
   assert.deepEqual(differing([RED, FILL], { red_low_1: [1, 2, 3], min_fill: 0 }, { red_low_1: [1, 2, 3], min_fill: 0.5 }), ['min_fill']);
+});
+
+test('a colour is # and six hex digits', () => {
+  for (const good of ['#e7752a', '#E7752A', '#000000']) assert.equal(isColour(good), true, good);
+  for (const bad of ['e7752a', '#e7752', '#e7752ag', '#e77 2a', 'red', '', null]) assert.equal(isColour(bad), false, bad);
 });
 
 test('what is typed is taken only where the gateway would take it', () => {

@@ -1,12 +1,12 @@
 """`[camera]` and `[vision]`: the source of frames, and how the marker is found in them. Pure."""
 
-import re
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
 from gateway.config.sections.camera_controls import ControlsConfig
 from gateway.config.sections.common import Reconnect
+from gateway.config.strict import forms
 from gateway.config.strict.errors import FieldError
 from gateway.config.strict.section import NameIn, Section
 from gateway.registry import Registry
@@ -362,6 +362,7 @@ class VisionConfig(Section):
     )
     marker_colour: str | None = Field(
         None,
+        pattern=forms.COLOUR,
         description="robust: the marker's colour as it is in pictures, a # and the hex digits of red, green and blue; "
         "without it the paper's red",
     )
@@ -396,8 +397,6 @@ class VisionConfig(Section):
     def _with_a_hue(cls, value: str | None) -> str | None:
         if value is None:
             return None
-        if not re.fullmatch(r"#[0-9a-fA-F]{6}", value):
-            raise ValueError("must be # and six hex digits: two each of red, green and blue")
         most, least = max(levels := bytes.fromhex(value[1:])), min(levels)
         if most < LEAST_LEVEL or most - least < LEAST_SATURATION * most:
             raise ValueError("is nearly black, grey or white: it has no hue to tell the marker by")

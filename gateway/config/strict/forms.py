@@ -6,6 +6,7 @@ SYSTEM_USER = r"^[A-Za-z_][A-Za-z0-9_.-]{0,31}$"
 VARIABLE = r"^[A-Za-z_][A-Za-z0-9_]*$"
 BASE_PATH = r"^(/[A-Za-z0-9_-][A-Za-z0-9._-]*)*$"
 LANGUAGE = r"^[a-z]{2,3}$"
+COLOUR = r"^#[0-9a-fA-F]{6}$"
 BROKER_URL = r"^(mqtts?|wss?)://"
 PROXY_URL = r"^http://"
 POSTGRESQL_URL = r"^postgres(ql)?://"
@@ -22,6 +23,7 @@ WORDS = {
     VARIABLE: "the name of an environment variable: letters from A to Z, digits and _",
     BASE_PATH: "a path such as /bay1: letters from A to Z, digits, dots, _ and -",
     LANGUAGE: "two or three small letters, as in de",
+    COLOUR: "# and six hex digits, two each of red, green and blue",
     BROKER_URL: "an address that begins with mqtt://, mqtts://, ws:// or wss://",
     PROXY_URL: "an address that begins with http://",
     POSTGRESQL_URL: "an address that begins with postgresql://",

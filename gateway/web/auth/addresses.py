@@ -6,7 +6,9 @@ rule.
 
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import reduce
 from json import JSONDecodeError
+from operator import or_
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, TypeVar, get_args
@@ -112,7 +114,8 @@ class ApiAddresses(AddressGroup):
 
         def description(returned: Any) -> Description:
             kinds = get_args(returned) if isinstance(returned, UnionType) else (returned,)
-            model = next((kind for kind in kinds if kind is not Response), None)
+            models = [kind for kind in kinds if kind is not Response]
+            model = reduce(or_, models) if models else None
             return Description(operation_id, model, errors=errors, **more)
 
         return self._http(rule, description)

@@ -18,7 +18,6 @@ from gateway.config.strict.section import Section, choices_of
 from gateway.errors import ConfigError
 
 _NOT_TUNED = {
-    "marker_colour": "is taught from pictures of the marker (gateway tune)",
     "intrinsics": "belongs to the camera and its lens (gateway calibrate)",
     "workers": "belongs to the machine",
     "affinity": "belongs to the machine",
@@ -29,7 +28,7 @@ _NOT_TUNED = {
 TUNED: tuple[str, ...] = tuple(key for key in VisionConfig.model_fields if key not in _NOT_TUNED)
 """The keys of a profile, in the order of the file's documentation."""
 
-Kind = Literal["choice", "flag", "whole", "number", "colour"]
+Kind = Literal["choice", "flag", "whole", "number", "colour", "rgb"]
 _UNITS = {"px": "px", "px2": "px²", "s": "s", "share": "of the diagonal"}
 
 
@@ -118,6 +117,8 @@ def _kind(info: FieldInfo) -> tuple[Kind, tuple[str, ...]]:
         return "colour", ()
     if annotation is bool:
         return "flag", ()
+    if annotation == str | None:
+        return "rgb", ()
     return ("whole" if annotation is int else "number"), ()
 
 

@@ -63,7 +63,8 @@ def export(bay: str, settings: VisionConfig, *, site: str, wall_ns: int) -> str:
         f"# Vision profile of {site}, bay {bay}, exported {at} UTC.\n"
         "# To be imported on a bay's tuning page, or pasted into [vision] of a configuration file.\n"
     )
-    return with_keys(head, ("vision",), {key: getattr(settings, key) for key in tuned.TUNED}, source="profile")
+    keys = {key: value for key in tuned.TUNED if (value := getattr(settings, key)) is not None}
+    return with_keys(head, ("vision",), keys, source="profile")
 
 
 def imported(text: str, base: VisionConfig, *, source: str) -> VisionConfig:
@@ -89,7 +90,8 @@ def _placed(document: Mapping[str, Any], index: int, changes: Mapping[str, Any])
     own = bays[index].get("vision", {}) if bays else {}
     nobody_else = len(bays) == 1 and "vision" in document  # reads the shared table
     for key, value in changes.items():
-        table: Place = ("bays", index) if bays and (key in own or not nobody_else) else ()
+        shared = nobody_else or value is None  # what is absent can't be set
+        table: Place = ("bays", index) if bays and (key in own or not shared) else ()
         yield (*table, "vision", key), list(value) if isinstance(value, tuple) else value
 
 

@@ -64,7 +64,7 @@ def pick(
     a click beside the picture.
     """
     hsv = stages.bgr_to_hsv(stages.gaussian(image, params.gaussian_kernel_px, params.gaussian_sigma_px))
-    near = _window(image, u_px, v_px, size_px)
+    near = window(image, u_px, v_px, size_px)
     patch = _patch(hsv[near].reshape(-1, 3))
     keys = _widened(params, patch) if mode == "widen" else _ranges(patch)
     mask = stages.red_mask(hsv, (keys["red_low_1"], keys["red_high_1"]), (keys["red_low_2"], keys["red_high_2"]))
@@ -73,7 +73,7 @@ def pick(
     return ColourPick(patch, keys, admitted, mask.size, hanging, _warnings(patch, admitted, mask.size, hanging))
 
 
-def _window(image: Image, u_px: float, v_px: float, size_px: int) -> tuple[slice, slice]:
+def window(image: Image, u_px: float, v_px: float, size_px: int) -> tuple[slice, slice]:
     height, width = image.shape[:2]
     u, v = round(u_px), round(v_px)
     if not (0 <= u < width and 0 <= v < height):

@@ -77,12 +77,12 @@ class TrialBody(FrameBody):
 
 
 class EyedropperBody(FrameBody):
-    """What is there in the picture, and which ranges would admit it."""
+    """What is there in the picture, and which settings of the method would admit it."""
 
     u_px: float = Field(ge=-1, le=20_000)
     v_px: float = Field(ge=-1, le=20_000)
     size_px: int = Field(9, ge=1, le=201)
-    mode: Literal["replace", "widen"] = "replace"
+    mode: Literal["replace", "widen"] = Field("replace", description="of the paper's ranges")
     vision: Vision
 
 

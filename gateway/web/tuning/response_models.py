@@ -165,12 +165,27 @@ class ColourPickView(View):
     warnings: list[str]
 
 
+class MarkerPickView(View):
+    """The colour round a place in a frame, as the robust method measures it."""
+
+    colour: str = Field(description="`#rrggbb`, the median")
+    hue_deg: float = Field(description="red 0, yellow 60, magenta -60")
+    hues_deg: tuple[float, float] = Field(description="5th and 95th percentiles")
+    chroma: float = Field(description="log of the largest channel by the least or, near red, by green; 0: grey")
+    chromas: tuple[float, float] = Field(description="5th and 95th percentiles")
+    distance: float = Field(description="from the marker's colour: 0: it is that; 1: the gate; at most 10")
+    keys: dict[str, str | None] = Field(description="by key of [vision]; empty: nothing is proposed; null: the red")
+    warnings: list[str] = Field(description="why nothing is proposed")
+
+
 class ParameterView(View):
     """One key of [vision] that may be tuned."""
 
     name: str
     belongs: str = Field(description="to which method; `both`: to all; keys of another method have no effect")
-    kind: Literal["choice", "flag", "whole", "number", "colour"]
+    kind: Literal["choice", "flag", "whole", "number", "colour", "rgb"] = Field(
+        description="`colour`: H, S, V on OpenCV's scale; `rgb`: `#rrggbb`, or null"
+    )
     meaning: str
     unit: str
     default: Any
@@ -268,9 +283,9 @@ class PointsView(View):
 class TaughtValueView(View):
     """A key, and what it should be."""
 
-    key: str = Field(description="below the bay's table, or that of the recipe")
-    value: float = Field(description="suggested, in the key's unit")
-    old: float | None = Field(description="as configured; null: it is not")
+    key: str = Field(description="below the bay's table, or that of the recipe; `vision.marker_colour`: the bay's")
+    value: float | str | None = Field(description="suggested, in the key's unit; null: the key is to be absent")
+    old: float | str | None = Field(description="as configured; null: it is not")
     why: str
 
 

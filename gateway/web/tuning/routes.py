@@ -52,6 +52,7 @@ from gateway.web.tuning.response_models import (
     CaptureView,
     ColourPickView,
     ImportedView,
+    MarkerPickView,
     ParameterView,
     ProfileDiffView,
     ProfileFileView,
@@ -240,7 +241,7 @@ async def _panel(request: Tuning, number: Number, panel: str) -> Response:
 @ADDRESSES.post(
     "/eyedropper",
     "eyedropper",
-    "the red ranges that would admit a place in a frame",
+    "the colour at a place in a frame, and the settings of the method that would admit it",
     errors=_SETTINGS
     | {
         404: "no such bay, or the frames are not kept any more",
@@ -249,7 +250,7 @@ async def _panel(request: Tuning, number: Number, panel: str) -> Response:
     empty=_NOT_MEASURED,
     audited=False,
 )
-async def _eyedropper(request: Tuning, body: EyedropperBody) -> ColourPickView | Response:
+async def _eyedropper(request: Tuning, body: EyedropperBody) -> ColourPickView | MarkerPickView | Response:
     frames, at = await request.frames(body)
     if not frames:
         return Response(status_code=204)

@@ -8,21 +8,23 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from gateway.config import BayConfig
+from gateway.config import BayConfig, VisionConfig
 from gateway.core import teach_in
 from gateway.core.interlock import Recipe
 from gateway.core.readings import QUALITY_MEANING, Quality
 from gateway.core.state import StateVector
-from gateway.core.teach_in import Suggestion, TeachSample
+from gateway.core.teach_in import Spreads, Suggestion, TeachSample
 from gateway.durations import NS_PER_S
 from gateway.errors import GatewayError
 from gateway.web.server.gateway_client import BayReport, GatewayClient
+from gateway.web.tuning import marker_pick
 
 KEPT_S = 900.0
 NEWER_S = 3.0  # the main process reports the bay within this
 UNKNOWN_S = 5.0  # without R or Z for this time, it has failed
 LATE_S = 10.0  # so much later than planned it is given up, whatever has arrived
 MAX_SAMPLES = 4000
+HALF_WAY = 0.5  # from the marker's colour to the gate: farther, another light may reach it
 
 
 class TeachInError(GatewayError):
@@ -33,6 +35,15 @@ class Phase(StrEnum):
     MEASURING = "measuring"
     DONE = "done"
     FAILED = "failed"
+
+
+@dataclass(frozen=True, slots=True)
+class TaughtColour:
+    """Of `vision.marker_colour`; None: absent."""
+
+    value: str | None
+    old: str | None
+    why: str
 
 
 @dataclass(slots=True)
@@ -54,6 +65,7 @@ class TeachInSession:
     ended_ns: int = 0
     why: str = ""
     suggestion: Suggestion | None = None
+    colour: TaughtColour | None = None
 
     @property
     def end_ns(self) -> int:
@@ -137,7 +149,20 @@ class TeachInSessions:
             self._end(session, now_ns, f"no R or Z for {UNKNOWN_S:g} s: {_not_good(state)}")
         elif now_ns >= session.end_ns or len(session.samples) >= MAX_SAMPLES:
             session.suggestion = teach_in.suggest(session.samples, session.bay, session.size_px, state.memory.scale)
+            if session.suggestion.values:
+                session.colour = self._colour(session.bay.name, session.suggestion.spreads, report.now.vision)
             self._end(session, now_ns)
+
+    def _colour(self, bay: str, spreads: Spreads, vision: VisionConfig) -> TaughtColour | None:
+        """What is seen of the marker's inner half, where it is far from the configured colour."""
+        frame, u, v, radius = self._client.snapshot(bay), spreads.u_px, spreads.v_px, spreads.radius_px
+        if vision.method != "robust" or frame is None or u is None or v is None or radius is None:
+            return None
+        seen = marker_pick.pick(frame.image, u.median, v.median, round(radius.median), vision.marker_colour)
+        if not seen.keys or seen.distance <= HALF_WAY:
+            return None
+        way = f"seen here {100 * seen.distance:.0f} % of the way from the marker's colour to the limit"
+        return TaughtColour(seen.keys["marker_colour"], vision.marker_colour, way)
 
     def _end(self, session: TeachInSession, now_ns: int, why: str = "") -> None:
         session.phase = Phase.FAILED if why else Phase.DONE

@@ -93,17 +93,23 @@ def _points(session: TeachInSession) -> PointsView:
 
 
 def _result(session: TeachInSession, suggestion: Suggestion) -> TeachInResultView:
-    table = ["recipes", str(session.recipe)] if session.recipe else ["bays", session.bay.name]
+    bay = ["bays", session.bay.name]
+    table = ["recipes", str(session.recipe)] if session.recipe else bay
+    values = [view_of(TaughtValueView, one, key=".".join(one.path)) for one in suggestion.values]
+    changes = [
+        SettingChangeBody(path=[*table, *one.path], value=one.value)
+        for one in suggestion.values
+        if one.value != one.old
+    ]
+    if (colour := session.colour) is not None:
+        values.append(view_of(TaughtValueView, colour, key="vision.marker_colour"))
+        changes.append(SettingChangeBody(path=[*bay, "vision", "marker_colour"], value=colour.value))
     return view_of(
         TeachInResultView,
         suggestion,
         recipe=session.recipe,
         before_mm=_rounded(suggestion.before_mm),
-        values=[view_of(TaughtValueView, one, key=".".join(one.path)) for one in suggestion.values],
-        changes=[
-            SettingChangeBody(path=[*table, *one.path], value=one.value)
-            for one in suggestion.values
-            if one.value != one.old
-        ],
+        values=values,
+        changes=changes,
         toml=toml_lines(session.bay.name, suggestion, session.recipe) if suggestion.values else "",
     )

@@ -10,7 +10,7 @@ SCHEMA = {key.name: key for key in parameter_schema.schema()}
 
 
 def test_every_key_of_vision_is_tuned_or_has_a_reason_not_to_be() -> None:
-    assert {*parameter_schema.TUNED, "marker_colour", "intrinsics", "workers", "affinity", "deadline_s"} == set(
+    assert {*parameter_schema.TUNED, "intrinsics", "workers", "affinity", "deadline_s"} == set(
         VisionConfig.model_fields
     )
     assert list(SCHEMA) == list(parameter_schema.TUNED)
@@ -24,7 +24,7 @@ def test_every_key_has_a_meaning_and_numbers_have_limits_and_a_unit_where_the_na
             assert key.low is not None
             assert key.high is not None
         assert bool(key.unit) is key.name.endswith(("_px", "_px2", "_s", "_share")), key.name
-    assert {key.kind for key in SCHEMA.values()} == {"choice", "flag", "whole", "number", "colour"}
+    assert {key.kind for key in SCHEMA.values()} == {"choice", "flag", "whole", "number", "colour", "rgb"}
     assert {key.belongs for key in SCHEMA.values()} == {"both", "paper", "robust"}
 
 
@@ -44,6 +44,7 @@ def test_what_the_description_allows_is_what_the_model_takes() -> None:
     assert (SCHEMA["gaussian_kernel_px"].step, SCHEMA["morph_iterations"].step) == (2, 1)
     assert SCHEMA["method"].choices == ("robust", "paper")
     assert SCHEMA["red_low_2"].default == [156, 43, 46]
+    assert (SCHEMA["marker_colour"].kind, SCHEMA["marker_colour"].default) == ("rgb", None)
 
 
 def test_keys_over_others_leave_these_as_they_are_and_set() -> None:

@@ -113,6 +113,23 @@ def test_only_the_lines_of_the_change_differ(text: str, bay: str, changes: dict[
         assert (found.text, found.diff) == (text, "")
 
 
+COLOURED = '[vision]\nmarker_colour = "#e75b12"  # orange\n'
+
+
+def test_a_colour_that_is_not_needed_any_more_is_removed_and_is_in_no_profile() -> None:
+    assert added(proposed(COLOURED, "bay1", marker_colour=None)) == ['marker_colour = "#e75b12"  # orange']
+    own = FOUR.replace("vision.min_confidence = 0.7 ", 'vision.marker_colour = "#1e3cb4"\nvision.min_confidence = 0.7 ')
+    assert added(proposed(own, "bay2", marker_colour=None)) == ['vision.marker_colour = "#1e3cb4"']
+    assert "marker_colour" not in profile.export("bay1", VisionConfig(), site="s", wall_ns=0)
+    orange = profile.export("bay1", VisionConfig(marker_colour="#e75b12"), site="s", wall_ns=0)
+    assert profile.imported(orange, VisionConfig(), source="p").marker_colour == "#e75b12"
+
+
+def test_a_shared_colour_is_not_removed_for_one_bay() -> None:
+    with pytest.raises(ConfigError, match="change marker_colour by hand"):
+        proposed(FOUR.replace("[vision]\n", COLOURED), "bay1", marker_colour=None)
+
+
 def test_bays_in_one_line_are_changed_too() -> None:
     text = 'bays = [{name = "a"}, {name = "b", unit_id = 2, vision = {coast_s = 0.2}}]  # short\n'
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -207,6 +208,31 @@ async def test_with_a_recipe_in_force_its_keys_are_taught() -> None:
         control.on_write(PlcWrite(PLC, recipe=0))
         await it.stand(1)
         assert (await it.view())["why"] == "the PLC has selected another recipe"
+
+
+FAR_MAGENTA = (150, 30, 200)  # BGR; its hue is -42.4 degrees: red ends at -46
+OFFERED = {"path": ["bays", "bay1", "vision", "marker_colour"], "value": "#c81e96"}
+
+
+@pytest.mark.long
+@pytest.mark.one_interpreter
+@in_virtual_time
+async def test_a_colour_more_than_half_way_to_the_gate_is_offered_with_the_thresholds() -> None:
+    async with truck() as it:
+        await it.stand(1)
+        rows: list[Any] = []
+        for bgr in (FAR_MAGENTA, (119, 30, 200), (45, 35, 190), (140, 140, 140)):
+            frame = np.full((HEIGHT, WIDTH, 3), 120, np.uint8)
+            cv2.circle(frame, (160, 120), 90, bgr, -1)
+            it.made.rings["bay1"].write(frame, 2 + len(rows), it.made.client.clock.now_ns())
+            await it.start(seconds=20)
+            await it.stand(21)
+            result = (await it.view())["result"]
+            rows.append([value for value in result["values"] if value["key"] == "vision.marker_colour"])
+            assert (OFFERED in result["changes"]) == bool(rows[-1])
+            assert len(result["changes"]) == 4 + len(rows[-1])
+        why = "seen here 81 % of the way from the marker's colour to the limit"
+        assert rows == [[{"key": "vision.marker_colour", "value": "#c81e96", "old": None, "why": why}], [], [], []]
 
 
 def test_it_does_not_begin_with_a_contradiction() -> None:

@@ -222,11 +222,18 @@ async def test_the_eyedropper_answers_for_a_place_in_a_frame() -> None:
     async with bay() as page:
         page.film()
         name = (await page.post("freeze")).json["name"]
-        picked = (await page.post("eyedropper", snapshot=name, u_px=80, v_px=60, vision={})).json
+        paper = {"method": "paper"}
+        picked = (await page.post("eyedropper", snapshot=name, u_px=80, v_px=60, vision=paper)).json
         assert picked["warnings"] == []
         assert set(picked["keys"]) == {"red_low_1", "red_high_1", "red_low_2", "red_high_2"}
-        beside = await page.post("eyedropper", snapshot=name, u_px=WIDTH, v_px=60, vision={})
-        assert (beside.status, beside.json["error"]) == (422, "beside")
+        for method in ("paper", "robust"):
+            beside = await page.post("eyedropper", snapshot=name, u_px=WIDTH, v_px=60, vision={"method": method})
+            assert (beside.status, beside.json["error"]) == (422, "beside")
+        robust = {"method": "robust", "marker_colour": "#1e8c3c"}
+        colour = (await page.post("eyedropper", snapshot=name, u_px=80, v_px=60, vision=robust)).json
+        assert (colour["colour"], colour["hue_deg"], colour["warnings"]) == ("#be2428", -1.6, [])
+        assert colour["distance"] > 1
+        assert colour["keys"] == {"marker_colour": None}
 
 
 @in_virtual_time

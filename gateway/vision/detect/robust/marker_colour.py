@@ -9,7 +9,7 @@ import colorsys
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import cast
+from typing import Protocol, cast
 
 import numpy as np
 
@@ -47,28 +47,41 @@ class MarkerColour:
 PAPER_RED = MarkerColour()
 
 
+class Lit(Protocol):
+    """A surface as it is seen: `Evidence`, or any patch of a picture. Channels are those of `MarkerColour.seen`."""
+
+    @property
+    def colour(self) -> tuple[float, float, float]: ...
+    @property
+    def redness(self) -> float: ...
+    @property
+    def haze(self) -> float: ...
+    @property
+    def veil(self) -> float: ...
+
+
 @lru_cache(maxsize=8)
 def marker_of(text: str | None) -> MarkerColour:
     """Of `vision.marker_colour`. The greatest channel takes red's place and the least one green's, except near red."""
     if text is None:
         return PAPER_RED
     bgr = bytes.fromhex(text[1:])[::-1]
-    hue_deg = _hue_deg(*bgr)
+    hue_deg = hue(*bgr)
     order = None
     if not -SEXTANT_DEG <= hue_deg <= MOST_RED_DEG:
         least, middle, most = sorted(range(3), key=lambda channel: bgr[channel])
         order = middle, least, most
-        hue_deg = _hue_deg(bgr[middle], bgr[least], bgr[most])
+        hue_deg = hue(bgr[middle], bgr[least], bgr[most])
     hues_deg = hue_deg - FARTHEST_DEG, hue_deg - NEAR_DEG, hue_deg + NEAR_DEG, hue_deg + FARTHEST_DEG
     return MarkerColour(hues_deg, order, brown=order is not None or hue_deg > NEAR_DEG)
 
 
-def paint_left(found: Evidence) -> float:
+def paint_left(found: Lit) -> float:
     """1 in clear air: how much of the redness of paint, and of its contrast, the dust leaves."""
     return (1 - found.haze) * contrast_left(found.veil)
 
 
-def distance(found: Evidence, marker: MarkerColour) -> float:
+def distance(found: Lit, marker: MarkerColour) -> float:
     """0: of the marker's colour; 1: as far from it as can be; more: another colour."""
     pale = (FULL_REDNESS - found.redness / paint_left(found)) / (FULL_REDNESS - PALE)
     if pale <= 1:  # of dark paint redness says little (`redness.DARK`): its saturation may say more for it
@@ -78,13 +91,13 @@ def distance(found: Evidence, marker: MarkerColour) -> float:
     return max(0.0, pale, _off_hue(found, marker))
 
 
-def _off_hue(found: Evidence, marker: MarkerColour) -> float:
+def _off_hue(found: Lit, marker: MarkerColour) -> float:
     blue, green, red = found.colour
     clipped = red >= BRIGHTEST
     spread = max(blue, green, red) - min(blue, green, red)
     if spread < 1:
         return math.inf
-    hue_deg = _hue_deg(blue, green, red)
+    hue_deg = hue(blue, green, red)
     unsure_deg = SEXTANT_DEG * (NOISE + TINT * FULL_VEIL * max(found.haze, found.veil)) / spread
     least, low, high, most = marker.hues_deg
     if hue_deg < low:
@@ -94,8 +107,8 @@ def _off_hue(found: Evidence, marker: MarkerColour) -> float:
     return (hue_deg - high - unsure_deg - CLIPPED_DEG * clipped) / (most - high)
 
 
-def _hue_deg(blue: float, green: float, red: float) -> float:
-    """HSV's, -180 to 180: 0 is red, 60 yellow, -60 magenta."""
+def hue(blue: float, green: float, red: float) -> float:
+    """HSV's, degrees, -180 to 180: 0 is red, 60 yellow, -60 magenta."""
     return (360 * colorsys.rgb_to_hsv(red, green, blue)[0] + 180) % 360 - 180
 
 

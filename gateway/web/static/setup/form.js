@@ -3,6 +3,7 @@
 import { html, useEffect, useState } from '../lib/page.js';
 import { post } from '../lib/api.js';
 import { listed, t, text } from '../lib/lang.js';
+import { isColour, painted } from '../tune/settings.js';
 import { allowed, at, fallback, isArray, isNumber, numbersOf, read, same, shown } from './keys.js';
 
 const idOf = (path) => `k-${path.join('-').replace(/[^A-Za-z0-9_-]/g, '_')}`;
@@ -96,7 +97,7 @@ function Control({ node, value, typed, common, set, type, leave }) {
       ${node.enum.map((name) => html`<option translate="no" value=${name} selected=${name === value}>${name}</option>`)}</select>`;
   const field = { ...common, autocomplete: 'off', spellcheck: false, value: typed ?? shown(node, value), onInput: (event) => type(event.target.value), onBlur: leave };
   if (isArray(node) && !numbersOf(node)) return html`<textarea ...${field} rows=${Math.max(2, shown(node, value).split('\n').length)} placeholder="one a line"></textarea>`;
-  return html`<input ...${field} inputmode=${isNumber(node) ? 'decimal' : undefined} class=${isNumber(node) ? 'number' : ''} />`;
+  return html`${isColour(field.value) && html`<span class="swatch" aria-hidden="true" ref=${painted(field.value)}></span>`}<input ...${field} inputmode=${isNumber(node) ? 'decimal' : undefined} class=${isNumber(node) ? 'number' : ''} />`;
 }
 
 /** A table or a list of tables with its keys. */

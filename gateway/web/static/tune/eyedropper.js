@@ -11,9 +11,10 @@ const SIZES = [1, 5, 9, 15, 31];
 
 /**
  * @param {{bitmap: ImageBitmap|null, frame: {width_px: number, height_px: number}|null, pick: Function, picked: any,
- *          frameId: number|null, elsewhere: boolean, live: boolean, failed: string}} props  `bitmap` may be smaller than the frame
+ *          frameId: number|null, elsewhere: boolean, live: boolean, failed: string, robust: boolean}} props  `bitmap` may be
+ *          smaller than the frame; `robust`: the method that a click is for
  */
-export function Eyedropper({ bitmap, frame, frameId, elsewhere, pick, picked, failed, live }) {
+export function Eyedropper({ bitmap, frame, frameId, elsewhere, pick, picked, failed, live, robust }) {
   const canvas = useRef(null);
   const loupe = useRef(null);
   const [at, setAt] = useState(null);
@@ -105,20 +106,32 @@ export function Eyedropper({ bitmap, frame, frameId, elsewhere, pick, picked, fa
           <label class="small">patch <select onChange=${(event) => setSize(Number(event.target.value))} value=${size}>
             ${SIZES.map((n) => html`<option value=${n} selected=${n === size}>${n} × ${n} px</option>`)}</select></label>
           <fieldset class="small"><legend class="sr">a click</legend>
-            <label class="choice"><input type="radio" name="pick-mode" checked=${mode === 'replace'} onChange=${() => setMode('replace')} /> sets both ranges</label>
-            <label class="choice"><input type="radio" name="pick-mode" checked=${mode === 'widen'} onChange=${() => setMode('widen')} /> widens them</label>
+            <label class="choice"><input type="radio" name="pick-mode" checked=${mode === 'replace' || (robust && mode === 'widen')} onChange=${() => setMode('replace')} /> ${robust ? "proposes the marker's colour" : 'sets both ranges'}</label>
+            ${!robust && html`<label class="choice"><input type="radio" name="pick-mode" checked=${mode === 'widen'} onChange=${() => setMode('widen')} /> widens them</label>`}
             <label class="choice"><input type="radio" name="pick-mode" checked=${mode === 'led'} onChange=${() => setMode('led')} /> is the beacon's LED</label></fieldset>
         </div></div>
       <div id="picked" aria-live="polite" class="small">
         ${failed ? html`<p class="said warning"><span aria-hidden="true">▲</span> ${failed}</p>` : ''}
-        ${patch
+        ${picked?.colour ? html`<${Marker} picked=${picked} />` : patch
           ? html`<p><span class="swatch" ref=${painted(css([patch.hue, patch.s, patch.v]))}></span>
               H <b>${patch.hue}</b> (${signedRange(patch, 0)}), S <b>${patch.s}</b> (${text('{0} to {1}', patch.low[1], patch.high[1])}), V <b>${patch.v}</b> (${text('{0} to {1}', patch.low[2], patch.high[2])})</p>
             <p>${text('these ranges admit {0} of the picture; {1} of {2} px are connected here', number(100 * picked.admitted_share, 1, '%'), picked.hanging_px, picked.admitted_px)}</p>
             ${picked.warnings.map((one) => html`<p class="said warning"><span aria-hidden="true">▲</span> ${one}</p>`)}`
-          : html`<p class="muted">${mode === 'led' ? 'The patch is to be as large as its light reaches.' : live ? 'A click freezes the picture first.' : 'Ranges for the clicked patch, with room for the light to change.'}</p>`}
+          : html`<p class="muted">${mode === 'led' ? 'The patch is to be as large as its light reaches.' : live ? 'A click freezes the picture first.' : robust ? 'The patch is to lie within the marker.' : 'Ranges for the clicked patch, with room for the light to change.'}</p>`}
       </div>
     </section>`;
+}
+
+/** The marker's colour as the robust method measures it, and what follows from it. */
+function Marker({ picked }) {
+  const { colour, hue_deg: hue, hues_deg: hues, chroma, chromas, distance, keys, warnings } = picked;
+  const proposed = Object.values(keys);
+  const far = distance > 1 ? "Another colour than the marker's." : text("{0} of the way from the marker's colour to the limit", number(100 * distance, 0, '%'));
+  return html`<p><span class="swatch" ref=${painted(colour)}></span>
+      <b class="mono" translate="no">${colour}</b> ${text('hue {0} ({1} to {2}), chroma {3} ({4} to {5})', `${number(hue)}°`, `${number(hues[0])}°`, `${number(hues[1])}°`, number(chroma, 2), number(chromas[0], 2), number(chromas[1], 2))}</p>
+    <p>${distance === 0 ? "Of the marker's colour: nothing is to be changed." : far}</p>
+    ${warnings.map((one) => html`<p class="said warning"><span aria-hidden="true">▲</span> ${one}</p>`)}
+    ${warnings.length > 0 ? html`<p>Nothing is proposed.</p>` : proposed.map((one) => html`<p>${one === null ? "Proposed, and in the settings: no marker colour, for the paper's red takes it in." : text('Proposed, and in the settings: marker colour {0}', one)}</p>`)}`;
 }
 
 /** The hues of a patch on the file's scale; they may run over red's zero. */

@@ -2,7 +2,7 @@
 
 import { html, translated, useEffect, useState } from '../lib/page.js';
 import { listed, t, text } from '../lib/lang.js';
-import { css, groups, painted, partLimits, placeOf, plain, range, same, stepOf, title, typed, valueAt, widely } from './settings.js';
+import { css, groups, isColour, painted, partLimits, placeOf, plain, range, same, stepOf, title, typed, valueAt, widely } from './settings.js';
 
 const AXES = ['H', 'S', 'V'];
 const AXIS_WORDS = ['hue', 'saturation', 'value'];
@@ -78,6 +78,29 @@ function Flag({ key_, settings, inForce, set }) {
   </div>`;
 }
 
+/** A colour by its hex digits, or none; as with `Field`, what is no colour changes nothing. */
+function Rgb({ key_, settings, inForce, set }) {
+  const [typed, setTyped] = useState(null);
+  const value = settings[key_.name];
+  const id = `k-${key_.name}`;
+  const changed = value !== inForce[key_.name];
+  const bad = typed !== null && typed.trim() !== '' && !isColour(typed.trim());
+  const take = (given) => {
+    const bare = given.trim().toLowerCase();
+    setTyped(given);
+    if (bare === '' || isColour(bare)) set(key_.name, bare || null);
+  };
+  return html`<div class=${`control ${changed ? 'changed' : ''}`}>
+    <div class="head"><label for=${id} translate="no">${title(key_)}</label>
+      <${Reset} show=${changed} what=${title(key_)} reset=${() => set(key_.name, inForce[key_.name])} /></div>
+    <div class="row">${value && html`<span class="swatch" aria-hidden="true" ref=${painted(value)}></span>`}
+      <input id=${id} name=${key_.name} class="field colour" autocomplete="off" spellcheck=${false} maxlength="7" placeholder="#rrggbb" value=${typed ?? value ?? ''}
+        aria-describedby=${`${id}-d`} aria-invalid=${bad ? 'true' : undefined} onInput=${(event) => take(event.target.value)} onKeyDown=${(event) => event.key === 'Enter' && event.target.blur()} onBlur=${() => setTyped(null)} /></div>
+    <div id=${`${id}-d`}>${bad && html`<p class="said warning"><span aria-hidden="true">▲</span> # and six hex digits, two each of red, green and blue</p>`}
+      <p class="hint">${key_.meaning}</p></div>
+  </div>`;
+}
+
 /** A patch of a colour; the word for it stands beside it. */
 function Swatch({ colour, name }) {
   return html`<span class="swatch" role="img" aria-label=${listed([t(name), `H ${colour[0]}, S ${colour[1]}, V ${colour[2]}`], ': ')}
@@ -147,6 +170,7 @@ export function Form({ schema, settings, inForce, set, remarks, picture }) {
     const props = { key_: key, settings, inForce, set, remarks };
     if (key.kind === 'choice') return html`<${Choice} ...${props} />`;
     if (key.kind === 'flag') return html`<${Flag} ...${props} />`;
+    if (key.kind === 'rgb') return html`<${Rgb} ...${props} />`;
     const hint = key.unit === 'of the diagonal' && diagonal ? `here ${Math.round(settings[key.name] * diagonal)} px` : '';
     return html`<${Numeric} ...${props} hint=${hint} />`;
   };

@@ -6,7 +6,7 @@ import { text } from '../lib/lang.js';
 /**
  * @typedef {object} Key one key of `[vision]`, as the gateway describes it
  * @property {string} name @property {'both'|'paper'|'robust'} belongs
- * @property {'choice'|'flag'|'whole'|'number'|'colour'} kind
+ * @property {'choice'|'flag'|'whole'|'number'|'colour'|'rgb'} kind
  * @property {string} meaning @property {string} unit @property {any} default
  * @property {number|null} low @property {number|null} high @property {number|null} step @property {string[]} choices
  */
@@ -88,6 +88,9 @@ export function css([h, s, v]) {
   };
   return `rgb(${part(5)}, ${part(3)}, ${part(1)})`;
 }
+
+/** Is this text a colour as the file has it? */
+export const isColour = (text) => /^#[0-9a-f]{6}$/i.test(text ?? '');
 
 /** For `ref`: an element with this ground. @param {string} colour in CSS */
 export const painted = (colour) => (/** @type {HTMLElement|null} */ element) => {

@@ -3,7 +3,7 @@
 import { html, useEffect, useState } from '../lib/page.js';
 import { get } from '../lib/api.js';
 import { known, number, px } from '../lib/format.js';
-import { listed, text } from '../lib/lang.js';
+import { listed, t, text } from '../lib/lang.js';
 import { distance, inUnit, lengthUnit, places } from '../lib/units.js';
 import { SaveDialog } from './file.js';
 import { HEIGHT, WIDTH, dots, scales } from './plot.js';
@@ -16,6 +16,7 @@ const NAMES = {
   'guidance.aim_u_px': ['aim, u', (value) => px(value)],
   'guidance.aim_v_px': ['aim, v', (value) => px(value)],
   'guidance.tolerance_px': ['tolerance to the side', (value) => px(value)],
+  'vision.marker_colour': ['marker colour', (value) => value ?? t("the paper's red")],
 };
 const asItIs = (value) => value;
 const ROWS = [['radius_px', 'R', 'px', 1, asItIs], ['distance_mm', 'Z', lengthUnit(), places(0), inUnit], ['u_px', 'u', 'px', 1, asItIs], ['v_px', 'v', 'px', 1, asItIs]];
@@ -72,7 +73,7 @@ function Values({ values, left, toggle }) {
       const [name, shown] = NAMES[key];
       const same = value === old;
       return html`<tr><th scope="row"><label class="choice"><input type="checkbox" checked=${!same && !left.includes(key)} disabled=${same} onChange=${() => toggle(key)} /> ${name}</label></th>
-        <td class="right">${known(old) ? shown(old) : 'not set'}</td><td class="right value">${same ? 'as it is' : shown(value)}</td><td class="small">${why}</td></tr>`;
+        <td class="right">${known(old) || key === 'vision.marker_colour' ? shown(old) : 'not set'}</td><td class="right value">${same ? 'as it is' : shown(value)}</td><td class="small">${why}</td></tr>`;
     })}</tbody></table>`;
 }
 

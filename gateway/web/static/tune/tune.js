@@ -338,7 +338,7 @@ function Page({ session, profile: first, taken: kept, renew }) {
         <${SourceBar} source=${source} taken=${taken} freeze=${freeze} record=${record} upload=${upload} choose=${(chosen) => set({ source: chosen })} busy=${busy} working=${waiting} />
         ${trouble && html`<p class="notice bad" role="alert">${trouble}</p>`}
         <div class=${`tiles${behind ? ' behind' : ''}${elsewhere ? ' elsewhere' : ''}`} ref=${tiles} data-trial=${shown?.number}>
-          <${Eyedropper} bitmap=${picture} frame=${shown?.picture ?? null} frameId=${frameId} elsewhere=${elsewhere} pick=${pick} picked=${picked.answer} failed=${picked.failed} live=${source.kind === 'live'} />
+          <${Eyedropper} bitmap=${picture} frame=${shown?.picture ?? null} frameId=${frameId} elsewhere=${elsewhere} pick=${pick} picked=${picked.answer} failed=${picked.failed} live=${source.kind === 'live'} robust=${settings.method === 'robust'} />
           <${Stages} panels=${panels} frameId=${frameId} />
         </div>
         <p class="sr" role="status" aria-live="polite" translate="no">${result?.request.timed ? summary(result) : ''}</p>
@@ -361,7 +361,7 @@ function Page({ session, profile: first, taken: kept, renew }) {
       </div>
       <p class="small" id="why-not-live">
         ${!on && unlive.length ? 'To go live, begin a function check. ' : ''}${file.unsaved.length ? `${text('In force but not in the file: {0}.', file.unsaved.join(', '))} ` : ''}${file.why_not && !plan ? html`<span>${text('Saving: {0}.', file.why_not)} </span>` : ''}
-        <span id="undone">${undoSteps ? `${text('Undo live change brings back: {0}.', Object.entries(undone).map(([key, value]) => `${key} = ${value}`).join(', ') || t('the same settings'))} ` : ''}</span>
+        <span id="undone">${undoSteps ? `${text('Undo live change brings back: {0}.', Object.entries(undone).map(([key, value]) => `${key} = ${value ?? t('absent')}`).join(', ') || t('the same settings'))} ` : ''}</span>
         <span role="status" class=${state.said.bad ? 'said warning' : ''}>${state.said.bad ? html`<span aria-hidden="true">▲ </span>` : ''}${state.said.text}</span>
       </p>
     </footer>
