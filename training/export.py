@@ -48,6 +48,7 @@ def to_onnx(
     at32 = more("at32", relu(conv("down32", at16)))
     at16 = add("Add", at16, twice(conv("up16", at32)))
     at8 = relu(add("Add", conv("side8", at8), twice(conv("side16", at16))))
+    at8 = more("join8", at8)
     at4 = relu(add("Add", conv("side4", at4), twice(conv("up8", at8))))
     head = conv("head", more("join", at4))
     nodes.append(helper.make_node("Split", [head, "parts"], ["logit", "rest"], name="split", axis=1))

@@ -8,7 +8,7 @@ Seeded: the same versions on the same kind of processor give the same file. Its 
 
 import argparse
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -24,7 +24,8 @@ import numpy as np
 from gateway.vision.detect.robust import proposer, proposer_file
 from gateway.vision.detect.robust.proposer import CELL, CHANNELS, HEIGHT, RADIUS_PX, WIDTH
 from training.export import to_onnx
-from training.scenes import Chance, Scene, scenes
+from training.scene import Chance, Place, Scene
+from training.scenes import scenes
 from training.source import source_sum
 from training.weather import Sample, weathered
 
@@ -38,17 +39,18 @@ LAYERS: tuple[tuple[str, int, int, int, int, int], ...] = (
     ("stem", CHANNELS, 16, 3, 2, 1),
     ("down4", 16, 24, 3, 2, 1),
     ("at4", 24, 24, 3, 1, 1),
-    ("down8", 24, 32, 3, 2, 1),
-    ("at8", 32, 32, 3, 1, 1),
-    ("down16", 32, 48, 3, 2, 1),
-    ("at16", 48, 48, 3, 1, 1),
-    ("wide16", 48, 48, 3, 1, 2),
-    ("down32", 48, 48, 3, 2, 1),
-    ("at32", 48, 48, 3, 1, 1),
-    ("up16", 48, 48, 1, 1, 1),
-    ("side16", 48, 32, 1, 1, 1),
-    ("side8", 32, 32, 1, 1, 1),
-    ("up8", 32, 24, 1, 1, 1),
+    ("down8", 24, 48, 3, 2, 1),
+    ("at8", 48, 48, 3, 1, 1),
+    ("down16", 48, 64, 3, 2, 1),
+    ("at16", 64, 64, 3, 1, 1),
+    ("wide16", 64, 64, 3, 1, 2),
+    ("down32", 64, 64, 3, 2, 1),
+    ("at32", 64, 64, 3, 1, 1),
+    ("up16", 64, 64, 1, 1, 1),
+    ("side16", 64, 48, 1, 1, 1),
+    ("side8", 48, 48, 1, 1, 1),
+    ("join8", 48, 48, 3, 1, 1),
+    ("up8", 48, 24, 1, 1, 1),
     ("side4", 24, 24, 1, 1, 1),
     ("join", 24, 24, 3, 1, 1),
     ("head", 24, 4, 1, 1, 1),
@@ -58,8 +60,8 @@ LAYERS: tuple[tuple[str, int, int, int, int, int], ...] = (
 @dataclass(frozen=True, slots=True)
 class Recipe:
     seed: int = 1
-    scenes: int = 800
-    steps: int = 1600
+    scenes: int = 5000
+    steps: int = 8000
     batch: int = 8
     rate: float = 1.5e-3
 
@@ -102,28 +104,25 @@ def maps(weights: Weights, x: Any) -> Any:
     at32 = at32 + relu(layer("at32", at32))
     at16 = at16 + twice(layer("up16", at32))
     at8 = relu(layer("side8", at8) + twice(layer("side16", at16)))
+    at8 = at8 + relu(layer("join8", at8))
     at4 = relu(layer("side4", at4) + twice(layer("up8", at8)))
     at4 = at4 + relu(layer("join", at4))
     return layer("head", at4)
 
 
-def targets(marker: tuple[float, float, float] | None) -> np.ndarray:
-    """(5, ROWS, COLUMNS): how near a cell is to the centre, the three values of the others, and their weight there."""
+def targets(markers: Sequence[Place]) -> np.ndarray:
+    """(5, ROWS, COLUMNS): how near a cell is to a centre, the three values of the others, and their weight there."""
     wanted = np.zeros((5, ROWS, COLUMNS), np.float32)
-    if marker is None:
-        return wanted
-    u, v, radius = marker
-    column, row = (u + 0.5) / CELL, (v + 0.5) / CELL  # of the grid of cells
     y, x = np.mgrid[0:ROWS, 0:COLUMNS] + 0.5
-    sigma = max(0.7, 0.18 * radius / CELL)
-    near = np.exp(-((x - column) ** 2 + (y - row) ** 2) / (2 * sigma * sigma))
-    at = min(ROWS - 1, int(row)), min(COLUMNS - 1, int(column))
-    near[at] = 1.0
-    wanted[0] = near
-    wanted[1], wanted[2] = column - x, row - y
-    wanted[3] = np.log(radius / RADIUS_PX)
-    wanted[4] = np.where(near > 0.3, near, 0) / near[near > 0.3].sum()
-    return wanted
+    for u, v, radius in markers:
+        column, row = (u + 0.5) / CELL, (v + 0.5) / CELL  # of the grid of cells
+        sigma = max(0.7, 0.18 * radius / CELL)
+        near = np.exp(-((x - column) ** 2 + (y - row) ** 2) / (2 * sigma * sigma))
+        near[min(ROWS - 1, int(row)), min(COLUMNS - 1, int(column))] = 1.0
+        weight = np.where(near > 0.3, near, 0) / near[near > 0.3].sum()
+        size = np.full_like(near, np.log(radius / RADIUS_PX))
+        wanted = np.where(near > wanted[0], np.stack([near, column - x, row - y, size, weight]), wanted)
+    return wanted.astype(np.float32)
 
 
 def loss(weights: Weights, x: Any, wanted: Any) -> Any:
@@ -164,12 +163,12 @@ def batch(known: list[Scene], chance: Chance, size: int) -> tuple[np.ndarray, np
 
 def example(sample: Sample, rows: int) -> tuple[np.ndarray, np.ndarray]:
     """Of the picture only the upper `rows`: the cameras' formats are wider than the net's."""
-    marker = sample.marker if sample.marker is not None and sample.marker[1] < rows else None
-    return proposer.blob(proposer.inputs(sample.picture[:rows]))[0], targets(marker)
+    within = [marker for marker in sample.markers if marker[1] < rows]
+    return proposer.blob(proposer.inputs(sample.picture[:rows]))[0], targets(within)
 
 
 def train(recipe: Recipe, known: list[Scene], keep: Callable[[Weights], None]) -> Weights:
-    """`keep` gets the weights every 400 steps, too."""
+    """`keep` gets the weights every 1000 steps, too."""
     chance = np.random.default_rng([recipe.seed, 2])
     weights = started(np.random.default_rng([recipe.seed, 3]))
     state: Arrays = (weights, jax.tree.map(jnp.zeros_like, weights), jax.tree.map(jnp.zeros_like, weights))
@@ -179,11 +178,11 @@ def train(recipe: Recipe, known: list[Scene], keep: Callable[[Weights], None]) -
         rate = recipe.rate * min(1.0, number / 100) * (0.5 * (1 + np.cos(np.pi * done)) + 0.01)
         state, value = advance(state, float(number), float(rate), *batch(known, chance, recipe.batch))
         lately += float(value)
-        if number % 100 == 0:
+        if number % 250 == 0:
             took_s = process_time() - begun
-            print(f"step {number} of {recipe.steps}: loss {lately / 100:.3f}, {took_s:.0f} s", flush=True)
+            print(f"step {number} of {recipe.steps}: loss {lately / 250:.3f}, {took_s:.0f} s", flush=True)
             lately = 0.0
-        if number % 400 == 0:
+        if number % 1000 == 0:
             keep(dict(state[0]))
     return dict(state[0])
 
@@ -220,7 +219,7 @@ def main() -> None:
 
     for scene in scenes(recipe.seed, recipe.scenes):
         known.append(scene)
-        if len(known) % 200 == 0:
+        if len(known) % 1000 == 0:
             print(f"{len(known)} scenes of {recipe.scenes}, {process_time() - begun:.0f} s", flush=True)
     keep(train(recipe, known, keep))
 

@@ -9,42 +9,54 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from gateway.sim import weather
+from gateway.sim.ambient import glare_map
+from gateway.sim.scenario import Glare
 from gateway.vision.detect.robust.proposer import HEIGHT, WIDTH
-from training import scenes
-from training.scenes import Chance, Place, Scene
+from training import scene as clear
+from training.scene import Chance, Place, Scene
 
 Picture = NDArray[np.float32]  # (HEIGHT, WIDTH, 3) BGR, 0 to 255
 
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """What the net sees, and where the marker is in it, px."""
+    """What the net sees, and where the discs are in it, px."""
 
     picture: Picture
-    marker: Place | None
+    markers: tuple[Place, ...]
 
 
 def weathered(scene: Scene, chance: Chance) -> Sample:
     """A part of the scene, mirrored perhaps, in some weather."""
-    picture, marker = part(scene, chance)
-    if chance.random() < 0.1:
+    picture, markers = part(scene, chance)
+    if chance.random() < 0.2:
         picture = _smeared(picture, chance)
     if chance.random() < 0.2:
         picture = _dirty(picture, chance)
+    if chance.random() < 0.15:
+        picture = _toned(picture, chance)
     share = _veil(chance)
     if share > 0:
         picture = _veiled(picture, share, chance)
     if chance.random() < 0.2:
         picture = _drops(picture, chance)
-    return Sample(_seen(picture, share, chance), marker)
+    if chance.random() < 0.07:
+        picture = _sunny(picture, chance)
+    picture = _seen(picture, share, chance)
+    if chance.random() < 0.15:
+        picture = _stored(picture, chance)
+    if chance.random() < 0.02:  # the rest of the frame never arrived
+        picture[int(chance.integers(HEIGHT // 3, HEIGHT)) :] = 128
+    return Sample(picture, markers)
 
 
-def part(scene: Scene, chance: Chance) -> tuple[Picture, Place | None]:
+def part(scene: Scene, chance: Chance) -> tuple[Picture, tuple[Place, ...]]:
     """A window of the scene that has the shape of the net's picture, scaled to it."""
-    across = float(chance.uniform(0.6, 1.0)) * scenes.HEIGHT * WIDTH / HEIGHT
+    across = float(chance.uniform(0.6, 1.0)) * clear.HEIGHT * WIDTH / HEIGHT
     step = across / WIDTH
-    x = float(chance.uniform(0, scenes.WIDTH - across))
-    y = float(chance.uniform(0, scenes.HEIGHT - step * HEIGHT))
+    x = float(chance.uniform(0, clear.WIDTH - across))
+    y = float(chance.uniform(0, clear.HEIGHT - step * HEIGHT))
     mirrored = bool(chance.random() < 0.5)
     matrix = np.array([[step, 0, x + (step - 1) / 2], [0, step, y + (step - 1) / 2]])
     if mirrored:
@@ -52,12 +64,8 @@ def part(scene: Scene, chance: Chance) -> tuple[Picture, Place | None]:
     sharp = cv2.GaussianBlur(scene.image, (0, 0), 0.35 * step)
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     cut = np.asarray(cv2.warpAffine(sharp.astype(np.float32), matrix, (WIDTH, HEIGHT), flags=flags), np.float32)
-    if scene.marker is None:
-        return cut, None
-    u, v, radius = scene.marker
-    u, v, radius = (u - matrix[0, 2]) / matrix[0, 0], (v - matrix[1, 2]) / matrix[1, 1], radius / step
-    inside = 0 <= u < WIDTH and 0 <= v < HEIGHT
-    return cut, (float(u), float(v), float(radius)) if inside else None
+    at = [((u - matrix[0, 2]) / matrix[0, 0], (v - matrix[1, 2]) / matrix[1, 1], r / step) for u, v, r in scene.markers]
+    return cut, tuple((float(u), float(v), float(r)) for u, v, r in at if 0 <= u < WIDTH and 0 <= v < HEIGHT)
 
 
 def _veil(chance: Chance) -> float:
@@ -79,7 +87,8 @@ def _veiled(picture: Picture, share: float, chance: Chance) -> Picture:
     """Airlight of a drawn light and a weak tint over it, in clouds."""
     depth = -np.log(1 - share) * (1 + float(chance.uniform(0, 0.8)) * (_cloud(chance) * 2 - 1))
     cover = (1 - np.exp(-np.clip(depth, 0, 3.6)))[..., None].astype(np.float32)
-    air = float(chance.uniform(90, 235)) * chance.uniform(0.94, 1.06, 3)
+    tinted = 0.06 if chance.random() < 0.8 else 0.4  # dust, or murky water
+    air = float(chance.uniform(90, 235)) * chance.uniform(1 - tinted, 1 + min(tinted, 0.15), 3)
     light = 1 + float(chance.uniform(0, 0.15)) * (_cloud(chance)[..., None] * 2 - 1)
     return np.asarray(picture * (1 - cover) + air.astype(np.float32) * light * cover, np.float32)
 
@@ -124,6 +133,20 @@ def _smeared(picture: Picture, chance: Chance) -> Picture:
     return np.asarray(cv2.filter2D(picture, -1, kernel / kernel.sum()), np.float32)
 
 
+def _toned(picture: Picture, chance: Chance) -> Picture:
+    """Paler, by up to half, and another gamma."""
+    grey = picture.mean(axis=2, keepdims=True)
+    pale = picture + float(chance.uniform(0, 0.5)) * (grey - picture)
+    return np.asarray(255 * (np.clip(pale, 0, 400) / 255) ** float(chance.uniform(0.6, 1.6)), np.float32)
+
+
+def _sunny(picture: Picture, chance: Chance) -> Picture:
+    """A low sun in the picture or just outside, and what the lens scatters."""
+    u, v = chance.uniform((-20, -20), (WIDTH + 20, HEIGHT))
+    sun = Glare(u_px=float(u), v_px=float(v), radius_px=float(chance.uniform(1, 6)), level=60.0, scatter=0.02)
+    return np.asarray(picture + 255 * glare_map(sun, WIDTH, HEIGHT)[..., None], np.float32)
+
+
 def _seen(picture: Picture, share: float, chance: Chance) -> Picture:
     """The camera: colour cast, light, noise (reduced with the picture), saturation.
 
@@ -131,12 +154,25 @@ def _seen(picture: Picture, share: float, chance: Chance) -> Picture:
     """
     kind, level = chance.random(), 1.0
     if kind < 0.3:
-        level = float(np.exp(chance.uniform(np.log(0.3 if share > 0.5 else 0.04), 0)))
-    elif kind < 0.5:
+        level = float(np.exp(chance.uniform(np.log(0.3 if share > 0.5 else 0.03), 0)))
+    elif kind < 0.45:
         level = min(float(chance.uniform(1, 2.2)), max(1.0, 235 / max(1.0, float(np.percentile(picture, 60)))))
-    cast = chance.uniform(0.75, 1.1, 3) if chance.random() < 0.4 else np.ones(3)
+    elif kind < 0.55 and share < 0.5:
+        level = float(chance.uniform(2, 3.6))
+    cast = np.ones(3)
+    if chance.random() < 0.5:
+        cast = chance.uniform(0.75, 1.1, 3) if chance.random() < 0.75 else np.exp(chance.uniform(-0.7, 0.5, 3))
     lit = picture * (level * cast).astype(np.float32)
-    reduced = float(chance.uniform(3, 10))  # the camera's picture is so much larger
+    reduced = float(chance.uniform(1.5, 10))  # the camera's picture is so much larger
     sigma = float(chance.choice([1.0, 2.0, 5.0, 12.0])) / reduced
     noisy = lit + np.float32(sigma) * chance.standard_normal(lit.shape, np.float32)
     return np.asarray(np.clip(noisy, 0, 255), np.float32)
+
+
+def _stored(picture: Picture, chance: Chance) -> Picture:
+    """A JPEG of a picture that is up to four times as large."""
+    more = int(chance.integers(1, 5))
+    large = cv2.resize(picture, None, fx=more, fy=more, interpolation=cv2.INTER_LINEAR)
+    coded = weather.jpeg(np.asarray(np.rint(large), np.uint8), int(chance.integers(8, 60)))
+    small = cv2.resize(coded.astype(np.float32), (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
+    return np.asarray(small, np.float32)

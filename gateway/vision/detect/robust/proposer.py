@@ -132,16 +132,19 @@ def blob(channels: Plane) -> NDArray[np.float32]:
 
 
 def peaks(maps: Plane, shape: tuple[int, ...]) -> list[Seed]:
-    """Seeds in px of the net's picture, of which (h, w) `shape` is used; `maps` as in `Proposer`."""
-    sure, du, dv, size = maps
+    """Seeds in px of the net's picture, of which (h, w) `shape` is used; `maps` as in `Proposer`.
+
+    Place and radius are the mean of what the cells in 3 x 3 round the peak say, each as sure as it is.
+    """
+    sure = maps[0]
     top = (sure >= LEAST) & (sure >= np.asarray(cv2.dilate(sure, np.ones((3, 3), np.uint8))))
-    rows, columns = np.nonzero(top)
-    order = np.argsort(-sure[rows, columns], kind="stable")[:PROPOSED]
+    surest = np.argwhere(top)[np.argsort(-sure[top], kind="stable")[:PROPOSED]]
+    said = np.concatenate([np.indices(sure.shape)[::-1] + 0.5 + maps[1:3], np.clip(maps[3:], -3, 3)])
     seeds = []
-    for row, column in zip(rows[order], columns[order], strict=True):
-        u = (float(column) + 0.5 + float(du[row, column])) * CELL - 0.5
-        v = (float(row) + 0.5 + float(dv[row, column])) * CELL - 0.5
-        radius = RADIUS_PX * float(np.exp(np.clip(size[row, column], -3, 3)))
+    for row, column in surest:
+        near = slice(max(0, row - 1), row + 2), slice(max(0, column - 1), column + 2)
+        x, y, size = (np.einsum("kij,ij->k", said[:, *near], sure[near]) / sure[near].sum()).tolist()
+        u, v, radius = x * CELL - 0.5, y * CELL - 0.5, RADIUS_PX * float(np.exp(size))
         if -radius < u < shape[1] + radius and -radius < v < shape[0] + radius:
             seeds.append(Seed(u, v, radius, float(sure[row, column])))
     return seeds

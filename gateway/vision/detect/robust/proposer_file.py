@@ -7,7 +7,7 @@ from gateway.config import VisionConfig
 from gateway.errors import ConfigError
 
 PATH = Path(__file__).with_name("proposer.onnx")
-SHA256 = "08adbecd888e84650b47ca806ccef2a0355ca075ae3e7480ea7836adfdd69fd4"
+SHA256 = "62577ea587ec858c4f2a2ecadd3173b27f50f15a9ad1561fd2eedf58ab51f6c9"
 """Of the shipped file; `training.proposer` prints it."""
 
 
