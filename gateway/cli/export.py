@@ -16,6 +16,7 @@ Labels are those of the recorded detection: look at them before you measure with
 
 import argparse
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -83,7 +84,12 @@ def _written(args: argparse.Namespace, excerpt: "Excerpt") -> Iterator[str]:
             from gateway.cli.vision_args import made_now
             from gateway.records import evidence
 
-            segments, pictures, found = evidence.write(args.evidence, excerpt, made_now())
+            with ExitStack() as undone:
+                out = undone.enter_context(args.evidence.open("xb"))
+                undone.callback(args.evidence.unlink)
+                segments, pictures, found = evidence.write(out, args.evidence.stem, excerpt, made_now())
+                out.close()
+                undone.pop_all()
             yield f"{args.evidence}: {segments} segments, {pictures} files of pictures; {found.lines[-1]}"
             excerpt.missing += found.faults
     except OSError as error:

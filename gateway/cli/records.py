@@ -1,4 +1,4 @@
-"""What is in a folder of recordings, whether it is complete, and its index made anew.
+"""What is in a folder of recordings, whether it is complete, which visits were of some kind, and its index made anew.
 
 FOLDER is that of a gateway, which holds one folder for each bay. The index (index.sqlite) is made of the segments; a
 gateway that runs keeps it up to date by itself, also where it is missing or damaged.
@@ -7,7 +7,12 @@ Each segment names the one before it, with its size and SHA-256. `verify` reads 
 damaged, cut or changed; then it exits with 1. It proves that nothing is missing between the first and the last segment
 that are there; nothing proves what was before the first or behind the last, nor who wrote it: there is no signature.
 
+`search` reads the index, as the history page does; `dust`: an alarm of the picture said so while the truck was there.
+Alarms are known for as long as their segments are kept. Exit code 1: no visit fits.
+
 examples:
+  gateway records search /var/lib/loading-gateway/records/site1.gateway --what moved
+  gateway records search FOLDER --alarm camera_down --from "2026-11-02 00:00" --csv > camera.csv
   gateway records list /var/lib/loading-gateway/records/site1.gateway
   gateway records verify /var/lib/loading-gateway/records/site1.gateway
   gateway records rebuild /var/lib/loading-gateway/records/site1.gateway
@@ -26,13 +31,23 @@ if TYPE_CHECKING:
     from gateway.records.retention import StoredFile
 
 NAME = "records"
-HELP = "list what is recorded, prove that it is complete, or make its index anew"
+HELP = "list what is recorded, search visits, prove that it is complete, or make its index anew"
+KINDS = ("faults", "odd", "moved", "dust", "never", "corrected", "interrupted")  # VisitKind, whose module loads late
 GAP_S = 1800  # a segment is a quarter of an hour; where the next begins later, something is missing
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("what", choices=("list", "verify", "rebuild"))
+    parser.add_argument("verb", choices=("list", "search", "verify", "rebuild"))
     parser.add_argument("folder", type=Path, metavar="FOLDER", help="of a gateway's recordings")
+    of = parser.add_argument_group("search")
+    of.add_argument("--what", action="append", default=[], choices=KINDS, help="all of these apply")
+    of.add_argument("--alarm", action="append", default=[], metavar="NAME", help="one of these was active")
+    of.add_argument("--from", dest="begin", metavar="TIME", help="as for `gateway why`; default: the beginning")
+    of.add_argument("--to", dest="end", metavar="TIME", help="default: the end")
+    of.add_argument("--bay", metavar="NAME", help="default: each")
+    shape = of.add_mutually_exclusive_group()
+    shape.add_argument("--json", action="store_true", help="one JSON object, for programs")
+    shape.add_argument("--csv", action="store_true", help="with the columns of the page")
 
 
 def main(args: argparse.Namespace) -> int:
@@ -43,9 +58,13 @@ def main(args: argparse.Namespace) -> int:
     bays = {path.name: files_in(path) for path in sorted(args.folder.iterdir()) if path.is_dir()}
     if not any(bays.values()):
         raise ConfigError(f"{args.folder}: no bay's recording is in it; name the folder of a gateway (SITE.INSTANCE)")
-    if args.what == "rebuild":
+    if args.verb == "rebuild":
         return _rebuild(args.folder)
-    show = _list if args.what == "list" else _verify
+    if args.verb == "search":
+        from gateway.cli import records_search
+
+        return records_search.run(args, list(bays))
+    show = _list if args.verb == "list" else _verify
     try:
         return max(show(args.folder / bay, files) for bay, files in bays.items())
     except OSError as error:  # the limits have deleted a file meanwhile, or the disk refuses

@@ -1,6 +1,8 @@
 """The reader process's work: an answer from the recordings themselves. IO."""
 
+import io
 import json
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -8,20 +10,24 @@ import msgspec
 
 from gateway import __version__
 from gateway.durations import NS_PER_MS
-from gateway.records import account, names, page, recording
+from gateway.records import account, evidence, names, page, recording
+from gateway.records.excerpt import Excerpt
 from gateway.records.index_reader import MinutesSummary
 from gateway.records.index_rows import MINUTE_COLUMNS, MinuteRow, SegmentRows
 from gateway.records.inquiry import Inquiry
+from gateway.records.moment import local_name
 from gateway.records.picture_search import pictures_near
-from gateway.records.questions import Question, ValuesQuestion, WhyQuestion
+from gateway.records.questions import EvidenceQuestion, ValuesQuestion, WhyQuestion
 from gateway.records.recording import MissingItem
 from gateway.records.segment import RecordedPicture
 
 LEAST_BUCKET_MS = 100
+PIECE_BYTES = 1 << 18
+MOST_EVIDENCE_BYTES = 128_000_000
 LONGEST_S = 900 + 60  # of a segment; it ends where a complete state is due
 
 
-def answer(folder: Path, question: Question) -> bytes:
+def answer(folder: Path, question: WhyQuestion | ValuesQuestion) -> bytes:
     """`folder`: of all bays. Raises ConfigError where nothing is recorded for it, OSError."""
     bay = folder / question.bay
     match question:
@@ -31,16 +37,30 @@ def answer(folder: Path, question: Question) -> bytes:
             return _values(bay, question)
 
 
+def give_evidence(folder: Path, question: EvidenceQuestion, send: Callable[[bytes], None]) -> None:
+    """`send` gets the pieces. Raises as `answer`, and QuestionRefusedError where it is too much."""
+    bay = folder / question.bay
+    begin_ns, end_ns = question.begin_ms * NS_PER_MS, question.end_ms * NS_PER_MS
+    excerpt = Excerpt(bay, recording.segments_of([bay]), begin_ns, end_ns)
+    out = io.BufferedWriter(evidence.Pieces(send), PIECE_BYTES)  # type: ignore[type-var]
+    name, made = f"evidence-{question.bay}-{local_name(begin_ns)}", _made(pictures=question.pictures)
+    evidence.write(out, name, excerpt, made, pictures=question.pictures, most_bytes=MOST_EVIDENCE_BYTES)
+    out.flush()
+    send(b"")
+
+
+def _made(*, pictures: bool) -> str:
+    made = f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC, gateway {__version__}"
+    return made if pictures else f"{made}; without pictures: records.pictures_for"
+
+
 def _why(bay: Path, question: WhyQuestion) -> bytes:
     found = Inquiry(bay).at(question.at_ms * NS_PER_MS)
     pictures: list[RecordedPicture] = []
     if question.pictures:
         pictures = list(pictures_near(bay, found.begin_ns, found.end_ns))
     if question.html:
-        made = f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC, gateway {__version__}"
-        if not question.pictures:
-            made += "; without pictures: records.pictures_for"
-        return page.html(found, pictures, made).encode()
+        return page.html(found, pictures, _made(pictures=question.pictures)).encode()
     return json.dumps(account.as_json(found, pictures), allow_nan=False, default=str).encode()
 
 

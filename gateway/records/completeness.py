@@ -4,14 +4,14 @@ What is between two segments that are there is proven; what was before the first
 written it.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 
 from gateway.records import recording
 from gateway.records.recording import MissingItem
 from gateway.records.segment import SegmentBefore
-from gateway.records.store import digest
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,44 +33,47 @@ class Verified:
         return [*self.faults, proven, *([unchained] if self.unchained else [])]
 
 
-def verified(paths: Sequence[Path], advance: Callable[[], None] = lambda: None) -> Verified:
-    """All segments of a bay, read and compared. Raises OSError."""
+def verified(
+    paths: Sequence[Path],
+    advance: Callable[[], None] = lambda: None,
+    read: Callable[[Path], bytes] = Path.read_bytes,
+) -> Verified:
+    """All segments of a bay, each read once and compared. Raises OSError."""
 
     faults: list[str] = []
     proven = unchained = 0
+    newest: dict[str, SegmentBefore] = {}  # of each recording, as folders may have been merged: as it is there
 
-    def each() -> Iterator[Path]:
-        """Each is compared as soon as it was read: minutes later the limits may have deleted it."""
-        nonlocal proven, unchained
-        newest: dict[str, Path] = {}  # of each recording, as folders may have been merged
-        for path in paths:
-            head = recording.head_in(path)
-            if head is None:  # damaged, which is a fault already
-                newest = dict.fromkeys(newest, path)
-            else:
-                if newest and head.recording not in newest:
-                    faults.append(f"{path.name}: of another recording: {head.recording}, not {', '.join(newest)}")
-                before, newest[head.recording] = newest.get(head.recording), path
-                known = head.before
-                if before is not None and known is None:
-                    unchained += 1
-                elif before is not None and known is not None and known.name == before.name:
-                    why = _changed(before, known)
-                    faults.extend([f"{before.name}: {why}, says {path.name}"] if why else [])
-                    proven += not why
-            yield path
-            advance()
+    def compared(path: Path) -> bytes:
+        nonlocal proven, unchained, newest
+        data = read(path)
+        there = SegmentBefore(path.name, len(data), sha256(data).hexdigest())
+        head = recording.head_from(data)
+        if head is None:  # damaged, which is a fault already
+            newest = dict.fromkeys(newest, there)
+        else:
+            if newest and head.recording not in newest:
+                faults.append(f"{path.name}: of another recording: {head.recording}, not {', '.join(newest)}")
+            before, newest[head.recording] = newest.get(head.recording), there
+            known = head.before
+            if before is not None and known is None:
+                unchained += 1
+            elif before is not None and known is not None and known.name == before.name:
+                why = _changed(before, known)
+                faults.extend([f"{before.name}: {why}, says {path.name}"] if why else [])
+                proven += not why
+        advance()
+        return data
 
-    for item in recording.records(each()):
+    for item in recording.records(paths, compared):
         if isinstance(item, MissingItem):
             faults.append(item.why)
     return Verified(tuple(faults), proven, unchained)
 
 
-def _changed(path: Path, known: SegmentBefore) -> str:
+def _changed(there: SegmentBefore, known: SegmentBefore) -> str:
     if not known.sha256:
         return "not proven: it could not be read when the next one was begun"
-    size_bytes = path.stat().st_size
-    if size_bytes < known.size_bytes:
-        return f"cut at its end: {size_bytes} of {known.size_bytes} bytes are there"
-    return "" if digest(path) == known.sha256 else "not the bytes that were written"
+    if there.size_bytes < known.size_bytes:
+        return f"cut at its end: {there.size_bytes} of {known.size_bytes} bytes are there"
+    return "" if there.sha256 == known.sha256 else "not the bytes that were written"

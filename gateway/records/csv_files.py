@@ -28,7 +28,7 @@ def write(folder: Path, excerpt: Excerpt) -> tuple[int, int, int]:
             files[name].writerow(_cells(row))
             counts[name] += 1
     with (folder / "visits.csv").open("w", newline="", encoding="utf-8") as visits:
-        visits.write(visits_csv.text(excerpt.folder.absolute().name, excerpt.visits))
+        visits.write(visits_csv.text((excerpt.folder.absolute().name, visit) for visit in excerpt.visits))
     return counts["states"], counts["events"], len(excerpt.visits)
 
 

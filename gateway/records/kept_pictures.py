@@ -5,7 +5,7 @@ A picture is named by the number of its file and its place among the pictures of
 
 import contextlib
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,7 +33,7 @@ def kept(folder: Path, begin_ns: int, end_ns: int, most: int) -> list[KeptPictur
     found: dict[tuple[int, int], KeptPicture] = {}
     if not folder.exists():
         return []
-    for path in reversed(list(picture_search.files_of_time(folder, begin_ns, end_ns))):
+    for path in reversed(list(picture_search.files_of_time(recording.pictures_in(folder), begin_ns, end_ns))):
         for picture in heads(path):
             if begin_ns <= picture.head.unix_ns <= end_ns:
                 found[picture.head.t_ns, picture.head.frame_id] = picture
@@ -43,22 +43,26 @@ def kept(folder: Path, begin_ns: int, end_ns: int, most: int) -> list[KeptPictur
     return ordered[-most:]
 
 
-def nearest(folder: Path, times_ns: Sequence[int | None], within_ns: int) -> list[KeptPicture | None]:
+def nearest(
+    folder: Path, times_ns: Sequence[int | None], within_ns: int, advance: Callable[[], None] = lambda: None
+) -> list[KeptPicture | None]:
     """For each time (Unix ns) the picture nearest to it, `within_ns` of it at most; None: there is none.
 
     Raises OSError.
     """
+    files = recording.pictures_in(folder) if folder.exists() else []
     known: dict[Path, list[KeptPicture]] = {}
     found: list[KeptPicture | None] = []
     for at_ns in times_ns:
         near: list[tuple[int, KeptPicture]] = []
-        if at_ns is not None and folder.exists():
-            for path in picture_search.files_of_time(folder, at_ns - within_ns, at_ns + within_ns):
+        if at_ns is not None:
+            for path in picture_search.files_of_time(files, at_ns - within_ns, at_ns + within_ns):
                 if path not in known:
                     known[path] = list(heads(path))
                 near += [(abs(picture.head.unix_ns - at_ns), picture) for picture in known[path]]
         distance_ns, picture = min(near, key=lambda each: each[0], default=(within_ns + 1, None))
         found.append(picture if distance_ns <= within_ns else None)
+        advance()
     return found
 
 

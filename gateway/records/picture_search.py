@@ -21,7 +21,7 @@ WRITTEN_S = 150  # a file is written this long after its first picture at most
 def pictures_near(folder: Path, begin_ns: int, end_ns: int) -> Iterator[RecordedPicture]:
     """Those taken in that time (Unix ns), in their order; each once. Damaged ones are left out. Raises OSError."""
     found: dict[tuple[int, int], RecordedPicture] = {}
-    for path in files_of_time(folder, begin_ns, end_ns):
+    for path in files_of_time(recording.pictures_in(folder), begin_ns, end_ns):
         for picture in _pictures(path, begin_ns, end_ns):
             found[picture.head.t_ns, picture.head.frame_id] = picture
     yield from sorted(found.values(), key=lambda picture: picture.head.unix_ns)
@@ -30,12 +30,13 @@ def pictures_near(folder: Path, begin_ns: int, end_ns: int) -> Iterator[Recorded
 def files_near(folder: Path, begin_ns: int, end_ns: int, margin_s: float = 2.0) -> list[str]:
     """The names of the files with a picture of that time (Unix ns), or within `margin_s` of it. Raises OSError."""
     begin_ns, end_ns = begin_ns - round(margin_s * NS_PER_S), end_ns + round(margin_s * NS_PER_S)
-    return [path.name for path in files_of_time(folder, begin_ns, end_ns) if any(_pictures(path, begin_ns, end_ns))]
+    files = files_of_time(recording.pictures_in(folder), begin_ns, end_ns)
+    return [path.name for path in files if any(_pictures(path, begin_ns, end_ns))]
 
 
-def files_of_time(folder: Path, begin_ns: int, end_ns: int) -> Iterator[Path]:
-    """The files that may have a picture of that time (Unix ns), by number. Raises OSError."""
-    for path in recording.pictures_in(folder):
+def files_of_time(files: Iterable[Path], begin_ns: int, end_ns: int) -> Iterator[Path]:
+    """Those of a bay's `files` that may have a picture of that time (Unix ns)."""
+    for path in files:
         name = names.parsed(path.name)
         if name is not None and begin_ns / NS_PER_S - 1 <= name.unix_s <= end_ns / NS_PER_S + WRITTEN_S:
             yield path

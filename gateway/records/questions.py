@@ -30,5 +30,15 @@ class ValuesQuestion(Message, frozen=True):
     points: int
 
 
-Question = WhyQuestion | ValuesQuestion
+class EvidenceQuestion(Message, frozen=True):
+    """All that is recorded of `bay` from `begin_ms` to `end_ms` (Unix time), as a ZIP in pieces; behind its last one
+    comes an empty one. `pictures`: may it contain pictures?"""
+
+    bay: str
+    begin_ms: int
+    end_ms: int
+    pictures: bool
+
+
+Question = WhyQuestion | ValuesQuestion | EvidenceQuestion
 QUESTIONS = Codec(Question)

@@ -15,7 +15,7 @@ from gateway.processes.channel import Channel, Failed
 from gateway.processes.child import lower_priority
 from gateway.processes.codec import Codec
 from gateway.processes.helper import Helper, QuestionKind, Send
-from gateway.records.questions import QUESTIONS, Question, ReaderSetup, ValuesQuestion, WhyQuestion
+from gateway.records.questions import QUESTIONS, EvidenceQuestion, Question, ReaderSetup, ValuesQuestion, WhyQuestion
 
 CODEC = Codec(ReaderSetup)
 LIMIT_S = 100.0
@@ -30,12 +30,17 @@ def run(channel: Channel[Failed, ReaderSetup], setup: ReaderSetup) -> None:
     from gateway.records import answers  # noqa: PLC0415 - its libraries are loaded without these rights
 
     kind = QuestionKind(partial(_answer, answers, Path(setup.folder)), LIMIT_S, LIMIT_BYTES)
-    Helper({WhyQuestion: kind, ValuesQuestion: kind}).serve(channel, setup.questions, QUESTIONS)
+    kinds: dict[type, QuestionKind] = {WhyQuestion: kind, ValuesQuestion: kind, EvidenceQuestion: kind}
+    # One is a file of evidence that somebody fetches slowly.
+    Helper(kinds, at_once=2).serve(channel, setup.questions, QUESTIONS)
 
 
 def _answer(answers: ModuleType, folder: Path, question: Question, _: object, send: Send) -> None:
     """Raises GatewayError, OSError."""
     try:
-        send(answers.answer(folder, question))
+        if isinstance(question, EvidenceQuestion):
+            answers.give_evidence(folder, question, send)
+        else:
+            send(answers.answer(folder, question))
     except ConfigError as error:
         raise NothingError(str(error)) from error

@@ -4,7 +4,7 @@ A segment that cannot be read or is not there, a damaged part of one, records th
 Missing in its place, and reading goes on behind it.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -126,13 +126,13 @@ def _files(folder: Path, kind: str) -> list[Path]:
     return [folder / str(file.name) for file in files_in(folder) if file.name.kind == kind]
 
 
-def records(paths: Iterable[Path]) -> Iterator[Item | MissingItem]:
+def records(paths: Iterable[Path], read: Callable[[Path], bytes] = Path.read_bytes) -> Iterator[Item | MissingItem]:
     """All records of these segments, in order; each batch once. Raises OSError for a file that can't be read."""
     continuity = Continuity()
     for path in paths:
         head: Head | None = None
         number = 0
-        for block in blocks(data := path.read_bytes()):
+        for block in blocks(data := read(path)):
             if isinstance(block, DamagedBytes):
                 continuity.steps = None
                 yield _damaged(path, block, len(data))
@@ -199,10 +199,14 @@ def pictures(path: Path) -> Iterator[RecordedPicture | MissingItem]:
 
 
 def head_in(path: Path) -> Head | None:
-    """None: it is damaged, or of a later version. Raises OSError."""
+    """As `head_from`. Raises OSError."""
     with path.open("rb") as file:
-        data = file.read(HEAD_BYTES)
-    for block in blocks(data):
+        return head_from(file.read(HEAD_BYTES))
+
+
+def head_from(data: bytes) -> Head | None:
+    """Of a segment's bytes. None: it is damaged, or of a later version."""
+    for block in blocks(data[:HEAD_BYTES]):
         if isinstance(block, Block) and block.kind == BlockKind.HEAD:
             with suppress(ProtocolError):
                 return head_of(block.payload)

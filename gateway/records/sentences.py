@@ -131,5 +131,6 @@ def said(text: str) -> list[dict[str, object]]:
 
 def happened(kind: str, detail: str) -> list[dict[str, object]]:
     """The same of an event."""
-    values = (kind, said(detail) or detail) if detail else (kind,)
+    what = kind.replace("_", " ")
+    values = (what, said(detail) or detail) if detail else (what,)
     return [{"code": kind, "text": ": ".join(("{0}", "{1}")[: len(values)]), "values": values}]

@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Iterable
 
 from gateway.core.state import VisitPhase
 from gateway.core.visit_summary import VisitSummary
@@ -21,15 +21,16 @@ HEADER = (
 )  # fmt: skip
 
 
-def text(bay: str, visits: Sequence[VisitSummary]) -> str:
-    """RFC 4180, comma, with a header; `begun` and `ended` are local times with their zone, an empty cell is unknown.
+def text(visits: Iterable[tuple[str, VisitSummary]]) -> str:
+    """Each with its bay. RFC 4180, comma, with a header; `begun` and `ended` are local times with their zone, an empty
+    cell is unknown.
 
     `faults`: `reason times seconds`, several with a semicolon between.
     """
     out = io.StringIO()
     writer = csv.writer(out)
     writer.writerow(HEADER)
-    for visit in visits:
+    for bay, visit in visits:
         told = visit_payload(visit)
         faults = "; ".join(f"{fault.reason.lower()} {fault.times} {fault.seconds:g}" for fault in told.faults)
         begun, ended = shown(visit.begun_ms * NS_PER_MS), shown(visit.last_seen_ms * NS_PER_MS)

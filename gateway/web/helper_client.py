@@ -100,6 +100,7 @@ class HelperClient(Generic[Question]):
             self._channel = Channel(socket.socket(fileno=os.dup(fd)), Codec(Failed))
         self._turns = asyncio.Semaphore(access.at_once)
         self._waiting = 0
+        self._files = asyncio.Lock()
 
     @property
     def present(self) -> bool:
@@ -129,6 +130,23 @@ class HelperClient(Generic[Question]):
             raise RefusalError(503, access.code, str(error)) from None
         finally:
             self._waiting -= 1
+
+    async def file(self, question: Question) -> AsyncGenerator[bytes]:
+        """All pieces of an answer that ends with an empty one; the first shows that there is one. One file at a time.
+        Raises RefusalError, and LinkError where it ends before."""
+        access = self._access
+        if self._files.locked():
+            retry = {"Retry-After": str(access.retry_after_s)}
+            raise RefusalError(503, "busy", f"{access.process} gives a file to somebody", headers=retry)
+        piece = b"-"
+        try:
+            async with self._files, aclosing(self.pieces(question)) as pieces:
+                async for piece in pieces:
+                    yield piece
+            if piece:
+                raise LinkError(f"{access.process} has failed, or it took too long")
+        except (ProtocolError, OSError) as error:
+            raise LinkError(str(error)) from None
 
     async def pieces(self, question: Question, data: bytes | None = None) -> AsyncGenerator[bytes]:
         """Until the end of the answer; closed before that, the work is given up. Raises RefusalError for what is no

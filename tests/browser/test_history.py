@@ -1,6 +1,7 @@
 """The history page on a bay with a recording of known numbers; and where nothing is kept."""
 
 import re
+import zipfile
 from collections.abc import Iterator
 from contextlib import ExitStack
 from datetime import datetime
@@ -106,6 +107,41 @@ def test_visits_are_listed_filtered_and_given_as_a_file(page: Page) -> None:
     lines = Path(download.value.path()).read_text(encoding="utf-8").splitlines()
     assert len(lines) == 3
     assert str(VISIT.begun_ms) in lines[1]
+
+
+def test_older_visits_are_searched_on_the_server_and_one_is_taken_away_as_evidence(page: Page) -> None:
+    visits, rows = page.locator(".visits"), page.locator(".visits tbody tr")
+    visits.get_by_role("button", name="Older").click()
+    expect(rows).to_have_count(2)  # the one of an hour before
+    expect(visits).to_contain_text("These are all that there are.")
+    page.get_by_label("which visits").select_option("dust")
+    expect(rows).to_have_count(0)
+    expect(visits).to_contain_text("No visit fits the filter")
+    page.get_by_label("which visits").select_option("corrected")
+    expect(rows).to_have_count(1)
+    visits.get_by_role("button", name="Older").click()
+    expect(rows).to_have_count(2)
+    page.get_by_label("which alarm").select_option("camera_down")
+    expect(rows).to_have_count(0)
+    page.get_by_label("which alarm").select_option("")
+    rows.first.get_by_role("button").click()
+    with page.expect_download() as download:
+        page.locator(".film").get_by_role("link", name="Evidence").click()
+    assert re.fullmatch(r"evidence-bay1-\d{8}T\d{6}\.zip", download.value.suggested_filename)
+    with zipfile.ZipFile(download.value.path()) as evidence:
+        assert evidence.testzip() is None
+        names = {Path(name).name for name in evidence.namelist()}
+    assert {"why.html", "verify.txt", "SHA256SUMS"} < names
+    assert sum(name.endswith(".pictures") for name in names) == 2
+
+
+def test_why_is_told_in_the_pages_language(site: Plant, visit: Visit) -> None:
+    page = visit(f"{site.url}{AT}/why")
+    page.evaluate("() => localStorage.setItem('gateway.language', 'de')")
+    page.reload()
+    expect(page.locator(".why-panel .headline")).to_have_text(
+        "Für diesen Zeitpunkt ist kein vollständiger Zustand aufgezeichnet"
+    )
 
 
 @pytest.mark.long

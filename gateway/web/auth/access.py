@@ -50,6 +50,7 @@ class Rule:
     summary: str
     body_bytes: int = 0  # of a POST, at most
     audited: bool = True  # False: it changes nothing but what its own page shows
+    exports: bool = False  # a GET that is audited
 
     @cached_property
     def pattern(self) -> re.Pattern[str]:

@@ -78,9 +78,16 @@ class ApiAddresses(AddressGroup):
         self._errors = errors or {}
 
     def get(
-        self, path: str, operation_id: str, summary: str, *, least: Level | None = None, **more: Any
+        self,
+        path: str,
+        operation_id: str,
+        summary: str,
+        *,
+        least: Level | None = None,
+        exports: bool = False,
+        **more: Any,
     ) -> Callable[[Endpoint], Endpoint]:
-        return self._described(Rule("GET", path, self._of(least), summary), operation_id, **more)
+        return self._described(Rule("GET", path, self._of(least), summary, exports=exports), operation_id, **more)
 
     def post(
         self,

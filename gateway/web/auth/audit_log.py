@@ -10,7 +10,7 @@ class AuditKind(StrEnum):
     LOGIN_FAILED = "login_failed"
     LOGIN_THROTTLED = "login_throttled"  # too many failures; the password was not checked
     REFUSED = "refused"  # a forged, foreign or forbidden request
-    CHANGED = "changed"  # a request that changes something was answered
+    CHANGED = "changed"  # a request that changes something, or takes evidence away, was answered
 
 
 WARNINGS = (AuditKind.LOGIN_FAILED, AuditKind.LOGIN_THROTTLED, AuditKind.REFUSED)

@@ -227,8 +227,8 @@ class SecurityMiddleware:
                 raise
             await self._abort(scope, receive, outgoing, over=session is not None)
         finally:  # in every case: it may have been done before the error
-            changes = rule.acts and rule.least > Level.OPEN and rule.audited
-            if changes and not 400 <= outgoing.status < 500:
+            noted = (rule.acts and rule.audited) or rule.exports
+            if noted and rule.least > Level.OPEN and not 400 <= outgoing.status < 500:
                 what = f"{scope['path']}: {outgoing.status if outgoing.begun else 'no answer'}"
                 self._logins.record(AuditRecord(AuditKind.CHANGED, caller.name, caller.address, printable(what)))
 

@@ -17,6 +17,7 @@ class RecordsView(View):
     first_ms: Count | None = Field(description="the first minute of the index; null: there is none")
     last_ms: Count | None = Field(description="the end of its newest; it grows about once a minute")
     pictures: Literal["shown", "not_kept", "not_for_you"] = Field(description="kept pictures, for this caller")
+    alarms: dict[str, str] = Field(description="title of each that visits can be searched by, by its name")
 
 
 class KeptPictureView(View):

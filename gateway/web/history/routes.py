@@ -3,23 +3,24 @@
 All of it is read by the web process itself, which may read files; nothing here reaches the main process.
 """
 
-from collections.abc import Callable, Collection
-from enum import StrEnum
+from collections.abc import Collection
 from pathlib import Path as FilePath
 from typing import Annotated, Literal
 
 from fastapi import Query
 from starlette.responses import Response
 
+from gateway.alarms.table import ALARM_DEFINITIONS
 from gateway.config import GatewayConfig
 from gateway.core.events import EventKind
 from gateway.core.state import Reason
-from gateway.core.visit_summary import VisitEnd, VisitSummary
-from gateway.durations import NS_PER_MS, NS_PER_S
+from gateway.core.visit_summary import VisitSummary
+from gateway.durations import NS_PER_MS
 from gateway.records import kept_pictures, picture_search, visits_csv
 from gateway.records.index_reader import IndexReader
 from gateway.records.kept_pictures import KeptPicture
 from gateway.records.record import NotedKind
+from gateway.records.visit_search import VisitKind, VisitSearch, pictures_of
 from gateway.sinks.mqtt.visit_payload import visit_payload
 from gateway.web.auth.access import Level
 from gateway.web.auth.addresses import ApiAddresses, whole_number
@@ -44,7 +45,6 @@ LAST_MS = 4_102_444_800_000  # 2100
 DAY_MS = 86_400_000
 MAX_VISITS, MAX_ROWS = 500, 20_000  # of one answer; of one file
 MAX_POINTS, MAX_EVENTS, MAX_PICTURES = 2000, 5000, 1000
-PICTURE_NEAR_NS = 2 * NS_PER_S  # of a visit's own moment
 BAY = "/api/bays/{bay}"
 PICTURE = f"{BAY}/kept-pictures/{{file}}/{{place}}"
 
@@ -56,32 +56,6 @@ ERRORS = {
 ADDRESSES = ApiAddresses(least=Level.VIEWER, errors=ERRORS)
 _PICTURE_ERRORS = {404: "no such bay or picture", 403: "records.pictures_for does not let this role see it"}
 
-
-class VisitKind(StrEnum):
-    """As on the page."""
-
-    FAULTS = "faults"
-    ODD = "odd"
-    MOVED = "moved"
-    NEVER = "never"
-    CORRECTED = "corrected"
-    INTERRUPTED = "interrupted"
-
-
-OF_KIND: dict[VisitKind, Callable[[VisitSummary], bool]] = {
-    VisitKind.FAULTS: lambda visit: bool(visit.faults),
-    VisitKind.ODD: lambda visit: (
-        visit.rolled
-        or bool(visit.faults)
-        or visit.to_position_s is None
-        or visit.interrupted
-        or visit.end is VisitEnd.GATEWAY_OFF
-    ),
-    VisitKind.MOVED: lambda visit: visit.rolled,
-    VisitKind.NEVER: lambda visit: visit.to_position_s is None,
-    VisitKind.CORRECTED: lambda visit: visit.corrections > 0,
-    VisitKind.INTERRUPTED: lambda visit: visit.interrupted,
-}
 
 Since = Annotated[
     int | None, whole_number(0, LAST_MS), Query(description="Unix time, ms; a day before `until_ms` by default")
@@ -100,6 +74,12 @@ What = Annotated[
 ]
 Stops = Annotated[
     list[str], Query(max_length=len(Reason), description="only those with one of these faults, by reason; none: all")
+]
+Alarms = Annotated[
+    list[str],
+    Query(
+        max_length=len(ALARM_DEFINITIONS), description="only those in which one of these alarms was active; none: all"
+    ),
 ]
 Width = Annotated[int, whole_number(64, 4096), Query(description="px; a wider picture is made smaller")]
 Kinds = Annotated[
@@ -122,6 +102,7 @@ async def _records(services: WebServices, caller: RequestCaller, bay: Bay) -> Re
         why=why,
         first_ms=None if span is None else span[0],
         last_ms=None if span is None else span[1],
+        alarms={name: alarm.title for name, alarm in ALARM_DEFINITIONS.items()},
         pictures="not_for_you" if not allowed else "shown" if config.records.pictures else "not_kept",
     )
 
@@ -136,10 +117,11 @@ async def _visits(
     limit: Visits = 100,
     what: What = [],  # noqa: B006 - FastAPI makes a new one for each request
     reason: Stops = [],  # noqa: B006
+    alarm: Alarms = [],  # noqa: B006
 ) -> VisitsView:
     begin_ms, end_ms = _span(services, since_ms, until_ms)
-    wanted = _wanted(what, reason)
-    found = await services.records.index(lambda reader: reader.visits(bay.name, begin_ms, end_ms, limit + 1, wanted))
+    search = _search(what, reason, alarm)
+    found = await services.records.index(lambda reader: search.found(reader, bay.name, begin_ms, end_ms, limit + 1))
     views = await _with_pictures(services, caller, bay.name, found[:limit])
     return VisitsView(bay=bay.name, visits=tuple(views), more=len(found) > limit)
 
@@ -153,12 +135,14 @@ async def _visits_csv(
     limit: Rows = MAX_ROWS,
     what: What = [],  # noqa: B006
     reason: Stops = [],  # noqa: B006
+    alarm: Alarms = [],  # noqa: B006
 ) -> Response:
     begin_ms, end_ms = _span(services, since_ms, until_ms)
-    wanted = _wanted(what, reason)
+    search = _search(what, reason, alarm)
 
     def made(reader: IndexReader) -> str:
-        return visits_csv.text(bay.name, reader.visits(bay.name, begin_ms, end_ms, limit, wanted))
+        found = search.found(reader, bay.name, begin_ms, end_ms, limit)
+        return visits_csv.text((bay.name, visit) for visit in found)
 
     text = await services.records.index(made)
     headers = {"Content-Disposition": f'attachment; filename="visits-{bay.name}.csv"'}
@@ -167,11 +151,17 @@ async def _visits_csv(
 
 @ADDRESSES.get(f"{BAY}/visits/{{begun_ms}}", "visit", "one visit", errors={404: "no such bay or visit"})
 async def _visit(services: WebServices, caller: RequestCaller, bay: Bay, begun_ms: Begun) -> RecordedVisitView:
-    found = await services.records.index(lambda reader: reader.visit(bay.name, begun_ms))
-    if found is None:
-        raise RefusalError(404, "visit", f"no visit of {bay.name} began at {begun_ms}")
+    found = await visit_of(services, bay.name, begun_ms)
     (view,) = await _with_pictures(services, caller, bay.name, [found])
     return view
+
+
+async def visit_of(services: Services, bay: str, begun_ms: int) -> VisitSummary:
+    """Raises RefusalError where there is none."""
+    found = await services.records.index(lambda reader: reader.visit(bay, begun_ms))
+    if found is None:
+        raise RefusalError(404, "visit", f"no visit of {bay} began at {begun_ms}")
+    return found
 
 
 @ADDRESSES.get(
@@ -263,16 +253,13 @@ def _check_pictures(services: Services, caller: Caller) -> None:
         raise RefusalError(403, "pictures", f"records.pictures_for = {config.records.pictures_for}")
 
 
-def _wanted(what: Collection[VisitKind], reasons: Collection[str]) -> Callable[[VisitSummary], bool]:
+def _search(what: Collection[VisitKind], reasons: Collection[str], alarms: Collection[str]) -> VisitSearch:
     """Raises RefusalError."""
-    if unknown := set(reasons) - {reason.name.lower() for reason in Reason}:
-        raise RefusalError(400, "query", f"no such reason: {', '.join(sorted(unknown))}")
-
-    def wanted(visit: VisitSummary) -> bool:
-        stopped = not reasons or any(reason.name.lower() in reasons for reason, _, _ in visit.faults)
-        return stopped and all(OF_KIND[kind](visit) for kind in what)
-
-    return wanted
+    known = {"reason": {reason.name.lower() for reason in Reason}, "alarm": set(ALARM_DEFINITIONS)}
+    for name, asked in (("reason", reasons), ("alarm", alarms)):
+        if unknown := set(asked) - known[name]:
+            raise RefusalError(400, "query", f"no such {name}: {', '.join(sorted(unknown))}")
+    return VisitSearch(tuple(what), tuple(reasons), tuple(alarms))
 
 
 def _span(services: Services, since_ms: int | None, until_ms: int | None) -> tuple[int, int]:
@@ -285,10 +272,7 @@ async def _with_pictures(
 ) -> list[RecordedVisitView]:
     pictures: list[KeptPicture | None] = [None] * len(visits)
     if may_see_pictures(services.client.about.config, caller):
-        times_ns = [visit.frame_ms * NS_PER_MS if visit.frame_ms is not None else None for visit in visits]
-        pictures = await services.records.pictures(
-            bay, lambda folder: kept_pictures.nearest(folder, times_ns, PICTURE_NEAR_NS)
-        )
+        pictures = await services.records.pictures(bay, lambda folder: pictures_of(folder, visits))
     return [
         RecordedVisitView(
             **dict(visit_payload(visit)),

@@ -1,24 +1,28 @@
 """The addresses that are answered from the recordings themselves, by the reader process. IO."""
 
 import asyncio
+from collections.abc import AsyncIterator
+from contextlib import aclosing
 from typing import Annotated
 
 import msgspec
 from fastapi import Query
 from starlette.requests import Request
-from starlette.responses import Response
+from starlette.responses import Response, StreamingResponse
 
 from gateway.durations import NS_PER_MS
+from gateway.errors import LinkError
 from gateway.records.moment import local_name
-from gateway.records.questions import Question, ValuesQuestion, WhyQuestion
+from gateway.records.questions import EvidenceQuestion, Question, ValuesQuestion, WhyQuestion
 from gateway.web.auth.access import Level
 from gateway.web.auth.addresses import ApiAddresses, whole_number
 from gateway.web.auth.refusals import RefusalError
 from gateway.web.history.models import TrendView
-from gateway.web.history.routes import BAY, ERRORS, LAST_MS, MAX_POINTS, may_see_pictures
+from gateway.web.history.routes import BAY, ERRORS, LAST_MS, MAX_POINTS, Begun, may_see_pictures, visit_of
 from gateway.web.server.services import Bay, RequestCaller, Services, WebServices
 
 LONGEST_MS = 2 * 3_600_000  # of `values`: nine segments
+AROUND_MS = 30_000  # evidence before a truck came and behind its leaving
 ADDRESSES = ApiAddresses(least=Level.VIEWER, errors=ERRORS | {404: "no such bay, or nothing of that time is recorded"})
 
 At = Annotated[int, whole_number(0, LAST_MS), Query(description="Unix time, ms")]
@@ -59,6 +63,36 @@ async def _why_report(request: Request, services: WebServices, caller: RequestCa
     name = f"why-{bay.name}-{local_name(at_ms * NS_PER_MS)}.html"
     headers = {"Content-Disposition": f'attachment; filename="{name}"'}
     return Response(found, media_type="text/html; charset=utf-8", headers=headers)
+
+
+@ADDRESSES.get(
+    f"{BAY}/visits/{{begun_ms}}/evidence.zip",
+    "visit_evidence",
+    "all that is recorded of one visit: segments, kept pictures for those who may see them, a report, SHA256SUMS",
+    media="application/zip",
+    exports=True,
+    errors={404: "no such bay or visit", 409: "more is recorded of it than 128 MB"},
+)
+async def _visit_evidence(services: WebServices, caller: RequestCaller, bay: Bay, begun_ms: Begun) -> Response:
+    """Written to the audit log."""
+    visit = await visit_of(services, bay.name, begun_ms)
+    span = max(0, begun_ms - AROUND_MS), visit.last_seen_ms + AROUND_MS
+    pictures = may_see_pictures(services.client.about.config, caller)
+    pieces = services.reader.file(EvidenceQuestion(bay.name, *span, pictures))
+    try:
+        first = await anext(pieces)
+    except LinkError as error:
+        raise RefusalError(503, "records", str(error)) from None
+
+    async def sent() -> AsyncIterator[bytes]:
+        async with aclosing(pieces):
+            yield first
+            async for piece in pieces:
+                yield piece
+
+    name = f"evidence-{bay.name}-{local_name(span[0] * NS_PER_MS)}.zip"
+    headers = {"Content-Disposition": f'attachment; filename="{name}"'}
+    return StreamingResponse(sent(), media_type="application/zip", headers=headers)
 
 
 async def _answer(request: Request, services: Services, question: Question) -> bytes:

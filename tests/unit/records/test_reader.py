@@ -1,7 +1,11 @@
 """Answers from recordings: their numbers."""
 
+import io
 import json
+import zipfile
+from collections import Counter
 from collections.abc import Callable
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +14,11 @@ import pytest
 
 from gateway.core.state import StateVector
 from gateway.errors import ConfigError, ProtocolError
-from gateway.processes.answers import NothingError
+from gateway.processes.answers import NothingError, QuestionRefusedError
 from gateway.records import answers, reader_process
 from gateway.records.answers import answer
 from gateway.records.index_rows import SegmentRows
-from gateway.records.questions import QUESTIONS, Question, ValuesQuestion, WhyQuestion
+from gateway.records.questions import QUESTIONS, EvidenceQuestion, Question, ValuesQuestion, WhyQuestion
 from gateway.records.record import Decision, TickRecord
 from tests import recorded_bay
 from tests.unit.records.test_segment import HEAD
@@ -111,3 +115,39 @@ def test_only_questions_are_read() -> None:
 def test_where_nothing_is_recorded_nothing_is_the_answer(tmp_path: Path) -> None:
     with pytest.raises(NothingError, match="bay1"):
         reader_process._answer(answers, tmp_path, ASKED, (), lambda piece: None)
+
+
+def test_evidence_in_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    kept, _ = recorded_bay.recorded(tmp_path, until_s=80)
+    kept.picture(recorded_bay.T0_NS + 30 * S, 500, "operator_mark")
+    begin_ms = recorded_bay.unix(recorded_bay.T0_NS + 25 * S) // 10**6
+    folder, asked = tmp_path / "site.gateway", EvidenceQuestion("bay1", begin_ms, begin_ms + 10_000, pictures=True)
+
+    def given(question: EvidenceQuestion) -> zipfile.ZipFile:
+        pieces: list[bytes] = []
+        answers.give_evidence(folder, question, pieces.append)
+        assert pieces[-1] == b""
+        assert all(len(piece) <= answers.PIECE_BYTES for piece in pieces)
+        return zipfile.ZipFile(io.BytesIO(b"".join(pieces)))
+
+    found = given(asked)
+    assert found.testzip() is None
+    data = {name.partition("/")[2]: found.read(name) for name in found.namelist()}
+    kinds = Counter(Path(name).suffix for name in data)
+    assert (kinds[".pictures"], kinds[".html"], kinds[".txt"], kinds[""]) == (1, 1, 1, 1)
+    assert kinds[".seg"] >= 2
+    sums = data.pop("SHA256SUMS").decode().splitlines()
+    assert sums == [f"{sha256(content).hexdigest()}  {name}" for name, content in data.items()]
+    assert all(data[path.name] == path.read_bytes() for path in kept.path.iterdir() if path.name in data)
+    assert b"data:image" in data["why.html"]
+    without = given(msgspec.structs.replace(asked, pictures=False))
+    assert not any(name.endswith(".pictures") for name in without.namelist())
+    page = next(without.read(name) for name in without.namelist() if name.endswith("why.html"))
+    assert b"data:image" not in page
+    monkeypatch.setattr(answers, "MOST_EVIDENCE_BYTES", 1000)
+    with pytest.raises(QuestionRefusedError, match=r"at most; gateway export --evidence"):
+        given(asked)
+    sent: list[bytes] = []
+    with pytest.raises(NothingError):
+        reader_process._answer(answers, tmp_path, asked, (), sent.append)
+    assert sent == []

@@ -86,7 +86,7 @@ def test_what_technicians_do_is_closed_to_all_others() -> None:
     of_bays = (
         "events history-events kept-pictures kept-pictures/{file}/{place}.jpg kept-pictures/{file}/{place}.png picture "
         "records registers snapshot.jpg snapshot.png state statistics statistics.csv trend values visits visits.csv "
-        "visits/{begun_ms} why why.html mark"
+        "visits/{begun_ms} visits/{begun_ms}/evidence.zip why why.html mark"
     )
     viewers = {rule.path for rule in RULES if rule.least is Level.VIEWER}
     assert viewers == {f"{bay}{name}" for name in of_bays.split()} | {
@@ -267,6 +267,20 @@ async def test_another_sites_page_changes_and_hears_nothing(origin: str) -> None
     assert (socket.status, socket.data) == (403, 0)
     assert (await browser.post("/api/bays/north/profile/save")).status == 200
     assert browser.secured_app.kinds() == [AuditKind.LOGIN, AuditKind.REFUSED, AuditKind.REFUSED, AuditKind.CHANGED]
+
+
+@in_virtual_time
+async def test_who_takes_evidence_away_is_in_the_audit_log() -> None:
+    browser = Browser(secured_app("driver"))
+    await browser.login("tom")
+    before = len(browser.secured_app.records)
+    assert (await browser.get("/api/bays/north/visits/5")).status == 200
+    assert len(browser.secured_app.records) == before
+    assert (await browser.get("/api/bays/north/visits/5/evidence.zip")).status == 200
+    (told,) = browser.secured_app.records[before:]
+    assert (told.kind, told.who, told.detail) == (
+        AuditKind.CHANGED, "tom", "/api/bays/north/visits/5/evidence.zip: 200",
+    )  # fmt: skip
 
 
 @in_virtual_time

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from gateway.doctor import device_process
+from gateway.errors import LinkError
 from gateway.processes.answers import LENGTH_BYTES, AnswerKind
 from gateway.records import reader_process
 from gateway.records.questions import QUESTIONS, Question, WhyQuestion
@@ -17,7 +18,7 @@ from gateway.web.auth.refusals import RefusalError
 from gateway.web.helper_client import DEVICES, READER, TEST_SETS, HelperAccess, HelperClient
 from gateway.web.setup import device_client
 from gateway.web.testsets import process as sets_process
-from tests.unit.web.helper_stand_in import StandIn, stand_in
+from tests.unit.web.helper_stand_in import StandIn, send, stand_in
 from tests.virtual_time import in_real_time
 
 AT = WhyQuestion("bay1", 5, html=False, pictures=True)
@@ -170,3 +171,26 @@ def test_an_answer_is_ended_before_its_asker_gives_up() -> None:
     assert READER.answer_s > reader_process.LIMIT_S
     assert TEST_SETS.answer_s > sets_process.LIMIT_S
     assert DEVICES.answer_s < device_client.EXAMINED_S < device_process.LIMIT_S  # there a gone asker ends it
+
+
+@in_real_time
+async def test_a_file_is_whole_or_an_error() -> None:
+    async def given(other: StandIn, *pieces: bytes) -> None:
+        await asyncio.sleep(0.01)
+        _, fd = other.take()
+        send(fd, *pieces)
+        os.close(fd)
+
+    async with asking() as (client, other):
+        giving = asyncio.ensure_future(given(other, b"ab", b"cd", b""))
+        pieces = client.file(AT)
+        assert await anext(pieces) == b"ab"
+        with pytest.raises(RefusalError, match="gives a file to somebody"):
+            await anext(client.file(AT))
+        assert [piece async for piece in pieces] == [b"cd", b""]
+        giving = asyncio.ensure_future(given(other, b"ab"))
+        pieces = client.file(AT)
+        assert await anext(pieces) == b"ab"
+        with pytest.raises(LinkError, match="has failed, or it took too long"):
+            await anext(pieces)
+        await giving

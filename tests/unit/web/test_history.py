@@ -14,9 +14,10 @@ import cv2
 import numpy as np
 import pytest
 
+from gateway.cli import records
 from gateway.core.visit_summary import VisitEnd
 from gateway.errors import LinkError
-from gateway.records import kept_pictures
+from gateway.records import kept_pictures, visit_search
 from gateway.records.index import NAME
 from gateway.records.index_reader import IndexReader
 from gateway.records.segment import PictureHead
@@ -107,6 +108,7 @@ async def test_visits_of_weeks_are_searched_by_what_happened(tmp_path: Path) -> 
         for query, count in (
             ("", 3), ("&what=faults", 3), ("&what=faults&what=corrected", 3), ("&what=moved", 0),
             ("&reason=no_echo", 3), ("&reason=vision_stale&reason=no_echo", 3), ("&reason=vision_stale", 0),
+            ("&alarm=camera_down", 0), ("&what=dust", 0),
             ("&what=faults&limit=2", 2),
         ):  # fmt: skip
             view = fitting(await api.get(f"{BAY}/visits?{span}{query}"), "VisitsView")
@@ -115,6 +117,7 @@ async def test_visits_of_weeks_are_searched_by_what_happened(tmp_path: Path) -> 
             assert len(answer.text.splitlines()) == 1 + count
         wrong(await api.get(f"{BAY}/visits?{span}&reason=rain"), 400, "query")
         wrong(await api.get(f"{BAY}/visits.csv?{span}&what=rain"), 400, "query")
+        wrong(await api.get(f"{BAY}/visits.csv?{span}&alarm=rain"), 400, "query")
 
 
 @pytest.mark.parametrize(
@@ -130,10 +133,11 @@ async def test_visits_of_weeks_are_searched_by_what_happened(tmp_path: Path) -> 
 )
 def test_what_happened_in_a_visit(change: dict[str, Any], kinds: set[str]) -> None:
     visit = replace(VISIT, **change)
-    assert {kind.value for kind, fits in routes.OF_KIND.items() if fits(visit)} == kinds
+    assert {kind.value for kind, fits in visit_search.OF_KIND.items() if fits(visit)} == kinds
+    assert set(records.KINDS) == set(visit_search.VisitKind) == {*visit_search.OF_KIND, "dust"}
     page = (Path(routes.__file__).parents[1] / "static" / "lib" / "history.js").read_text(encoding="utf-8")
     (shown,) = re.findall(r"export const VISIT_KINDS = \{(.*?)\n\};", page, re.DOTALL)
-    assert {*re.findall(r"^  (\w+):", shown, re.MULTILINE)} == {"all", *map(str, routes.VisitKind)}
+    assert {*re.findall(r"^  (\w+):", shown, re.MULTILINE)} == {"all", *map(str, visit_search.VisitKind)}
 
 
 @in_virtual_time
@@ -269,6 +273,7 @@ async def test_what_there_is(tmp_path: Path) -> None:
     indexed(tmp_path)
     async with client(tmp_path, pictures=False) as api:
         view = fitting(await api.get(f"{BAY}/records"), "RecordsView")
+        assert view.pop("alarms")["camera_down"] == "Camera down"
         assert view == {
             "bay": "bay1", "recorded": True, "why": "", "first_ms": BEGIN_MS, "last_ms": LATER_MS + 2 * MINUTE,
             "pictures": "not_kept",

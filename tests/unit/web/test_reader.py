@@ -1,16 +1,19 @@
 """The addresses that the reader process answers."""
 
+import re
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from gateway.records.questions import Question, ValuesQuestion, WhyQuestion
+from gateway.records.questions import EvidenceQuestion, Question, ValuesQuestion, WhyQuestion
 from gateway.web.auth.access import Level
 from gateway.web.auth.refusals import RefusalError
 from gateway.web.auth.sessions import Caller
+from gateway.web.history.routes import BAY as ROUTE
+from gateway.web.history.why import ADDRESSES
 from tests.unit.web.gateway_client import plant
-from tests.unit.web.history import config
+from tests.unit.web.history import VISIT, config, indexed
 from tests.unit.web.programs import ApiClient, api_client
 from tests.unit.web.test_api import fitting, wrong
 from tests.virtual_time import in_virtual_time
@@ -29,6 +32,10 @@ class Asked:
     async def ask(self, question: Question) -> bytes:
         self.questions.append(question)
         return await self.answer()
+
+    async def file(self, question: Question) -> AsyncIterator[bytes]:
+        yield await self.ask(question)
+        yield b""
 
 
 @asynccontextmanager
@@ -92,3 +99,24 @@ async def test_a_refusal_is_passed_on(tmp_path: Path) -> None:
 
     async with asking(tmp_path, answer, "viewer") as (api, _):
         assert wrong(await api.get(f"{BAY}/why?at_ms=5"), 404, "moment") == "nothing of that time"
+
+
+@in_virtual_time
+async def test_the_evidence_of_a_visit(tmp_path: Path) -> None:
+    async def answer() -> bytes:
+        return b"PK"
+
+    indexed(tmp_path)
+    url = f"{BAY}/visits/{VISIT.begun_ms}/evidence.zip"
+    async with asking(tmp_path, answer, "technician") as (api, asked):
+        told = await api.get(url)
+        assert (told.status, told.text, told.headers["content-type"]) == (200, "PK", "application/zip")
+        assert re.match(
+            r'attachment; filename="evidence-bay1-2026112\dT\d{6}\.zip"', told.headers["content-disposition"]
+        )
+        viewer = replace(api, caller=Caller("otto", Level.VIEWER, "10.0.0.8", "token"))
+        await viewer.get(url)
+        span = VISIT.begun_ms - 30_000, VISIT.last_seen_ms + 30_000
+        assert asked.questions == [EvidenceQuestion("bay1", *span, pictures) for pictures in (True, False)]
+        wrong(await api.get(f"{BAY}/visits/5/evidence.zip"), 404, "visit")
+    assert [rule.path for rule in ADDRESSES.rules if rule.exports] == [f"{ROUTE}/visits/{{begun_ms}}/evidence.zip"]

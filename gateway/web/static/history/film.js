@@ -66,7 +66,7 @@ export function Film({ bay, visit, pictures: allowed, ask, close }) {
   return html`<section class="panel film" aria-labelledby="film-title">
     <header>
       <h2 id="film-title">${text('Visit of {0}, {1}', stamp(visit.begun_ms), number(visit.length_s, 0, 's'))}</h2>
-      <div class="row compact">${shown && html`<button type="button" onClick=${() => ask(shown.t_ms)}>Why, at this picture?</button>`}<button type="button" onClick=${close}>Close</button></div>
+      <div class="row compact">${shown && html`<button type="button" onClick=${() => ask(shown.t_ms)}>Why, at this picture?</button>`}<a class="button" href=${`${at}/visits/${visit.begun_ms}/evidence.zip`} download>Evidence</a><button type="button" onClick=${close}>Close</button></div>
     </header>
     <div class="both">
       <div>

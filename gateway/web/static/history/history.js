@@ -115,7 +115,7 @@ function Bay({ bay, place, records, scale, setScale }) {
     ${visit && html`<${Film} key=${visit.begun_ms} bay=${bay} visit=${visit} pictures=${records.pictures} ask=${ask} close=${() => setVisit(null)} />`}
     <${Why} bay=${bay} atMs=${atMs} asked=${asked} ask=${() => ask()} />
     <${Events} of=${events} wrong=${marks.wrong} pick=${choose} />
-    <${Visits} bay=${bay} view=${visits.answer} wrong=${visits.wrong} busy=${visits.busy} sinceMs=${sinceMs} untilMs=${untilMs}
+    <${Visits} bay=${bay} every=${visits} place=${`${middleMs}/${scale}`} alarms=${records.alarms} sinceMs=${sinceMs} untilMs=${untilMs}
       chosen=${visit?.begun_ms ?? null} choose=${(one) => setVisit(one.begun_ms === visit?.begun_ms ? null : one)} />`;
 }
 

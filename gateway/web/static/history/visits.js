@@ -1,11 +1,15 @@
-// The visits of the window as a table with pictures; a filter; the same as CSV.
+// Visits as a table with pictures: those of the window, and older ones on demand; the server filters; the same as CSV.
 
 import { html, useState } from '../lib/page.js';
+import { get } from '../lib/api.js';
 import { number, px, signed, stamp, words } from '../lib/format.js';
 import { listed, t, text } from '../lib/lang.js';
 import { quantity } from '../lib/quantity.js';
 import { distance, signedDistance } from '../lib/units.js';
 import { VISIT_KINDS, faultsText, usual } from '../lib/history.js';
+import { useAnswer } from './answers.js';
+
+const OLDER = 100; // at once
 
 /** Address of a kept picture. */
 export const pictureUrl = (bay, { file, place }, width) =>
@@ -13,32 +17,47 @@ export const pictureUrl = (bay, { file, place }, width) =>
 
 const seconds = (value) => number(value, 0, 's');
 
-/** Its words as shown, and in English. */
-function searched(visit) {
-  const english = [visit.end, visit.moved, ...visit.faults.map((fault) => fault.reason)].filter((name) => name !== 'clear').map(words);
-  return [stamp(visit.begun_ms), ...english, ...english.map((word) => t(word)), faultsText(visit)].join(' ').toLowerCase();
-}
-
-export function Visits({ bay, view, wrong, busy, sinceMs, untilMs, chosen, choose }) {
+/** `every`: the answer with all visits of the window; `place`: of the window; `alarms`: title by kind. */
+export function Visits({ bay, every, place, alarms, sinceMs, untilMs, chosen, choose }) {
   const [kind, setKind] = useState('all');
-  const [wanted, setWanted] = useState('');
-  const visits = view?.visits ?? [];
-  const shown = visits.filter((visit) => VISIT_KINDS[kind][1](visit) && wanted.toLowerCase().split(/\s+/).every((word) => searched(visit).includes(word)));
-  const odd = visits.filter((visit) => !usual(visit)).length;
-  const csv = `/api/bays/${encodeURIComponent(bay)}/visits.csv?since_ms=${sinceMs}&until_ms=${untilMs}${kind === 'all' ? '' : `&what=${kind}`}`;
+  const [alarm, setAlarm] = useState('');
+  const [loaded, setLoaded] = useState({ of: '', visits: [], more: true, wrong: '', busy: false });
+  const at = `/api/bays/${encodeURIComponent(bay)}/visits`;
+  const filter = `${kind === 'all' ? '' : `&what=${kind}`}${alarm && `&alarm=${alarm}`}`;
+  const found = useAnswer(filter ? `${at}?since_ms=${sinceMs}&until_ms=${untilMs}&limit=200${filter}` : null);
+  const { answer: view, wrong, busy } = filter ? found : every;
+  const of = `${bay}/${place}${filter}`;
+  const older = loaded.of === of ? loaded : { of, visits: [], more: true, wrong: '', busy: false };
+  const newest = view?.visits ?? [];
+  const shown = [...newest, ...older.visits.filter((visit) => visit.begun_ms < (newest.at(-1)?.begun_ms ?? Infinity))];
+  const oldestMs = shown.at(-1)?.begun_ms ?? sinceMs;
+  const odd = shown.filter((visit) => !usual(visit)).length;
+  const csv = `${at}.csv?since_ms=${Math.min(sinceMs, oldestMs)}&until_ms=${untilMs}${filter}`;
+  const load = async () => {
+    setLoaded({ ...older, busy: true });
+    try {
+      const more = await get(`${at}?since_ms=0&until_ms=${oldestMs}&limit=${OLDER}${filter}`, { timeoutMs: 20_000 });
+      setLoaded({ of, visits: [...shown, ...more.visits], more: more.more, wrong: '', busy: false });
+    } catch (error) {
+      setLoaded({ ...older, wrong: error.message });
+    }
+  };
   return html`<section class="panel visits" aria-labelledby="visits-title">
     <header>
-      <h2 id="visits-title">Visits in this time <span class="small">${view ? `${shown.length}${view.more ? ' newest' : ''}` : ''}</span>
-        ${view && html` <span class="small">${listed([text('{0} as usual', visits.filter(usual).length), odd > 0 && text('{0} not', odd)])}</span>`}</h2>
+      <h2 id="visits-title">Visits <span class="small">${view ? shown.length : ''}</span>
+        ${view && html` <span class="small">${listed([text('{0} as usual', shown.length - odd), odd > 0 && text('{0} not', odd)])}</span>`}</h2>
       <div class="row compact">
         <select aria-label="which visits" value=${kind} onChange=${(event) => setKind(event.target.value)}>
-          ${Object.entries(VISIT_KINDS).map(([key, [name]]) => html`<option value=${key} selected=${key === kind}>${name}</option>`)}
+          ${Object.entries(VISIT_KINDS).map(([key, name]) => html`<option value=${key} selected=${key === kind}>${name}</option>`)}
         </select>
-        <input type="search" placeholder="filter" aria-label="filter visits by words" value=${wanted} onInput=${(event) => setWanted(event.target.value)} />
+        <select aria-label="which alarm" value=${alarm} onChange=${(event) => setAlarm(event.target.value)}>
+          <option value="" selected=${!alarm}>any alarm, or none</option>
+          ${Object.entries(alarms).map(([key, title]) => html`<option value=${key} selected=${key === alarm}>${title}</option>`)}
+        </select>
         <a class="button" href=${csv} download>CSV</a>
       </div>
     </header>
-    ${wrong && html`<p class="notice warn small" role="status">${wrong}</p>`}
+    ${(wrong || older.wrong) && html`<p class="notice warn small" role="status">${wrong || older.wrong}</p>`}
     <div class="scroll tall" tabindex="0" role="region" aria-label="visits, newest first">
       <table class="stack"><thead><tr><th scope="col">Picture</th><th scope="col">Arrived</th><th scope="col" class="right">Length</th><th scope="col" class="right">In place after</th><th scope="col" class="right">In place</th>
         <th scope="col" class="right">R</th><th scope="col" class="right">Z</th><th scope="col" class="right">Offset</th><th scope="col" class="right">Corrections</th><th scope="col">What else</th></tr></thead><tbody>
@@ -58,8 +77,8 @@ export function Visits({ bay, view, wrong, busy, sinceMs, untilMs, chosen, choos
             ${listed([visit.to_position_s === null ? t('never in place') : visit.released_s === null && t('not released'), visit.end !== 'clear' && t(words(visit.end))])}</td>
         </tr>`)}
       </tbody></table>
-      ${shown.length === 0 && html`<p class="muted">${busy ? 'Loading.' : visits.length ? 'No visit fits the filter.' : 'No visit ended in this time.'}</p>`}
-      ${view?.more && html`<p class="muted small">There are older ones: choose a shorter time, or take the CSV file.</p>`}
+      ${shown.length === 0 && html`<p class="muted">${busy ? 'Loading.' : filter ? 'No visit fits the filter.' : 'No visit ended in this time.'}</p>`}
+      <p class="row compact"><button type="button" disabled=${!view || older.busy || !older.more} onClick=${load}>Older</button>${older.busy ? html`<span class="muted small">Loading.</span>` : !older.more && html`<span class="muted small">These are all that there are.</span>`}</p>
     </div>
   </section>`;
 }

@@ -135,15 +135,16 @@ export function bucketText(bucket, lengthMs) {
   return listed(parts);
 }
 
-/** Kinds of visits for the filter. @type {Record<string, [string, (visit: any) => boolean]>} */
+/** Kinds of visits, as the server finds them. @type {Record<string, string>} */
 export const VISIT_KINDS = {
-  all: ['all', () => true],
-  faults: ['with faults', (visit) => visit.faults.length > 0],
-  odd: ['not as usual', (visit) => !usual(visit)],
-  moved: ['moved, though it was to stand', (visit) => visit.unintended],
-  never: ['never in place', (visit) => visit.to_position_s === null],
-  corrected: ['with corrections', (visit) => visit.corrections > 0],
-  interrupted: ['interrupted', (visit) => visit.interrupted],
+  all: 'all',
+  faults: 'with faults',
+  odd: 'not as usual',
+  moved: 'moved, though it was to stand',
+  dust: 'stopped by dust',
+  never: 'never in place',
+  corrected: 'with corrections',
+  interrupted: 'interrupted',
 };
 
 export const faultsText = (visit) =>
@@ -151,10 +152,10 @@ export const faultsText = (visit) =>
 
 /** A visit in a few words, the gravest first. */
 export function verdict(visit) {
-  if (visit.unintended) return VISIT_KINDS.moved[0];
+  if (visit.unintended) return VISIT_KINDS.moved;
   if (visit.faults.length) return faultsText({ faults: [visit.faults.reduce((worst, fault) => (fault.seconds > worst.seconds ? fault : worst))] });
-  if (visit.to_position_s === null) return VISIT_KINDS.never[0];
-  if (visit.interrupted) return VISIT_KINDS.interrupted[0];
+  if (visit.to_position_s === null) return VISIT_KINDS.never;
+  if (visit.interrupted) return VISIT_KINDS.interrupted;
   return visit.end === 'gateway_off' ? words(visit.end) : USUAL;
 }
 

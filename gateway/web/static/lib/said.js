@@ -11,4 +11,4 @@ const sentences = (said) => said.map(sentence).join(', ');
  * What stands beside a `detail` as `said`; the detail itself where that is not the gateway's own, such as the error of a device.
  * @param {{said?: {text: string, values: any[]}[], detail?: string}} of
  */
-export const saidText = ({ said, detail }) => (detail ? listed([said?.length ? sentences(said) : value(detail)]) : '');
+export const saidText = ({ said, detail }) => (detail ? listed([catalogued(detail) === undefined ? detail : said?.length ? sentences(said) : value(detail)]) : '');
