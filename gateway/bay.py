@@ -18,6 +18,7 @@ from gateway.core.visit_progress import VisitProgress
 from gateway.core.visit_summary import VisitSummary
 from gateway.durations import NS_PER_S
 from gateway.hub import Hub
+from gateway.marker_history import MarkerHistory
 from gateway.net import rate_limit
 
 log = logging.getLogger(__name__)
@@ -51,6 +52,7 @@ class BayControl:
         untried: Sequence[str] = (),  # keys that differ from those last tried: why it begins with a function check
         record: Recorder | None = None,
         ticked: Callable[[str], None] = _no_watchdog,  # called with the bay's name after each control tick
+        marker: MarkerHistory | None = None,  # None: one that is kept in memory
     ) -> None:
         self.name = config.name
         self._config = config.fusion
@@ -69,6 +71,9 @@ class BayControl:
         started = Event(EventKind.START, self.name, state.t_ns, state, detail=detail)
         begun = Event(EventKind.FUNCTION_CHECK_BEGUN, self.name, state.t_ns, state, detail=_untried(untried))
         self._publish(state, [started, *([begun] if state.function_check and untried else [])])
+        self._marker = marker or MarkerHistory(config.camera.picture)
+        if self._marker.wear is not None:
+            self._step(self._marker.wear)
 
     def on_reading(self, reading: VisionReading | RangeReading) -> None:
         """While the control task does not run, the newest of each sensor waits for it: numbers and counters stand."""
@@ -129,6 +134,7 @@ class BayControl:
         self._visits, ended = visit_progress.resumed(self._visits, earlier, self._clock.wall_ns())
         if found := _of_visit(self.state(), ended):
             self._report(self._hub.state(self.name), found)
+        self._follow_marker(ended)
 
     def open_visit(self) -> VisitSummary | None:
         """The visit that goes on, as far as it is known; None: no visit."""
@@ -187,6 +193,11 @@ class BayControl:
             self._visits, old, new, self._rules.limits(new.plc.recipe), self._clock.wall_ns()
         )
         self._publish(new, [*self._rate_limited([*written, *happened]), *_of_visit(new, ended)], observation)
+        self._follow_marker(ended)
+
+    def _follow_marker(self, ended: VisitSummary | None) -> None:
+        if ended is not None and (wear := self._marker.visited(ended)) is not None:
+            self._step(wear)
 
     def _rate_limited(self, happened: list[Event]) -> list[Event]:
         """Without those about writes that arrive too fast to be read; these are counted."""

@@ -18,6 +18,7 @@ from gateway.core.readings import RangeReading, VisionReading
 from gateway.core.relay import decided
 from gateway.core.state import StateVector
 from gateway.hub import Hub
+from gateway.marker_history import MarkerHistory, marker_path_of
 from gateway.modbus.protocol.answers import Unit
 from gateway.modbus.registers.bay_unit import unit_of
 from gateway.processes.template import ProcessTemplate
@@ -185,6 +186,7 @@ def build_bays(shared: Shared, sensors: Sensors, outputs: BayOutputs, ticked: Ca
             files.untried(bay.name),
             outputs.recorder.of_bay(bay.name),
             ticked,
+            MarkerHistory(bay.camera.picture, marker_path_of(config, bay.name), files.keep).read(),
         )
         hub.listen_to_readings(bay.name, control.on_reading)
         hub.listen_to_readings(bay.name, partial(_expect, control, vision))

@@ -44,7 +44,8 @@ OUTPUTS_ONLY = frozenset(
         # counters, texts and what is only published
         "bay", "seq", "heartbeat", "reason", "z_vision_mm", "t_ns",
         "vision.frame_id", "vision.x_n", "vision.y_n", "vision.detail", "vision.stats", "vision.stage_ns",
-        "vision.ellipse", "vision.confidence", "vision.visible", "vision.tracking", "vision.predicted",
+        "vision.ellipse", "vision.confidence", "vision.visible", "vision.contrast", "vision.tracking",
+        "vision.predicted", "marker",
         "vision.picture", "range.seq", "range.detail", "range.stats",
         "memory.target_seen", "memory.restarts", "memory.restarted_ns",
         "plc.write_verdict", "plc.writes", "plc.conflicts",

@@ -37,6 +37,7 @@ STEP_S = 0.01
 MOMENTS_HZ = 50
 LEAD_S = 4.0  # before world time 0, so that the sensors have come up
 COAST_FRAMES = 8
+CONTRAST = 1.4  # of the rim
 LAMP_FRAMES = 3
 UNIX_NS = 1_700_000_000 * NS_PER_S  # Unix time minus the gateway's clock
 HIDDEN_SHARE = 0.2  # of R above the centre: the robust method loses a marker that is covered from above as far as that
@@ -232,9 +233,10 @@ class Bench:
         if active(FaultKind.CAMERA_LOST, t_s):
             return VisionReading(t_ns, Quality.LINK_DOWN)
         quality, circle = self._sight.frame(self.world.truth(t_s, image_speed=False))
-        return VisionReading(
-            t_ns, quality, circle, frame_id=self._frame if circle else 0, visible=1.0 if circle else None
-        )
+        if circle is None:
+            return VisionReading(t_ns, quality)
+        visible = 1 - self.scenario.crusted(t_s)
+        return VisionReading(t_ns, quality, circle, frame_id=self._frame, visible=visible, contrast=CONTRAST)
 
 
 class MarkerSight:

@@ -132,6 +132,8 @@ MODES: Mapping[str, tuple[FailureMode, ...]] = {
         FailureMode("M4", "hidden for a few frames", "a predicted place is taken for a measured one",
                     "coasted values are never decided on", 100, stop(Reason.TARGET_COASTED),
                     Outputs(stop=True, may_move=False, in_place=True, reason=Reason.TARGET_COASTED)),
+        _same("M5", "crusted or faded, little by little", "in the end no marker is found: C4",
+              "visible share and contrast of the rim over the visits, with a forecast", "marker_worn"),
     ),
     "Ranger": (
         _stops("R1", "unplugged, or the port cannot be opened", UNSEEN, "the port's error; opened again with backoff",

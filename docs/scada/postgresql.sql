@@ -217,6 +217,11 @@ COMMENT ON COLUMN "loading".alarms.detail IS 'in words, when it was last announc
 COMMENT ON COLUMN "loading".alarms.who IS 'the user who did it; empty: nobody';
 COMMENT ON COLUMN "loading".alarms.note IS 'and why';
 INSERT INTO "loading".layout (version) VALUES (2) ON CONFLICT DO NOTHING;
+ALTER TABLE "loading".visits ADD COLUMN IF NOT EXISTS visible double precision;
+COMMENT ON COLUMN "loading".visits.visible IS 'share of the rim seen, 0 to 1, median of the first pictures in place; null: not measured';
+ALTER TABLE "loading".visits ADD COLUMN IF NOT EXISTS contrast double precision;
+COMMENT ON COLUMN "loading".visits.contrast IS 'fall of redness across the rim, log units, likewise; null: not measured';
+INSERT INTO "loading".layout (version) VALUES (3) ON CONFLICT DO NOTHING;
 -- With the extension TimescaleDB `states` is a hypertable, without it an ordinary table.
 DO $$ BEGIN
     IF EXISTS (SELECT FROM pg_extension WHERE extname = 'timescaledb') THEN

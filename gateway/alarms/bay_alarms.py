@@ -104,6 +104,22 @@ def _scale_detail(inputs: BayInputs) -> str:
     return details.SCALE_JUMP(f"{scale.newest.px_mm:.0f}", f"{100 * jump:+.0f}", scale.visits)
 
 
+def _wear_detail(inputs: BayInputs) -> str:
+    """Of what is below its limit first."""
+    wear, limits = inputs.state.marker, inputs.config.camera.picture
+    if wear is None:
+        return ""
+    seen, faded, left = wear.visible, wear.contrast, wear.days_left
+    if left is None:
+        return details.RIM_CLEANER(f"{100 * seen.value:.0f}", f"{faded.value:.2f}")
+    if seen.days_left == left:
+        now, least = f"{100 * seen.value:.0f}", f"{100 * limits.rim_visible_min:.0f}"
+        fall = f"{-100 * (seen.per_day or 0):.1f}"
+        return details.RIM_SEEN_SOON(now, fall, least, f"{left:.0f}") if left else details.RIM_SEEN(now, least)
+    now, least, fall = f"{faded.value:.2f}", f"{limits.rim_contrast_min:.2f}", f"{-(faded.per_day or 0):.3f}"
+    return details.RIM_FADED_SOON(now, fall, least, f"{left:.0f}") if left else details.RIM_FADED(now, least)
+
+
 def _picture(*faults: PictureFault) -> tuple[Condition, Detail]:
     def holds(inputs: BayInputs) -> bool:
         return (health := inputs.state.picture) is not None and any(fault in health.faults for fault in faults)
@@ -389,6 +405,25 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         "clean the lens and its window; focus; look at the dust extraction",
         8 * 60,
         *_picture(PictureFault.BLURRED, PictureFault.DUSTY),
+        on_delay_s=10.0,
+        off_delay_s=60.0,
+    ),
+    AlarmDefinition(
+        "marker_worn",
+        "Marker worn or dirty",
+        Priority.LOW,
+        "in the last visits less of the marker's rim was seen, or with less contrast, than camera.picture allows, or "
+        "soon will be",
+        "in the end the marker is not found: stop is on",
+        (
+            "cement crust or dirt on the markers",
+            "paint that fades",
+            "something before the rim: a hose, a bracket, snow",
+        ),
+        "clean or repaint the trucks' markers; it returns to normal by itself after some clean visits",
+        8 * 60,
+        lambda inputs: inputs.state.marker is not None and inputs.state.marker.worn,
+        _wear_detail,
         on_delay_s=10.0,
         off_delay_s=60.0,
     ),

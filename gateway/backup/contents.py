@@ -12,6 +12,7 @@ from gateway import bay_file
 from gateway.backup.manifest import Kind
 from gateway.config import GatewayConfig
 from gateway.config import named_files as config_files
+from gateway.marker_history import marker_path_of
 from gateway.records import recorder_service as records
 from gateway.records.names import PIN, parsed
 from gateway.web.languages import CODE
@@ -30,7 +31,7 @@ def named_files(config: GatewayConfig) -> Iterator[tuple[str, str, Kind]]:
 def bay_files(config: GatewayConfig) -> Iterator[Path]:
     """Those that exist."""
     for bay in config.bays:
-        for path in (bay_file.path_of(config, bay.name), bay_file.tried_path_of(config, bay.name)):
+        for path in (of(config, bay.name) for of in (bay_file.path_of, bay_file.tried_path_of, marker_path_of)):
             if path is not None and path.exists():
                 yield path
 

@@ -78,6 +78,7 @@ class Detection:
     ellipse: Ellipse | None = None  # the rim, where the method fits one; `circle` is the one round it
     confidence: float | None = None  # 0 to 1; None: the method doesn't report it
     visible: float | None = None  # share of the rim that was seen; None: the method doesn't report it
+    contrast: float | None = None  # fall of redness across the rim as in clear air, log units; None: not reported
     veil: float | None = None  # share of airlight over the marker, 0 in clear air; None: no marker, or not reported
     frames: int = 1  # that were summed for it; it is as old as the oldest of them
     rejected: tuple[Rejection, ...] = ()  # the best few of the candidates not taken

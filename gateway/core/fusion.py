@@ -24,6 +24,7 @@ from gateway.core import agreement, beacon, details
 from gateway.core.agreement import FAR_SHARE, in_range
 from gateway.core.beacon import Beacon, BeaconStatus
 from gateway.core.detection import Circle
+from gateway.core.marker_wear import MarkerWear
 from gateway.core.plc import PlcConnection, PlcWrite
 from gateway.core.readings import (
     BEYOND_RANGE,
@@ -50,7 +51,7 @@ from gateway.core.state import (
 )
 from gateway.durations import NS_PER_MS, NS_PER_S
 
-Observation = VisionReading | RangeReading | Tick | PlcWrite | PlcConnection | FunctionCheck
+Observation = VisionReading | RangeReading | Tick | PlcWrite | PlcConnection | FunctionCheck | MarkerWear
 BEYOND_SHARE = 0.9  # of the ranger's range: what was learned of the marker may be off by a tenth
 
 VISION_REASON: dict[Quality, Reason] = {
@@ -100,8 +101,8 @@ def step(
             vision = _newest_vision(vision, _checked_vision(observation, now_ns))
         case RangeReading():
             rng = newest_range(rng, checked_range(observation, now_ns))
-        case Tick() | PlcWrite() | PlcConnection() | FunctionCheck():
-            pass  # requests of people and of the PLC: core/interlock.py
+        case Tick() | PlcWrite() | PlcConnection() | FunctionCheck() | MarkerWear():
+            pass  # requests of people and of the PLC, and what is only shown: core/interlock.py
     vision = _aged_vision(vision, now_ns, config)
     rng = aged_range(rng, now_ns, config)
     memory = state.memory

@@ -19,6 +19,7 @@ from gateway.config import (
     VisitConfig,
 )
 from gateway.core import agreement, fusion, guidance, handshake, ne107, scale, shown, visit
+from gateway.core.marker_wear import MarkerWear
 from gateway.core.plc import Control, Handshake, PlcConnection, PlcLink, PlcWrite, ResetVerdict, WriteVerdict
 from gateway.core.readings import Quality, RangeReading
 from gateway.core.retained import RetainedState
@@ -184,6 +185,7 @@ def _step(state: StateVector, observation: fusion.Observation, now_ns: int, rule
         guidance=state.guidance,
         function_check=function_check,
         visit=current,
+        marker=observation if isinstance(observation, MarkerWear) else state.marker,
         valid_until_ns=now_ns + rules.valid_for_ns if isinstance(observation, Tick) else state.valid_until_ns,
     )
     advice = guidance.advise(

@@ -57,6 +57,7 @@ def active(state: StateVector) -> frozenset[Ne107]:
         or state.vision_age_unproven,
         Ne107.MAINTENANCE_REQUIRED: degraded(state)
         or state.range.temperature_lost
+        or (state.marker is not None and state.marker.worn)
         or (state.picture is not None and state.picture.status != 0),
     }
     return frozenset(signal for signal, on in holds.items() if on)

@@ -192,6 +192,7 @@ class VisionReading:
     ellipse: Ellipse | None = None  # of the circle, where the method fits one
     confidence: float | None = None  # 0 to 1; None: no circle, or the method doesn't report it
     visible: float | None = None  # share of the rim that was seen; None: no circle, or the method doesn't report it
+    contrast: float | None = None  # fall of redness across the rim, log units; None: likewise
     tracking: Tracking = Tracking.OFF
     frames: int = 1  # summed for this circle; `t_ns` is the oldest one's
     predicted: Circle | None = None  # if and only if quality is COASTED: shown to people, never decided on

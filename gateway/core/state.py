@@ -5,6 +5,7 @@ from enum import IntEnum
 
 from gateway.core.beacon import FOUND, Beacon, BeaconStatus
 from gateway.core.detection import Circle
+from gateway.core.marker_wear import MarkerWear
 from gateway.core.plc import Handshake, PlcLink
 from gateway.core.readings import (
     FRESH_FRAME,
@@ -385,6 +386,7 @@ class StateVector:
     guidance: Guidance = field(default_factory=Guidance)
     function_check: FunctionCheck = FunctionCheck.OFF
     visit: Visit = field(default_factory=Visit)
+    marker: MarkerWear | None = None  # after the newest visit; None: not known yet
     valid_until_ns: int = 0  # without another tick by then, it is no longer valid: gateway/core/shown.py
 
     @property

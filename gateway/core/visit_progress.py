@@ -1,6 +1,6 @@
 """Cuts the visits of trucks out of a bay's states: states in, one VisitSummary for each visit out. Pure.
 
-Nothing that decides or is shown reads this. A visit begins with the first sight of a truck by either sensor, and is one
+Nothing that decides reads this. A visit begins with the first sight of a truck by either sensor, and is one
 only once both have measured it within `visit.leave_distance_mm`: for CONFIRM_S, or with D = 1. So a person, a lamp or
 an echo alone makes no visit. It ends when the bay has been clear for `visit.leave_s`, or when the released truck has
 left the mark and another one closes up. Its size in memory does not depend on its length.
@@ -10,6 +10,7 @@ RESUME_S at most; otherwise it has ended meanwhile.
 """
 
 from dataclasses import dataclass, replace
+from statistics import median
 
 from gateway.core.detection import Circle
 from gateway.core.state import Moved, Reason, StateVector, VisitPhase
@@ -18,6 +19,7 @@ from gateway.core.visit_summary import MS_PER_S, Fault, VisitEnd, VisitSummary, 
 from gateway.durations import NS_PER_MS, NS_PER_S
 
 CONFIRM_S = 1.0
+RIM_FRAMES = 15
 ONE_SENSOR_S = 300.0  # what only one sensor sees, or what waits far off, has begun this long ago at most
 RESUME_S = 3600.0
 FAR_RADIUS_SHARE = 0.95  # a circle smaller than this of the one before is farther away, whatever the noise
@@ -73,6 +75,7 @@ class Truck:
     fault_since_ns: int = 0
     turns: Turns = Turns()  # by the ranger, and by R
     seen_turns: Turns = Turns()
+    rims: tuple[tuple[float, float], ...] = ()  # visible share and contrast, first in place
     px_mm: float = 0.0  # R times Z of the first pair, in which R becomes a distance
 
     @property
@@ -170,7 +173,7 @@ def _step(
         if (unseen_ns, both_ns, confirmed) != (truck.unseen_since_ns, truck.both_since_ns, False):
             truck = replace(truck, unseen_since_ns=unseen_ns, both_since_ns=both_ns, confirmed=confirmed)
     truck = _of_stop(_of_times(truck, old, state), old, state, limits)
-    return _of_motion(_of_place(truck, old, state, unix_ns), state, limits)
+    return _of_motion(_of_rim(_of_place(truck, old, state, unix_ns), old, state), state, limits)
 
 
 def _begun(state: StateVector, unix_ns: int) -> Truck:
@@ -277,6 +280,18 @@ def _of_place(truck: Truck, old: StateVector, state: StateVector, unix_ns: int) 
     if visit.released and not old.visit.released:
         truck = replace(truck, so_far=replace(truck.so_far, released_s=since_s))
     return truck
+
+
+def _of_rim(truck: Truck, old: StateVector, state: StateVector) -> Truck:
+    """The marker's rim, before loading covers it; not in a picture that is itself at fault."""
+    vision = state.vision
+    if not state.in_place or len(truck.rims) == RIM_FRAMES or vision.t_ns == old.vision.t_ns:
+        return truck
+    if vision.visible is None or vision.contrast is None or (state.picture is not None and state.picture.status):
+        return truck
+    rims = (*truck.rims, (vision.visible, vision.contrast))
+    visible, contrast = map(median, zip(*rims, strict=True))
+    return replace(truck, rims=rims, so_far=replace(truck.so_far, visible=visible, contrast=contrast))
 
 
 def _of_motion(truck: Truck, state: StateVector, limits: VisitLimits) -> Truck:

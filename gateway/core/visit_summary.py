@@ -53,6 +53,8 @@ class VisitSummary:
     offset_mm: float | None = None
     frame_id: int | None = None  # the picture, and when it was taken (Unix time)
     frame_ms: int | None = None
+    visible: float | None = None  # share of the rim, median of the first pictures in place; None: not measured
+    contrast: float | None = None  # fall of redness across it, log units, likewise
     moved: Moved = Moved.NO  # it left its place without release
     unintended: bool | None = None  # it rolled though it was to stand; None: not known, by a gateway 0.1.0
     faults: tuple[Fault, ...] = ()
@@ -119,6 +121,8 @@ def joined(earlier: VisitSummary, later: VisitSummary) -> VisitSummary:
         stop_latency_ms=stopped.stop_latency_ms,
         halt_s=stopped.halt_s,
         overrun_mm=stopped.overrun_mm,
+        visible=earlier.visible if earlier.visible is not None else later.visible,
+        contrast=earlier.contrast if earlier.contrast is not None else later.contrast,
         moved=placed.moved if later.moved is Moved.NO else later.moved,
         unintended=earlier.unintended or later.unintended,
         faults=merged(earlier.faults, later.faults),

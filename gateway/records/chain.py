@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from gateway.core import events
 from gateway.core.fusion import Observation
 from gateway.core.interlock import Rules
+from gateway.core.marker_wear import MarkerWear
 from gateway.core.plc import PlcConnection, PlcWrite
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import FunctionCheck, Reason, StateVector
@@ -113,6 +114,8 @@ def entered(observation: Observation | NoTick | None, old: StateVector | None, s
             text = (say.CONNECTED if observation.open else say.DISCONNECTED)(observation.writer)
         case FunctionCheck():
             text = say.CHECK(observation.name.lower())
+        case MarkerWear():
+            text = say.WEAR()
         case NoTick():
             text = say.NO_TICK()
         case None:

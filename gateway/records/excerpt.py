@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from gateway.core.marker_wear import MarkerWear
 from gateway.core.plc import PlcConnection, PlcWrite
 from gateway.core.readings import RangeReading, VisionReading
 from gateway.core.state import FunctionCheck, StateVector, Tick
@@ -25,7 +26,7 @@ Value = str | int | float | bool | None
 Row = dict[str, Value]
 ENTERED = (
     (VisionReading, "frame"), (RangeReading, "distance"), (PlcWrite, "write"), (PlcConnection, "connection"),
-    (FunctionCheck, "function_check"), (Tick, "tick"), (NoTick, "nothing"),
+    (FunctionCheck, "function_check"), (MarkerWear, "marker"), (Tick, "tick"), (NoTick, "nothing"),
 )  # fmt: skip
 
 COLUMNS = {  # of a state: value of the table

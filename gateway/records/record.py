@@ -5,11 +5,13 @@ field it does not know is skipped, one that is missing has its default. All time
 RegisterImage has the Unix time of the same moment.
 """
 
+from collections.abc import Callable
 from enum import StrEnum
 
 import msgspec
 
 from gateway.core.fusion import Observation
+from gateway.core.marker_wear import MarkerWear
 from gateway.core.plc import PlcConnection, PlcWrite
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.shown import shown
@@ -57,6 +59,10 @@ class ConnectionRecord(Record, frozen=True, tag="connection"):
 
 class FunctionCheckRecord(Record, frozen=True, tag="function_check"):
     mode: FunctionCheck
+
+
+class MarkerRecord(Record, frozen=True, tag="marker"):
+    wear: MarkerWear
 
 
 class Decision(Record, frozen=True, tag="decision"):
@@ -152,6 +158,7 @@ AnyRecord = (
     | WriteRecord
     | ConnectionRecord
     | FunctionCheckRecord
+    | MarkerRecord
     | Decision
     | RegisterImage
     | Checkpoint
@@ -181,30 +188,28 @@ def array_of(records: list[bytes]) -> bytes:
     return _ENCODER.encode([msgspec.Raw(record) for record in records])
 
 
-def of_observation(observation: Observation, t_ns: int) -> Record:
-    """The record of what entered a control step."""
-    match observation:
-        case VisionReading():
-            return FrameRecord(t_ns=t_ns, reading=observation)
-        case RangeReading():
-            return DistanceRecord(t_ns=t_ns, reading=observation)
-        case PlcWrite():
-            return WriteRecord(t_ns=t_ns, write=observation)
-        case PlcConnection():
-            return ConnectionRecord(t_ns=t_ns, change=observation)
-        case FunctionCheck():
-            return FunctionCheckRecord(t_ns=t_ns, mode=observation)
-        case _:
-            return TickRecord(t_ns=t_ns)
-
-
 OBSERVATION = {
     FrameRecord: "reading",
     DistanceRecord: "reading",
     WriteRecord: "write",
     ConnectionRecord: "change",
     FunctionCheckRecord: "mode",
+    MarkerRecord: "wear",
 }
+_RECORD: dict[type[Observation], Callable[..., Record]] = {
+    VisionReading: lambda t_ns, seen: FrameRecord(t_ns=t_ns, reading=seen),
+    RangeReading: lambda t_ns, seen: DistanceRecord(t_ns=t_ns, reading=seen),
+    PlcWrite: lambda t_ns, seen: WriteRecord(t_ns=t_ns, write=seen),
+    PlcConnection: lambda t_ns, seen: ConnectionRecord(t_ns=t_ns, change=seen),
+    FunctionCheck: lambda t_ns, seen: FunctionCheckRecord(t_ns=t_ns, mode=seen),
+    MarkerWear: lambda t_ns, seen: MarkerRecord(t_ns=t_ns, wear=seen),
+}
+
+
+def of_observation(observation: Observation, t_ns: int) -> Record:
+    """The record of what entered a control step."""
+    made = _RECORD.get(type(observation))
+    return TickRecord(t_ns=t_ns) if made is None else made(t_ns, observation)
 
 
 def observed(record: AnyRecord) -> Observation | None:

@@ -13,7 +13,7 @@ from gateway.sinks.mqtt.visit_payload import visit_payload
 _PLAIN = (
     "length_s", "at_mark_s", "to_position_s", "released_s", "in_place_s", "times_in_place", "corrections",
     "stop_latency_ms", "halt_s", "overrun_mm", "radius_px", "distance_mm", "offset_px", "offset_mm", "frame_id",
-    "frame_ms", "interruptions", "off_s",
+    "frame_ms", "interruptions", "off_s", "visible", "contrast",
 )  # fmt: skip
 HEADER = (
     "bay", "begun", "ended", "begun_ms", "end", "moved", *_PLAIN, "faults",

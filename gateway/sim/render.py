@@ -27,6 +27,7 @@ from gateway.vision.pixels import Image
 NOISE_MARGIN_PX = 64  # the noise pool is so much larger than the frame; a window of it moves about
 CLOUD_PER_M = 6.0  # extinction that a cloud of dust adds: four fifths of the light are lost on 28 cm
 AIRLIGHT = (206, 206, 204)  # cement dust in the light of the bay, BGR
+CEMENT = (152, 158, 160)  # that has set
 LED_BODY = (44, 44, 44)  # the beacon's, dark
 LED_LEVEL = 0.6  # its light, in units of white
 LED_SIZE = 0.8  # of `radius_px`, as far as the light reaches
@@ -156,6 +157,8 @@ class Painter:
         if self._surfaces.paint:
             paint = _warp(_fitting(self._surfaces.paint, scale), truth, scale, box)
             _lay(image, box, paint, disc_cover(truth.u_px, truth.v_px, radius, box))
+        if crusted := self._scenario.crusted(truth.t_s):
+            _crust(image, truth, crusted)
         if self._surfaces.over:
             level = _fitting(self._surfaces.over, scale)
             if wide := _window(truth.u_px, truth.v_px, -level.left_mm * scale, self._size):
@@ -193,6 +196,15 @@ def brightness(light: Light, t_s: float) -> float:
     drift = light.drift * math.sin(2 * math.pi * t_s / light.drift_period_s)
     flicker = light.flicker * math.sin(2 * math.pi * light.flicker_hz * t_s)
     return max(0.0, light.level * (1 + drift) * (1 + flicker))
+
+
+def _crust(image: Image, truth: Truth, share: float) -> None:
+    """A part of a ring of cement, from inside the rim to beyond it, about its lowest point."""
+    turn = math.pi * (0.5 + np.linspace(-share, share, 90))
+    reach = truth.radius_px * np.array([[0.6], [1.1]])
+    ring = np.stack([truth.u_px + reach * np.cos(turn), truth.v_px + reach * np.sin(turn)], axis=-1)
+    outline = np.concatenate([ring[0], ring[1, ::-1]])
+    cv2.fillPoly(image, [np.rint(16 * outline).astype(np.int32)], CEMENT, cv2.LINE_AA, 4)
 
 
 def disc_cover(u_px: float, v_px: float, radius_px: float, box: Box) -> NDArray[np.float32]:

@@ -25,6 +25,7 @@ class FaultKind(StrEnum):
     CAMERA_LATE = "camera_late"
     CAMERA_LOOPED = "camera_looped"
     MARKER_HIDDEN = "marker_hidden"
+    MARKER_CRUSTED = "marker_crusted"
     SPOUT_DOWN = "spout_down"
     DUST_CLOUD = "dust_cloud"
     RED_LAMP = "red_lamp"
@@ -50,6 +51,7 @@ FAULT_MEANING: dict[FaultKind, str] = {
     FaultKind.CAMERA_LATE: "frames arrive, each with a new time, but show what was `delay_s` ago",
     FaultKind.CAMERA_LOOPED: "frames arrive, each with a new time, but repeat the last `delay_s` before the fault",
     FaultKind.MARKER_HIDDEN: "a grey tarpaulin hangs over the marker",
+    FaultKind.MARKER_CRUSTED: "cement has set on the marker, from below, and covers `share` of its rim",
     FaultKind.SPOUT_DOWN: "the loading spout comes down before the marker, covers it and goes up again at the end",
     FaultKind.DUST_CLOUD: "loading raises so much dust that hardly anything can be seen",
     FaultKind.RED_LAMP: "a round red lamp on the spout is lit, 20 px in radius; the spout need not be down",
@@ -79,6 +81,7 @@ class Fault(Section):
     )
     delay_s: float = Field(2.0, gt=0, le=10, description="of a camera_late or camera_looped; others have none")
     offset_cm: float = Field(10.0, ge=-100, le=100, description="of a ranger_offset; negative: it measures too little")
+    share: float = Field(0.3, ge=0, le=1, description="of the rim that a marker_crusted covers; others have none")
     ranger: int = Field(1, ge=1, le=3, description="of a ranger's fault: of several rangers at the bay, which one")
 
     def active(self, t_s: float) -> bool:
@@ -274,6 +277,11 @@ class Scenario(Section):
         """When the fault of this kind began that holds at world time `t_s`; None: there is none."""
         fault = self._fault(kind, t_s)
         return None if fault is None else fault.at_s
+
+    def crusted(self, t_s: float) -> float:
+        """Which share of the marker's rim cement covers at world time `t_s`."""
+        crust = self._fault(FaultKind.MARKER_CRUSTED, t_s)
+        return 0.0 if crust is None else crust.share
 
     def shown_s(self, t_s: float) -> float:
         """World time of what the camera's picture of `t_s` shows, where it is late or repeats itself."""

@@ -51,6 +51,7 @@ _predicted = _part(lambda s: s.vision.predicted)
 _picture = _part(lambda s: s.picture)
 _exposure = _part(lambda s: s.exposure)
 _scale = _part(lambda s: s.memory.scale)
+_marker_wear = _part(lambda s: s.marker)
 _relay = _part(lambda s: s.range.relay)
 
 
@@ -112,6 +113,7 @@ def _ranger_rows(n: int) -> tuple[Value[StateVector], ...]:
     )
 
 
+_FEW = "fewer than 10 visits"
 _UNLESS_GOOD = "vision is not GOOD"
 _NOT_KNOWN = "not known"
 _NO_RELAY = "no relay, or not reported"
@@ -177,6 +179,18 @@ ROWS: tuple[Value[StateVector], ...] = (
           _scale(lambda m: m.visits), "not learned yet"),
     Value("scale.jump", float, "how much the newest differs from those before, as a share", _scale(lambda m: m.jump),
           "by no more than a tenth"),
+    Value("marker.visible", float, "share of the rim seen, 0 to 1, median of the newest 10 visits",
+          _marker_wear(lambda w: w.visible.value), _FEW),
+    Value("marker.visible_a_day", float, "its change a day over the last weeks",
+          _marker_wear(lambda w: w.visible.per_day), "none that is certain"),
+    Value("marker.contrast", float, "fall of redness across the rim, log units, likewise",
+          _marker_wear(lambda w: w.contrast.value), _FEW),
+    Value("marker.contrast_a_day", float, "its change a day", _marker_wear(lambda w: w.contrast.per_day),
+          "none that is certain"),
+    Value("marker.days_left", float, "until one of the two is below its limit; 0: it is",
+          _marker_wear(lambda w: w.days_left), "none within 90 days"),
+    Value("marker.worn", bool, "clean or repaint the markers (alarm marker_worn)", _marker_wear(lambda w: w.worn),
+          _FEW),
     Value("picture.brightness", float, "mean grey level, share of white", _picture(lambda p: p.brightness),
           "no fresh picture", _frame),
     Value("picture.clipped", float, "share of the pixels that are burnt out", _picture(lambda p: p.clipped),

@@ -10,6 +10,7 @@ from gateway.values.value import Value, by_name
 
 _NEVER = "never"
 _NOT_FOUND = "never in place"
+_NOT_MEASURED = "not measured"
 
 
 def _row(
@@ -40,6 +41,8 @@ ROWS: tuple[Value[VisitSummary], ...] = (
     _row("offset_mm", float, "the same in the plane of the marker", "size not known"),
     _row("frame_id", int, "the picture in which it was found in place", _NOT_FOUND),
     _row("frame_ms", int, "when that was taken, Unix time, ms", _NOT_FOUND),
+    _row("visible", float, "share of the rim seen, 0 to 1, median of the first pictures in place", _NOT_MEASURED),
+    _row("contrast", float, "fall of redness across the rim, log units, likewise", _NOT_MEASURED),
     _row("moved", Moved, "it left its place without release: NO, DISTANCE or MARKER"),
     _row("faults", tuple, "each reason for `stop` that was a fault, with times and seconds"),
     _row("fault_times", int, "how often stop was on for a fault",

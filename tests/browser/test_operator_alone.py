@@ -320,6 +320,21 @@ def test_facts_stand_in_lines_and_no_word_of_them_is_cut(operator: Open, width_p
     judgements.no_word_is_cut(page)
 
 
+def test_how_worn_the_markers_are_stands_beside_the_picture(operator: Open) -> None:
+    def rows() -> list[str]:
+        part = page.locator("[aria-labelledby=health-title] .parts > li", has=page.get_by_text("Picture", exact=True))
+        return [" ".join(row.split()) for row in part.locator("dl > div").all_inner_texts()][6:]
+
+    wear = {"visible": 0.824, "visible_a_day": -0.0152, "contrast": 1.2, "contrast_a_day": None, "days_left": 14.2}
+    page = operator(live([state("bay1", marker={**wear, "worn": False})]))
+    until(page, lambda: rows() == ["rim seen 82 %, −1.5 % a day", "rim contrast 1.20", "below its limit in 14 d"])
+    steady = {"visible_a_day": None, "days_left": None, "worn": False}
+    say(page, live([state("bay1", marker={**wear, **steady})]))
+    until(page, lambda: rows() == ["rim seen 82 %", "rim contrast 1.20"])
+    say(page, live([state("bay1", marker=None)]))
+    until(page, lambda: rows() == [])
+
+
 @pytest.mark.parametrize("width_px", [390, 1366, 1920])
 def test_a_relay_that_is_not_reported_keeps_its_row(operator: Open, width_px: int) -> None:
     def says(configured: bool, relay: dict[str, Any] | None = None) -> Any:

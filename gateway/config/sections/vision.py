@@ -72,7 +72,7 @@ class Intrinsics(Section):
 
 
 class PictureConfig(Section):
-    """When the picture itself needs maintenance: part of NE 107 and alarms, and never of the decision."""
+    """When picture or marker need maintenance: part of NE 107 and alarms, and never of the decision."""
 
     brightness_min: float = Field(0.04, ge=0, lt=1, description="mean grey level, share of white; 0: off")
     clipped_max: float = Field(0.6, ge=0, lt=1, description="share of the pixels that are burnt out; 0: off")
@@ -97,6 +97,19 @@ class PictureConfig(Section):
     lasting_s: float = Field(60.0, ge=1, le=3600, description="the same for blurred and shifted")
     dusty_s: float = Field(
         900.0, ge=1, le=86_400, description="the same for dusty; a cloud while loading is not counted"
+    )
+    rim_visible_min: float = Field(
+        0.7, ge=0, lt=1, description="share of the marker's rim that is seen, median of the newest visits; 0: off"
+    )
+    rim_contrast_min: float = Field(
+        0.5,
+        ge=0,
+        le=2,
+        description="fall of redness across the rim, log units, likewise: 1 to 1.5 of good paint, none is found below "
+        "0.15; 0: off",
+    )
+    rim_forecast_days: float = Field(
+        7.0, ge=0, le=60, description="an alarm, too, where one of both falls below its limit within this time; 0: off"
     )
 
 

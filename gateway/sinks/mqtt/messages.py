@@ -202,6 +202,18 @@ class ScalePayload(ShownModel):
     jump: float | None
 
 
+class MarkerPayload(ShownModel):
+    """How worn the trucks' markers are, by the visits of the last weeks."""
+
+    level = "marker."
+    visible: float
+    visible_a_day: float | None
+    contrast: float
+    contrast_a_day: float | None
+    days_left: float | None
+    worn: bool
+
+
 class PicturePayload(ShownModel):
     """Figures of the camera's picture itself. Shares are 0 to 1."""
 
@@ -277,6 +289,7 @@ class StatePayload(Measured):
     in_place_ms: float | None
     held_ms: float | None
     scale: ScalePayload | None = Field(description="null: not learned yet, for the recipe in force")
+    marker: MarkerPayload | None = Field(None, description="null: fewer than 10 visits")
     picture: PicturePayload | None = Field(description="health of the picture itself; null without a fresh frame")
     exposure: ExposurePayload | None = Field(
         description="exposure time and gain; null: left to the camera, or no fresh frame"

@@ -47,6 +47,8 @@ class VisitPayload(ShownModel):
     offset_mm: float | None
     frame_id: Count | None
     frame_ms: Count | None
+    visible: float | None = None
+    contrast: float | None = None
     moved: Literal["NO", "DISTANCE", "MARKER"]
     faults: tuple[FaultPayload, ...]
     interrupted: bool
@@ -72,6 +74,6 @@ def _faults(visit: VisitSummary, _: int) -> tuple[FaultPayload, ...]:
 
 VISIT = Filler(
     VISIT_VALUES,
-    {"s": 2, "ms": 1, "px": 2, "mm": 1},
+    {"s": 2, "ms": 1, "px": 2, "mm": 1, "": 3},
     {"end": lambda visit, _: visit.end, "phases_s": _phases_s, "faults": _faults},
 )

@@ -55,7 +55,7 @@ async def prepare(database: Database, server: Server, settings: PostgresqlConfig
         )
         if not found:
             raise LinkError(lacking)
-        log.warning("%s; until then the journal of alarms is not written", lacking)
+        log.warning("%s; until then what is new in them is not written", lacking)
     return found
 
 

@@ -2,11 +2,11 @@
 
 A row is made by the server of the JSON that MQTT publishes, too (docs/schemas): `e` in the expressions below. A column
 is never renamed or removed, and its meaning never changes: an older gateway can write into the tables of a newer one.
-A new table is a further step in LAYOUTS.
+A new table, or a new column (`since`), is a further step in LAYOUTS.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from gateway.sinks.contract import ALARM_PRIORITIES
@@ -22,6 +22,7 @@ class Column:
     type: str
     source: str  # SQL expression over `e`, the JSON of an event or a state
     meaning: str
+    since: int = 0  # version of the tables that has added it to its table; 0: as old as the table
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +113,7 @@ VISITS = Table(
         Column("faults", "jsonb", "e#>'{visit,faults}'", "array of reason, times and seconds"),
         *_visit("interrupted", "interruptions", "off_s"),
         _text("event_id", "id", "the event that reported it"),
+        *(replace(column, since=3) for column in _visit("visible", "contrast")),
     ),
     key=("site", "instance", "bay", "begun_ms"),
     indexes=(("begun",),),
@@ -153,16 +155,16 @@ ALARMS = Table(
     key=("id",),
     indexes=(("t",), ("site", "bay", "t")),
 )
-LAYOUTS = ((EVENTS, VISITS, STATES), (ALARMS,))  # what each version of the tables adds to the one before
+LAYOUTS: tuple[tuple[Table, ...], ...] = ((EVENTS, VISITS, STATES), (ALARMS,), ())  # the tables that each version adds
 TABLES = tuple(table for added in LAYOUTS for table in added)
 LAYOUT = len(LAYOUTS)
 ALARMS_LAYOUT = 2  # the first with their journal
 
 
-def write_events(schema: str) -> str:
+def write_events(schema: str, layout: int = LAYOUT) -> str:
     """Writes what is not there yet of the array of events `$1`, and their visits: both or neither. Answers with the
-    number of new events."""
-    return f"WITH visit AS ({_insert(schema, VISITS)})\n{_insert(schema, EVENTS)}"
+    number of new events. `layout`: version of the tables."""
+    return f"WITH visit AS ({_insert(schema, VISITS, layout)})\n{_insert(schema, EVENTS)}"
 
 
 def write_states(schema: str) -> str:
@@ -179,9 +181,10 @@ def newest_layout(schema: str) -> str:
     return f'SELECT max(version) FROM "{schema}".layout'
 
 
-def _insert(schema: str, table: Table) -> str:
-    names = ", ".join(column.name for column in table.columns)
-    sources = ", ".join(column.source for column in table.columns)
+def _insert(schema: str, table: Table, layout: int = LAYOUT) -> str:
+    columns = [column for column in table.columns if column.since <= layout]
+    names = ", ".join(column.name for column in columns)
+    sources = ", ".join(column.source for column in columns)
     return (
         f'INSERT INTO "{schema}".{table.name} ({names})\n'
         f"SELECT {sources}\nFROM jsonb_array_elements($1::jsonb) AS e WHERE {table.only}\nON CONFLICT DO NOTHING"
@@ -211,18 +214,34 @@ def create(schema: str) -> str:
 
 
 def _steps(schema: str) -> list[str]:
-    return ["\n".join(_created(schema, table) for table in added) for added in LAYOUTS]
+    return [
+        "\n".join((*(_created(schema, table) for table in added), *_altered(schema, version)))
+        for version, added in enumerate(LAYOUTS, 1)
+    ]
 
 
 def _created(schema: str, table: Table) -> str:
     name = f'"{schema}".{table.name}'
-    columns = [f"    {c.name} {c.type}{' NOT NULL' if c.name in table.key else ''}," for c in table.columns]
+    first = [c for c in table.columns if not c.since]
+    columns = [f"    {c.name} {c.type}{' NOT NULL' if c.name in table.key else ''}," for c in first]
     lines = [f"CREATE TABLE IF NOT EXISTS {name} (", *columns, f"    PRIMARY KEY ({', '.join(table.key)})", ");"]
     for keys in table.indexes:
         lines.append(f"CREATE INDEX IF NOT EXISTS {table.name}_{'_'.join(keys)} ON {name} ({', '.join(keys)});")
     lines.append(f"COMMENT ON TABLE {name} IS {_quoted(table.meaning)};")
-    lines += [f"COMMENT ON COLUMN {name}.{c.name} IS {_quoted(c.meaning)};" for c in table.columns]
+    lines += [_comment(name, c) for c in first]
     return "\n".join(lines)
+
+
+def _altered(schema: str, version: int) -> Iterable[str]:
+    """What adds the columns of that version."""
+    for table in TABLES:
+        name = f'"{schema}".{table.name}'
+        for c in (c for c in table.columns if c.since == version):
+            yield f"ALTER TABLE {name} ADD COLUMN IF NOT EXISTS {c.name} {c.type};\n{_comment(name, c)}"
+
+
+def _comment(table: str, column: Column) -> str:
+    return f"COMMENT ON COLUMN {table}.{column.name} IS {_quoted(column.meaning)};"
 
 
 def _hypertable(schema: str) -> str:

@@ -76,6 +76,8 @@ VISIT = {  # of the newest visit that is over
     "Visit/Last/Radius": "radius_px",
     "Visit/Last/Distance": "distance_mm",
     "Visit/Last/Offset": "offset_mm",
+    "Visit/Last/Visible": "visible",
+    "Visit/Last/Contrast": "contrast",
     "Visit/Last/Moved": "moved",
     "Visit/Last/Faults": "fault_times",
     "Visit/Last/Interrupted": "interrupted",

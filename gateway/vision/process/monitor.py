@@ -193,6 +193,7 @@ class ProcessMonitor:
                 ellipse=found.ellipse,
                 confidence=found.confidence,
                 visible=found.visible,
+                contrast=found.contrast,
                 tracking=found.tracking,
                 frames=found.frames,
                 predicted=found.predicted,

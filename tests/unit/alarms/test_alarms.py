@@ -26,6 +26,7 @@ from gateway.alarms.states import AlarmEvent, AlarmState, next_state
 from gateway.config import BayConfig
 from gateway.core.beacon import Beacon, BeaconStatus
 from gateway.core.detection import Circle
+from gateway.core.marker_wear import MarkerWear, WearTrend
 from gateway.core.plc import Handshake, PlcLink
 from gateway.core.readings import (
     AgeProof,
@@ -227,6 +228,7 @@ CAUSES = {
     "truck_moved": permitted(visit=Visit(place=PLACE, moved=Moved.DISTANCE, moved_covered=True)),
     "in_place_lost": permitted(d=None, visit=Visit(place=PLACE, ended="held for too long")),
     "scale_changed": permitted(memory=FusionMemory(scale=SCALE)),
+    "marker_worn": permitted(marker=MarkerWear(12, WearTrend(0.82, -0.015, 8.0), WearTrend(1.2), worn=True)),
 }
 NO_ALARM = {
     "exposure in order": exposed(ExposureState.CONTROLLED),

@@ -150,7 +150,7 @@ def test_every_reason_for_a_stop_and_every_fault_of_the_simulator_is_in_a_row() 
     no_failure = {Reason.STOP_LATCHED, Reason.MOVED, Reason.CLEARING}  # MOVED is words in T1 and T2
     assert shown | no_failure == set(Reason)
     kinds = {one["kind"] for play in PLAYED.values() if not callable(play) for one in play}
-    # C3, C12, M2, M1, R7, R15 and R16: by their own tests
+    # C3, C12, M2, M1, M5, R7, R15 and R16: by their own tests
     elsewhere = {"camera_stuck", "camera_late", "camera_looped", "spout_down", "dust_cloud", "ranger_noise"}
-    elsewhere |= {"ranger_offset", "ranger_no_temperature"}
+    elsewhere |= {"marker_crusted", "ranger_offset", "ranger_no_temperature"}
     assert kinds | elsewhere == {kind.value for kind in FaultKind}

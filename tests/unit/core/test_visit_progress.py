@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gateway.core import visit_progress
-from gateway.core.readings import Quality
+from gateway.core.readings import PictureFault, PictureHealth, Quality, VisionReading
 from gateway.core.state import Moved, Reason, VisitPhase
 from gateway.core.visit_progress import RESUME_S, Turns, VisitProgress
 from gateway.core.visit_summary import VisitEnd, VisitSummary, joined, merged
@@ -329,6 +329,56 @@ def test_two_parts_of_a_visit_add_up() -> None:
     assert both.faults == ((Reason.NO_TARGET, 3, 3.0), (Reason.PLC_LOST, 1, 3.0))
     assert (both.interruptions, both.off_s) == (1, 10.0)
     assert merged((), ()) == ()
+
+
+def test_the_rim_of_a_visit_in_two_parts_is_that_of_the_first_which_measured_it() -> None:
+    measured, later = VisitSummary(0, 60.0, visible=0.9, contrast=1.2), VisitSummary(90_000, 5.0, visible=0.4)
+    assert (joined(measured, later).visible, joined(measured, later).contrast) == (0.9, 1.2)
+    assert joined(VisitSummary(0, 60.0), later).visible == 0.4
+
+
+# The marker's rim.
+
+
+def crust(share: float, at_s: float, for_s: float = 100) -> dict[str, Any]:
+    return {"kind": "marker_crusted", "at_s": at_s, "for_s": for_s, "share": share}
+
+
+class Dusty(Bench):
+    """Each picture is itself at fault, with one exception each second."""
+
+    def _picture(self, t_ns: int) -> VisionReading | None:
+        reading = super()._picture(t_ns)
+        status = 0 if self._frame % 30 == 0 else 1 << PictureFault.DUSTY
+        return reading and replace(reading, picture=PictureHealth(0.4, 0.0, 0.5, 0.5, 0.8, None, status=status))
+
+
+def test_the_rim_is_that_of_the_first_pictures_in_place_before_loading_covers_it() -> None:
+    # In place after 7.7 s; from 9 s on half of the rim is covered.
+    (visit,) = driven(ARRIVAL, AWAY, faults=(crust(0.2, 0, 9), crust(0.5, 9))).visits
+    assert (visit.visible, visit.contrast) == (0.8, 1.4)
+    (covered,) = driven(ARRIVAL, AWAY, faults=(crust(0.5, 0),)).visits
+    assert covered.visible == 0.5
+
+
+def test_of_fifteen_pictures_seven_odd_ones_do_not_count() -> None:
+    clean = driven(ARRIVAL, AWAY)
+    (visit,) = clean.visits
+    assert visit.frame_ms is not None
+    in_place_s = (visit.frame_ms - UNIX_NS // 10**6) / 1000 - 1000
+    (odd,) = driven(ARRIVAL, AWAY, faults=(crust(0.5, in_place_s, 0.2),)).visits  # six or seven pictures of 30 a second
+    assert (visit.visible, odd.visible) == (1.0, 1.0)
+    (mostly,) = driven(ARRIVAL, AWAY, faults=(crust(0.5, in_place_s, 0.4),)).visits
+    assert mostly.visible == 0.5
+
+
+def test_a_picture_that_is_itself_at_fault_says_nothing_of_the_marker() -> None:
+    legs = (ARRIVAL, AWAY)
+    bench = Dusty(truck(*legs, start={"distance_cm": 115}, faults=(crust(0.5, 0),)))
+    bench.run(9.0)
+    assert bench.progress.truck is not None
+    assert 1 <= len(bench.progress.truck.rims) <= 3  # of 1.3 s
+    assert bench.progress.truck.so_far.visible == 0.5
 
 
 def test_of_a_visit_of_an_older_gateway_any_departure_without_release_counts() -> None:

@@ -8,8 +8,11 @@ import msgspec
 import pytest
 
 from gateway import __version__
+from gateway.config import BayConfig
+from gateway.core import interlock
 from gateway.core.events import Event, EventKind
 from gateway.core.interlock import Rules
+from gateway.core.marker_wear import MarkerWear, WearTrend
 from gateway.core.readings import Quality, VisionReading
 from gateway.core.state import Reason, StateVector, Tick
 from gateway.records.collector import CHECKPOINT_NS, Collector
@@ -24,6 +27,9 @@ from gateway.records.record import (
     RegisterImage,
     TickRecord,
     array_of,
+    observed,
+    of_observation,
+    packed,
     unpacked,
 )
 from gateway.records.recording import Item, MissingItem, Place
@@ -125,6 +131,14 @@ def test_a_register_that_differs_is_named() -> None:
 
 
 @pytest.mark.one_interpreter
+def test_what_is_known_of_the_markers_is_recorded_as_what_it_is() -> None:
+    wear = MarkerWear(10, WearTrend(0.82, -0.015, 8.0), WearTrend(1.2), worn=True)
+    record = of_observation(wear, 7)
+    (found,) = unpacked(array_of([packed(record)]))
+    assert (found, observed(found)) == (record, wear)
+    assert interlock.step(StateVector("bay1"), wear, 7, Rules.of(BayConfig())).marker == wear
+
+
 def test_a_missing_observation_is_noticed() -> None:
     bench, kept = recorded_visit()
     found = items(kept)

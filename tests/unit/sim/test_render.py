@@ -118,6 +118,25 @@ def test_the_spout_hangs_in_the_bay_and_does_not_move_with_the_truck() -> None:
     assert not np.array_equal(frames[0], frames[1])
 
 
+@pytest.mark.parametrize("share", [0.1, 0.3])
+def test_a_crust_covers_its_share_of_the_rim_and_the_robust_method_sees_that(share: float) -> None:
+    fault = {"kind": "marker_crusted", "at_s": 0, "for_s": 9, "share": share}
+    scenario = parse({**PLAIN, "start": {"distance_cm": 28}, "faults": [fault]})
+    truth = World(scenario).truth(1.0)
+    frame = Painter(scenario).frame(truth, 0)
+    turn = np.linspace(0, 2 * np.pi, 720, endpoint=False)
+    at = truth.v_px + 0.97 * truth.radius_px * np.sin(turn), truth.u_px + 0.97 * truth.radius_px * np.cos(turn)
+    on_rim = frame[np.rint(at[0]).astype(int), np.rint(at[1]).astype(int)].astype(int)
+    found = detector(VisionConfig(tracking=False))(frame, 0)
+
+    assert np.mean(on_rim[:, 2] - on_rim[:, 1] < 40) == pytest.approx(share, abs=0.01)
+    assert found.circle is not None
+    assert found.circle.radius_px == pytest.approx(truth.radius_px, abs=0.5)
+    assert found.visible == pytest.approx(1 - share, abs=0.02)
+    assert found.contrast is not None
+    assert 1.2 < found.contrast < 1.9
+
+
 def test_a_cloud_of_dust_takes_four_fifths_of_the_red_at_28_cm() -> None:
     scenario = parse({"camera": {"noise": 0}, "start": {"distance_cm": 28}, "faults": LOADING[1:2]})
     world, painter = World(scenario), Painter(scenario)

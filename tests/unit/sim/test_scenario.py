@@ -68,7 +68,7 @@ BY_BEACON = {FaultKind.CAMERA_LATE, FaultKind.CAMERA_LOOPED}  # nothing else not
 def test_faults_toml_shows_every_fault_of_a_sensor_once_and_leaves_time_to_recover() -> None:
     faults = load(ROOT / "config" / "scenarios" / "faults.toml").faults
 
-    elsewhere = LOADING | BY_BEACON | {FaultKind.RANGER_OFFSET}
+    elsewhere = LOADING | BY_BEACON | {FaultKind.RANGER_OFFSET, FaultKind.MARKER_CRUSTED}
     assert sorted(f.kind for f in faults) == sorted(set(FaultKind) - elsewhere)
     gaps = [b.at_s - (a.at_s + a.for_s) for a, b in pairwise(faults)]
     assert min(gaps) >= 6.0

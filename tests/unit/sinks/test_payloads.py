@@ -13,6 +13,7 @@ from pydantic import BaseModel
 
 from gateway.core.detection import Circle, Ellipse, Tracking
 from gateway.core.events import Event, EventKind
+from gateway.core.marker_wear import MarkerWear, WearTrend
 from gateway.core.readings import (
     QUALITY_MEANING,
     CameraExposure,
@@ -167,6 +168,7 @@ def test_a_good_state() -> None:
         "in_place_ms": None,
         "held_ms": None,
         "scale": None,
+        "marker": None,
         "picture": None,
         "exposure": None,
         "rangers": None,
@@ -212,6 +214,15 @@ def test_how_long_a_truck_is_in_place_and_how_long_it_is_held() -> None:
     lost = replace(here, in_place=False)  # the marker is still covered
     found = sent(state_payload(replace(GOOD, visit=lost), GATEWAY, OFFSET_NS, 1))
     assert (found["in_place"], found["held"], found["in_place_ms"], found["held_ms"]) == (False, False, None, None)
+
+
+def test_worn_markers_with_what_is_left() -> None:
+    wear = MarkerWear(31, WearTrend(0.82345, -0.0152, 14.8), WearTrend(1.2), worn=False)
+    found = sent(state_payload(replace(GOOD, marker=wear), GATEWAY, OFFSET_NS, 1))
+    assert found["marker"] == {
+        "visible": 0.8235, "visible_a_day": -0.0152, "contrast": 1.2, "contrast_a_day": None, "days_left": 14.8,
+        "worn": False,
+    }  # fmt: skip
 
 
 def test_the_learned_scale_with_its_date() -> None:

@@ -74,8 +74,8 @@ class Memory:
         if sql == tables.write_states("loading"):
             self.states += documents
             return len(documents)
-        assert sql in (tables.write_events("loading"), tables.write_alarms("loading"))
-        kept = self.events if sql == tables.write_events("loading") else self.alarms
+        assert sql in (tables.write_events("loading", self.layout), tables.write_alarms("loading"))
+        kept = self.events if sql == tables.write_events("loading", self.layout) else self.alarms
         self.statements.append(len(documents))
         if self.poison & {document["kind"] for document in documents}:
             raise RowsRefusedError("out of range")
@@ -351,7 +351,7 @@ async def test_the_end_without_a_connection_makes_one_and_gives_up_in_time() -> 
 
 @in_virtual_time
 async def test_missing_tables_are_created_or_named() -> None:
-    for create, errors in ((True, []), (False, ["have version 0, and 2 is needed"])):
+    for create, errors in ((True, []), (False, ["have version 0, and 3 is needed"])):
         plant = Plant(create_tables=create)
         plant.memory.layout = 0
         async with plant.running():
@@ -369,6 +369,9 @@ async def test_missing_tables_are_created_or_named() -> None:
             assert (list(older.memory.events), older.memory.alarms, older.memory.scripts) == (ids(1), {}, [])
             assert (older.figures["alarms_without_table"], len(older.outbox), older.sink.link.events_lost) == (1, 0, 0)
             assert "its tables have version 1" in older.sink.link.detail
+    names = ("off_s", "visible", "contrast")
+    assert [name in tables.write_events("loading", 2) for name in names] == [True, False, False]
+    assert [name in tables.write_events("loading", 3) for name in names] == [True, True, True]
     newer = Plant()
     newer.memory.layout = tables.LAYOUT + 7  # a newer gateway has added columns
     newer.happen(EventKind.START)

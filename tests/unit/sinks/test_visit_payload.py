@@ -14,7 +14,8 @@ VISIT = VisitSummary(
     phases_s=tuple(float(phase) for phase in VisitPhase), at_mark_s=10.321, to_position_s=12.16, released_s=130.0,
     in_place_s=125.899, times_in_place=1, corrections=2, stop_latency_ms=89.998, halt_s=0.84, overrun_mm=20.04,
     radius_px=192.956, distance_mm=279.97, offset_px=-3.5, offset_mm=-5.11, frame_id=244, frame_ms=1_795_000_012_133,
-    moved=Moved.MARKER, faults=((Reason.PLC_LOST, 2, 3.456),), interruptions=1, off_s=5.2,
+    visible=0.8756, contrast=1.2346, moved=Moved.MARKER, faults=((Reason.PLC_LOST, 2, 3.456),), interruptions=1,
+    off_s=5.2,
 )  # fmt: skip
 
 
@@ -40,6 +41,8 @@ def test_every_number_is_in_its_field() -> None:
         "offset_mm": -5.1,
         "frame_id": 244,
         "frame_ms": 1_795_000_012_133,
+        "visible": 0.876,
+        "contrast": 1.235,
         "moved": "MARKER",
         "faults": [{"reason": "PLC_LOST", "times": 2, "seconds": 3.46}],
         "interrupted": True,

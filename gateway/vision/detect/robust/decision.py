@@ -176,6 +176,11 @@ def confidence(found: Candidate) -> float:
     return odds / (1 + odds)
 
 
+def clear_contrast(found: Evidence) -> float:
+    """Fall of redness across the rim, log units, as it would be in clear air."""
+    return found.contrast / paint_left(found)
+
+
 def weight(found: Candidate) -> float:
     """How much speaks for it, whatever its size: how sure and how red it is."""
     return confidence(found) * _redness(found)

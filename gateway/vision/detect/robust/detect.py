@@ -9,7 +9,7 @@ from gateway.vision.detect.lens import normalise
 from gateway.vision.detect.method import NowNs
 from gateway.vision.detect.radii import WITHDRAWN, MarkerRadii
 from gateway.vision.detect.robust import proposer
-from gateway.vision.detect.robust.decision import Candidate, Limits, circle_of, confidence
+from gateway.vision.detect.robust.decision import Candidate, Limits, circle_of, clear_contrast, confidence
 from gateway.vision.detect.robust.marker_colour import marker_of
 from gateway.vision.detect.robust.perspective import disc_centre
 from gateway.vision.detect.robust.search import Rejected, search_expected, search_frame
@@ -123,6 +123,7 @@ def _filled(found: Detection, taken: Candidate, x0: int, y0: int) -> Detection:
         fill=e.semi_minor_px / e.semi_major_px,
         confidence=confidence(taken),
         visible=taken.rim.visible,
+        contrast=clear_contrast(taken.evidence),
         veil=taken.veil,
     )
 

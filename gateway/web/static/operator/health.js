@@ -1,7 +1,7 @@
 // Camera, ranger, PLC, broker: do they do their work? Ages, rates, delays; counters on demand.
 
 import { html } from '../lib/page.js';
-import { NONE, age, count, hz, number, percent, px, words } from '../lib/format.js';
+import { NONE, age, count, hz, number, percent, px, signed, words } from '../lib/format.js';
 import { t, text } from '../lib/lang.js';
 import { saidText } from '../lib/said.js';
 import { pictureHealth, plcHealth, rangeHealth, visionHealth } from '../lib/views.js';
@@ -74,6 +74,17 @@ function exposure(set) {
   return [['exposure', set.time_ms === null ? 'cannot be set' : state ? text(state, time) : time], ...(set.gain_db === null ? [] : [['gain', number(set.gain_db, 1, 'dB')]])];
 }
 
+/** The rim of the markers of the newest visits, and where that leads; nothing before ten visits. */
+function rim(shown) {
+  if (!shown) return [];
+  const seen = percent(shown.visible);
+  return [
+    ['rim seen', shown.visible_a_day === null ? seen : text('{0}, {1} a day', seen, signed(100 * shown.visible_a_day, 1, '%'))],
+    ['rim contrast', number(shown.contrast, 2)],
+    ...(shown.days_left === null ? [] : [['below its limit in', number(shown.days_left, 0, 'd')]]),
+  ];
+}
+
 const PROOFS = {
   unproven: 'not proven', presentation_time: 'own times of the stream; a constant delay is not seen',
   buffer_time: 'time stamp of the driver', device_time: 'time stamp of the camera', own_clock: 'clock of the gateway',
@@ -107,7 +118,7 @@ export function Health({ state, links, hasRelay }) {
         facts=${[['age', age(state?.vision.age_ms)], ['rate', hz(state?.rates.vision_hz)], ['age proven by', PROOFS[state?.vision.age_proof?.toLowerCase()] ?? NONE], ['delay', age(state?.rates.vision_latency_ms)], ...(state?.frames_summed > 1 ? [['frames summed', count(state.frames_summed)]] : []), ...exposure(state?.exposure)]} />
       <${Part} name="Picture"
         sign=${state ? html`<${Sign} ...${pictureHealth(state)} />` : unknown}
-        facts=${[['brightness', percent(state?.picture?.brightness)], ['contrast', percent(state?.picture?.contrast)], ['sharpness', percent(state?.picture?.sharpness)], ['veil', percent(state?.picture?.veil)], ['proven to', percent(state?.picture?.veil_proven)], ['shift', px(state?.picture?.shift_px, 0)]]} />
+        facts=${[['brightness', percent(state?.picture?.brightness)], ['contrast', percent(state?.picture?.contrast)], ['sharpness', percent(state?.picture?.sharpness)], ['veil', percent(state?.picture?.veil)], ['proven to', percent(state?.picture?.veil_proven)], ['shift', px(state?.picture?.shift_px, 0)], ...rim(state?.marker)]} />
       <${Part} name="Ranger" detail=${state ? saidText(state.range) : ''}
         sign=${state ? html`<${Sign} state=${rangeHealth(state)} text=${words(state.range.quality.name)} />` : unknown}
         facts=${[['age', age(state?.range.age_ms)], ['rate', hz(state?.rates.range_hz)], ['damaged', count(state?.counters.range_damaged)], ...rangers(state?.rangers), ...relay(hasRelay, state?.relay)]} />
