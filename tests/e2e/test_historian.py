@@ -57,6 +57,8 @@ VISIT = VisitSummary(
     offset_mm=-4.5,
     frame_id=70_123,
     frame_ms=1_795_000_024_248,
+    visible=0.875,
+    contrast=1.25,
     moved=Moved.NO,
     faults=((Reason.NO_TARGET, 2, 1.5),),
     interruptions=1,
@@ -153,7 +155,7 @@ async def test_events_visits_and_states_become_the_expected_rows(server: Postgre
         "offset_px": -3.25, "offset_mm": -4.5, "frame_id": 70_123, "frame_at": "2026-11-18T11:07:04.248+00:00",
         "moved": "NO", "phases_s": {phase.name: float(phase) for phase in VisitPhase},
         "faults": [{"reason": "NO_TARGET", "times": 2, "seconds": 1.5}], "interrupted": True, "interruptions": 1,
-        "off_s": 2.5, "event_id": f"{BOOT}-3",
+        "off_s": 2.5, "visible": 0.875, "contrast": 1.25, "event_id": f"{BOOT}-3",
     }  # fmt: skip
     assert json.loads(visit[0].replace("'", "'")) == expected
 
@@ -209,7 +211,8 @@ async def test_a_database_of_the_first_layout_gets_the_journal_of_alarms(server:
         plant.happen(EventKind.START)
         await plant.until(lambda: plant.sink.link.figures["alarms_written"] == 3 and plant.written == 1)
         await plant.stop()
-    assert server.sql(f"SELECT version FROM {schema}.layout ORDER BY 1") == [["1"], ["2"]]
+    assert server.sql(f"SELECT version FROM {schema}.layout ORDER BY 1") == [["1"], ["2"], ["3"]]
+    assert server.sql(f"SELECT count(visible), count(contrast) FROM {schema}.visits") == [["0", "0"]]
     assert ids(server, schema) == ["old-1", f"{BOOT}-1"]
     rows = server.sql(f"SELECT * FROM {schema}.alarms ORDER BY id")
     assert [tuple(row[2:]) for row in rows] == [
@@ -282,7 +285,7 @@ def test_the_doctor_logs_in_and_proves_the_right_to_insert(server: Postgres, sch
         ({"url": "postgresql://nobody:x@127.0.0.1:PORT/plant"}, 'authentication failed for user "nobody"'),
         ({"url": "URL_BASE/other"}, 'database "other" does not exist'),
         ({"url": "postgresql://gateway:x@127.0.0.1:1/plant"}, "Connect call failed ('127.0.0.1', 1)"),
-        ({"create_tables": False}, "have version 0, and 2 is needed"),
+        ({"create_tables": False}, "have version 0, and 3 is needed"),
         ({"tls": {}}, "rejected SSL upgrade"),
         ({"url": "URL_BASE/latin"}, "its encoding is LATIN1; it must be UTF8"),
     ],
