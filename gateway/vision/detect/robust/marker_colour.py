@@ -2,7 +2,8 @@
 
 Light and shade scale all channels, dust adds the same to all: neither changes the hue. Chroma is redness relative to
 what dust leaves of that of paint. A cast of the light is not taken off: a bluish picture may be a blue truck, and then
-grey would become red.
+grey would become red. Nor is the cast that the fixed scene shows: it may lie in shade or in a low sun while the truck
+does not, and then grey would become orange, and rust red.
 """
 
 import colorsys
