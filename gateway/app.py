@@ -4,6 +4,7 @@
 """
 
 import asyncio
+import gc
 import logging
 import secrets
 from collections.abc import Awaitable, Callable, Sequence
@@ -126,6 +127,7 @@ async def run(
             *pages.tasks,
             Task("reload", reloader.run),
         ]
+        gc.freeze()  # what the parts have loaded stays, too: see `event_loop.run`
         await _run_tables(server, Supervisor(tasks, clock, records=records), stop, end)
 
 

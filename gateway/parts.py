@@ -34,7 +34,7 @@ from gateway.supervisor import Task
 from gateway.vision.process.vision_service import VisionService, vision_template
 from gateway.vision.source.contract import SourceSpec
 from gateway.vision.source.specs import check_exposure, source_spec
-from gateway.vision.transport.ring import RingSpec
+from gateway.vision.transport.ring_spec import RingSpec
 from gateway.web.host.request_handler import EventHistory
 from gateway.web.host.shown_alarms import ShownAlarms, step_of
 

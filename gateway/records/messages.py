@@ -6,7 +6,7 @@ from gateway.core.visit_summary import VisitSummary
 from gateway.processes.channel import Failed
 from gateway.processes.codec import Codec, Message
 from gateway.records.segment import Head
-from gateway.vision.transport.ring import RingSpec
+from gateway.vision.transport.ring_spec import RingSpec
 
 
 class BayJob(Message, frozen=True):

@@ -53,7 +53,7 @@ from gateway.records.messages import (
 from gateway.records.record import NotedKind
 from gateway.records.segment import Head
 from gateway.supervisor import Task
-from gateway.vision.transport.ring import RingSpec
+from gateway.vision.transport.ring_spec import RingSpec
 
 log = logging.getLogger(__name__)
 

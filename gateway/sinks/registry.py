@@ -5,7 +5,7 @@ then, and is found in the list below or from an entry point of the group `gatewa
 """
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from functools import partial
 
@@ -18,9 +18,43 @@ from gateway.config.strict.section import Section
 from gateway.errors import ConfigError, SettingError
 from gateway.registry import Registry
 from gateway.sinks.contract import AlarmSource, AlarmStep, Bays, Sink, SinkContext, SinkType, no_alarm_steps, no_alarms
-from gateway.sinks.mqtt.publisher import MQTT
-from gateway.sinks.sparkplug.publisher import SPARKPLUG
 
+
+def _mqtt(context: SinkContext) -> Sink:
+    from gateway.sinks.mqtt.publisher import MqttPublisher  # noqa: PLC0415 - its libraries only where it is configured
+
+    return MqttPublisher(context)
+
+
+def _sparkplug(context: SinkContext) -> Sink:
+    from gateway.sinks.sparkplug.publisher import SparkplugPublisher  # noqa: PLC0415 - the same
+
+    return SparkplugPublisher(context)
+
+
+def _mqtt_checks(config: GatewayConfig) -> Sequence[Callable[[], object]]:
+    if (mqtt := config.mqtt) is None:
+        return ()
+    from gateway.sinks.mqtt.broker import brokers_of, certificates_of  # noqa: PLC0415 - the same
+    from gateway.sinks.mqtt.topics import Topics  # noqa: PLC0415
+
+    return (
+        lambda: certificates_of(mqtt, brokers_of(mqtt)),
+        partial(Topics.of_config, mqtt, config.site, config.instance),
+    )
+
+
+MQTT = SinkType(
+    "mqtt",
+    _mqtt,
+    settings=lambda config: config.mqtt if config.mqtt is not None and config.mqtt.plain_topics else None,
+    checks=_mqtt_checks,
+)
+SPARKPLUG = SinkType(
+    "sparkplug",
+    _sparkplug,
+    settings=lambda config: config.mqtt if config.mqtt is not None and config.mqtt.sparkplug is not None else None,
+)
 TYPES: tuple[SinkType, ...] = (MQTT, SPARKPLUG)
 GROUP = "gateway.sinks"
 OWN = {"postgresql": "gateway.sinks.postgresql.sink:POSTGRESQL"}

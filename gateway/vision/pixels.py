@@ -1,7 +1,4 @@
-"""A picture in this package: its layout, the one conversion to it, and the names and order of picture files.
-
-Pure, and without OpenCV: the main process loads this module, too.
-"""
+"""A picture in this package: its layout, the one conversion to it, and the names and order of picture files. Pure."""
 
 import re
 from pathlib import Path
@@ -43,7 +40,7 @@ def bgr8(picture: NDArray[Any]) -> Image:
         raise ValueError(f"{picture.dtype} samples: there is no agreed white; store 8 or 16 bit per channel")
     if picture.dtype == np.uint8 and channels == 3:
         return picture
-    import cv2  # noqa: PLC0415 - OpenCV stays out of the main process
+    import cv2  # noqa: PLC0415 - only for what is not a picture of ours yet
 
     if picture.dtype == np.uint16:
         picture = cv2.convertScaleAbs(picture, alpha=1 / 257)  # 257 is odd: there are no ties

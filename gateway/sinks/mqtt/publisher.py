@@ -9,23 +9,21 @@ import asyncio
 import contextlib
 import logging
 import math
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import NoReturn
 
 from gateway import __version__
-from gateway.config import GatewayConfig, MqttConfig
+from gateway.config import MqttConfig
 from gateway.core import details
 from gateway.core.events import Event
 from gateway.core.readings import Quality
 from gateway.core.state import Moved, Reason, StateVector
 from gateway.durations import NS_PER_S
 from gateway.errors import LinkError
-from gateway.sinks.contract import BayAlarms, LinkStatus, SinkContext, SinkType
+from gateway.sinks.contract import BayAlarms, LinkStatus, SinkContext
 from gateway.sinks.mqtt import home_assistant, messages, payloads
 from gateway.sinks.mqtt.alarm_topic import alarms_payload
-from gateway.sinks.mqtt.broker import brokers_of, certificates_of
 from gateway.sinks.mqtt.broker_link import BrokerLink, PublishRefusedError, UnansweredError
 from gateway.sinks.mqtt.event_delivery import EventDelivery
 from gateway.sinks.mqtt.ghosts import FormerTopics
@@ -368,21 +366,3 @@ def _urgent(state: StateVector) -> Urgent:
         state.vision.quality,
         state.range.quality,
     )
-
-
-def _checks(config: GatewayConfig) -> Sequence[Callable[[], object]]:
-    mqtt = config.mqtt
-    if mqtt is None:
-        return ()
-    return (
-        lambda: certificates_of(mqtt, brokers_of(mqtt)),
-        partial(Topics.of_config, mqtt, config.site, config.instance),
-    )
-
-
-MQTT = SinkType(
-    "mqtt",
-    MqttPublisher,
-    settings=lambda config: config.mqtt if config.mqtt is not None and config.mqtt.plain_topics else None,
-    checks=_checks,
-)

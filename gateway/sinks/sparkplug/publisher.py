@@ -18,7 +18,7 @@ from gateway.core.events import Event
 from gateway.core.state import Reason, StateVector
 from gateway.durations import NS_PER_MS, NS_PER_S
 from gateway.errors import LinkError
-from gateway.sinks.contract import LinkStatus, SinkContext, SinkType
+from gateway.sinks.contract import LinkStatus, SinkContext
 from gateway.sinks.mqtt import payloads
 from gateway.sinks.mqtt.broker_link import BrokerLink
 from gateway.sinks.mqtt.session import BrokerSession, Connect
@@ -212,10 +212,3 @@ def _beside(file: str) -> str:
     """The history's file, beside that of the events."""
     path = Path(file)
     return file if file in ("", "auto") else str(path.with_name(f"{path.stem}-sparkplug{path.suffix}"))
-
-
-SPARKPLUG = SinkType(
-    "sparkplug",
-    SparkplugPublisher,
-    settings=lambda config: config.mqtt if config.mqtt is not None and config.mqtt.sparkplug is not None else None,
-)

@@ -7,8 +7,6 @@ from gateway.config import VisionConfig
 from gateway.config.sections.vision import DETECTION_METHODS
 from gateway.core.detection import Detection
 from gateway.vision.detect.method import Detector, Method, NowNs
-from gateway.vision.pixels import bgr8
-from gateway.vision.track.follower import Follower
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -29,6 +27,8 @@ def detector(params: VisionConfig, now_ns: NowNs = lambda: 0) -> Detector:
     """To be called frame by frame, in order: with tracking it keeps state between them. `now_ns` times the stages."""
     made = method(params.method)
     if params.tracking:
+        from gateway.vision.track.follower import Follower  # noqa: PLC0415 - NumPy stays out of the main process
+
         return Follower(made.search(params, now_ns), params.coast_s)
     return made.detector(params, now_ns)
 
@@ -41,6 +41,8 @@ def once(params: VisionConfig, now_ns: NowNs = lambda: 0) -> Detector:
 
 def given(params: VisionConfig, pixels: "AnyImage") -> "Image":
     """What the method is given of a picture: all its bits where it takes more than 8."""
+    from gateway.vision.pixels import bgr8  # noqa: PLC0415
+
     return cast("Image", pixels) if method(params.method).deep else bgr8(pixels)
 
 

@@ -27,8 +27,8 @@ from gateway.vision.detect.radii import MarkerRadii, RadiiUpdates
 from gateway.vision.process import monitor
 from gateway.vision.process.controls_trial import ControlsTrial
 from gateway.vision.process.monitor import Action, ProcessMonitor
-from gateway.vision.source.checks import FrameRules
 from gateway.vision.source.contract import SourceSpec
+from gateway.vision.source.frame_rules import FrameRules
 from gateway.vision.source.framing import Framing
 from gateway.vision.source.specs import exposure_rules, with_controls
 from gateway.vision.source.v4l2_controls import settings_of
@@ -48,7 +48,7 @@ from gateway.vision.transport.messages import (
     VisionJob,
 )
 from gateway.vision.transport.progress import ProgressPage
-from gateway.vision.transport.ring import RingSpec
+from gateway.vision.transport.ring_spec import RingSpec
 
 log = logging.getLogger(__name__)
 

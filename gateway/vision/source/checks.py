@@ -3,29 +3,15 @@
 Thresholds, aim point and intrinsics are pixels of one picture size: at half of it R is half as large, and D never 1.
 """
 
-import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from gateway.errors import LinkError
 from gateway.vision.source.contract import Frame
-from gateway.vision.source.framing import Framing, SizePx
+from gateway.vision.source.frame_rules import FrameRules
+from gateway.vision.source.framing import SizePx
 from gateway.vision.source.freshness import TILES, Changes, Freshness, FrozenFrameDetector
-
-
-@dataclass(frozen=True, slots=True)
-class FrameRules:
-    """The configuration's requirements of every frame; None: any size, as long as it stays the same. Sizes are those
-    of the delivered picture, but for `lens_px` and `max_megapixels`, which are of the part that is used."""
-
-    width_px: int | None = None
-    height_px: int | None = None
-    lens_px: SizePx | None = None  # the picture size that the intrinsics hold for
-    frozen_s: float = 2.0  # 0: equal pictures are new ones
-    repeats_age: bool = True
-    max_megapixels: float = math.inf
-    framing: Framing = field(default_factory=Framing)
 
 
 @dataclass(frozen=True, slots=True)

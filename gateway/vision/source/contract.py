@@ -6,13 +6,15 @@ All frames are checked there (`checks`): their size, and that the picture is new
 
 from dataclasses import dataclass, field
 from enum import Enum, auto
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from gateway.clock import Clock
 from gateway.core.readings import AgeProof
 from gateway.vision.exposure.settings import Exposure, ExposureLimits, ExposureRules
-from gateway.vision.pixels import AnyImage, Image, bgr8
 from gateway.vision.source.v4l2_controls import CameraControls
+
+if TYPE_CHECKING:
+    from gateway.vision.pixels import AnyImage, Image
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +22,7 @@ class Frame:
     """One picture and the time it was taken, as far as its source reports it. The source never writes it again: it is
     processed in place while further ones are read."""
 
-    pixels: AnyImage  # (H, W, 3), BGR; the data type says what is white: uint8, or uint16 of more than 8 bits
+    pixels: "AnyImage"  # (H, W, 3), BGR; the data type says what is white: uint8, or uint16 of more than 8 bits
     t_capture_ns: int
     # Frames since the one before that were lost on their way, or could not be decoded and were skipped.
     damaged: int = field(default=0, kw_only=True)
@@ -28,8 +30,10 @@ class Frame:
     age_proof: AgeProof = field(default=AgeProof.UNPROVEN, kw_only=True)
 
     @property
-    def image(self) -> Image:
+    def image(self) -> "Image":
         """In 8 bits; made anew of more of them."""
+        from gateway.vision.pixels import bgr8  # noqa: PLC0415 - NumPy stays out of the main process
+
         return bgr8(self.pixels)
 
 

@@ -5,12 +5,14 @@ rotation is one copy.
 """
 
 from dataclasses import dataclass, replace
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 from gateway.config import CameraConfig
 from gateway.errors import LinkError
-from gateway.vision.pixels import AnyImage
 from gateway.vision.source.contract import Frame
+
+if TYPE_CHECKING:
+    from gateway.vision.pixels import AnyImage
 
 SizePx = tuple[int, int]
 """Width and height, px."""

@@ -20,10 +20,10 @@ from gateway.processes.channel import Failed
 from gateway.processes.codec import Codec, Message, record_of, record_packed
 from gateway.vision.detect.radii import MarkerRadii
 from gateway.vision.exposure.settings import ExposureRules
-from gateway.vision.source.checks import FrameRules
 from gateway.vision.source.contract import Needs, SourceSpec
+from gateway.vision.source.frame_rules import FrameRules
 from gateway.vision.source.v4l2_controls import ControlSetting, OfferedControl
-from gateway.vision.transport.ring import RingSpec
+from gateway.vision.transport.ring_spec import RingSpec
 
 if TYPE_CHECKING:  # the main process need not load OpenCV
     from gateway.vision.detect.method import Detector, NowNs

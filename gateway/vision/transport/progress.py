@@ -8,12 +8,9 @@ native code hangs with the interpreter's lock held and no thread of that process
 import mmap
 from dataclasses import dataclass
 
-import numpy as np
-
-from gateway.vision.transport.ring import PAGE, RingSpec
+from gateway.vision.transport.ring_spec import PAGE, RingSpec
 
 TOKEN, CAPTURED_SEQ, CAPTURED_NS, WORK_SEQ, WORK_T_CAPTURE_NS, WORK_BEGAN_NS, DETECTOR_NS, WIDTH, HEIGHT = range(9)
-FIELDS = 9
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,17 +32,18 @@ class ProgressPage:
     def __init__(self, spec: RingSpec, *, writable: bool) -> None:
         access = mmap.ACCESS_WRITE if writable else mmap.ACCESS_READ
         self._memory = mmap.mmap(spec.fd, PAGE, access=access)
-        self._fields = np.frombuffer(self._memory, np.int64, FIELDS)
+        self._fields = memoryview(self._memory).cast("q")
 
     def begin(self, token: int, now_ns: int) -> None:
         """A process begins. The size of its predecessor's frames remains."""
         self._fields[TOKEN] = 0
-        self._fields[CAPTURED_SEQ:WIDTH] = 0
+        for field in range(CAPTURED_SEQ, WIDTH):
+            self._fields[field] = 0
         self._fields[DETECTOR_NS] = now_ns
         self._fields[TOKEN] = token
 
     def close(self) -> None:
-        del self._fields  # the memory can't be closed while an array shows it
+        self._fields.release()  # else the memory can't be closed
         self._memory.close()
 
     # The capture thread.

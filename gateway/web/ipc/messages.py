@@ -24,7 +24,7 @@ from gateway.processes.channel import Failed
 from gateway.processes.codec import Codec, Message
 from gateway.sinks.contract import LinkStatus
 from gateway.vision.transport.messages import ControlsReport
-from gateway.vision.transport.ring import RingSpec
+from gateway.vision.transport.ring_spec import RingSpec
 from gateway.web.profile.settings_edit import MAX_CHANGES, SettingChange
 
 MAX_STATES = 6  # in one answer, which must fit into one message of the link

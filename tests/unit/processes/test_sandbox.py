@@ -21,7 +21,8 @@ TRIED = """
 import ctypes, json, mmap, os, resource, signal, socket, sys, threading
 from pathlib import Path
 from gateway.processes import sandbox
-from gateway.vision.transport.ring import Ring, RingSpec
+from gateway.vision.transport.ring import Ring
+from gateway.vision.transport.ring_spec import RingSpec
 
 if os.geteuid() == 0:  # the ordinary case: not root, and the same user as the gateway
     os.setgroups([])

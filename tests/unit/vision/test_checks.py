@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from gateway.errors import LinkError
-from gateway.vision.source.checks import FrameChecks, FrameRules
+from gateway.vision.source.checks import FrameChecks
 from gateway.vision.source.contract import Frame
+from gateway.vision.source.frame_rules import FrameRules
 from gateway.vision.source.framing import SizePx
 from gateway.vision.source.freshness import PROOFS, TILES
 

@@ -20,8 +20,9 @@ from gateway.vision.offline import inputs
 from gateway.vision.pixels import DeepImage, Image, bgr, bgr8, grey_levels
 from gateway.vision.source import raw
 from gateway.vision.source.capture import CameraSource
-from gateway.vision.source.checks import FrameChecks, FrameRules
+from gateway.vision.source.checks import FrameChecks
 from gateway.vision.source.contract import Frame
+from gateway.vision.source.frame_rules import FrameRules
 from gateway.vision.source.raw_format import FOURCC, RawFormat, raw_format
 from gateway.vision.source.specs import CameraSpec, FileSpec, source_spec
 from tests import decoys

@@ -14,8 +14,9 @@ from gateway.errors import ConfigError, LinkError
 from gateway.processes.codec import record_of, record_packed
 from gateway.vision.detect import registry
 from gateway.vision.process.vision_service import frame_rules
-from gateway.vision.source.checks import FrameChecks, FrameRules
+from gateway.vision.source.checks import FrameChecks
 from gateway.vision.source.contract import Frame
+from gateway.vision.source.frame_rules import FrameRules
 from gateway.vision.source.framing import Framing
 from tests.discs import disc
 

@@ -17,8 +17,8 @@ from gateway.sim.camera import SimCameraSpec
 from gateway.sim.scenario import Scenario
 from gateway.vision.detect.radii import MarkerRadii
 from gateway.vision.process import vision_process
-from gateway.vision.source.checks import FrameRules
 from gateway.vision.source.contract import SourceSpec
+from gateway.vision.source.frame_rules import FrameRules
 from gateway.vision.source.specs import CameraSpec, FileSpec, StreamSpec
 from gateway.vision.source.v4l2_controls import ControlSetting, OfferedControl
 from gateway.vision.transport import messages
@@ -33,7 +33,7 @@ from gateway.vision.transport.messages import (
     SourceRecord,
     VisionJob,
 )
-from gateway.vision.transport.ring import RingSpec
+from gateway.vision.transport.ring_spec import RingSpec
 
 INT = st.integers(-(2**63), 2**63 - 1)
 NUMBER = st.floats(allow_nan=False)

@@ -11,7 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 from gateway.vision.transport.progress import FrameProgress, ProgressPage
-from gateway.vision.transport.ring import GENERATION, HEIGHT, SLOTS, WIDTH, Ring, RingSpec
+from gateway.vision.transport.ring import GENERATION, HEIGHT, WIDTH, Ring
+from gateway.vision.transport.ring_spec import SLOTS, RingSpec
 
 S = 1_000_000_000
 
@@ -222,7 +223,7 @@ def test_progress_is_read_as_it_was_noted_and_ends_with_its_process(spec: RingSp
     assert reader.read() == FrameProgress(7, 4, 260, 3, 190, 0, 300)
     page.begin(8, 400)
     assert reader.read() == FrameProgress(8, detector_ns=400)
-    with pytest.raises(ValueError, match="read-only"):
+    with pytest.raises(TypeError, match="read-only"):
         reader.captured(1, 1)
 
 

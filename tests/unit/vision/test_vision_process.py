@@ -20,8 +20,8 @@ from gateway.processes.start import Role
 from gateway.vision.process import vision_process, vision_service
 from gateway.vision.process.monitor import ProcessMonitor
 from gateway.vision.process.vision_process import CaptureThread, CheckedFrame, NewestFrame
-from gateway.vision.source.checks import FrameRules
 from gateway.vision.source.contract import Frame, Source
+from gateway.vision.source.frame_rules import FrameRules
 from gateway.vision.source.v4l2_controls import ControlSetting
 from gateway.vision.transport.messages import (
     ControlsReport,
@@ -35,7 +35,7 @@ from gateway.vision.transport.messages import (
     VisionJob,
 )
 from gateway.vision.transport.progress import FrameProgress, ProgressPage
-from gateway.vision.transport.ring import RingSpec
+from gateway.vision.transport.ring_spec import RingSpec
 
 CLOCK = SystemClock()
 

@@ -34,7 +34,8 @@ from gateway.processes.channel import Channel
 from gateway.vision.process.controls_trial import ControlsTrial
 from gateway.vision.source.v4l2_controls import OfferedControl
 from gateway.vision.transport.messages import ControlsReport
-from gateway.vision.transport.ring import Ring, RingSpec
+from gateway.vision.transport.ring import Ring
+from gateway.vision.transport.ring_spec import RingSpec
 from gateway.web.host.config_file_requests import ConfigFileRequests
 from gateway.web.host.releases import BayRelease, look_at_all, signed_keys
 from gateway.web.host.request_handler import BayParts, EventHistory, PagesRequestHandler
