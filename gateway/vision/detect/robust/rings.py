@@ -91,14 +91,13 @@ def _painted(image: Colours, rim: Ellipse, rays: RaySamples, is_red: NDArray[np.
     seed = replace(seed, u_px=seed.u_px - x0, v_px=seed.v_px - y0)
     ring = rays.bgr[0, :, CORE.size + begin + 1 : CORE.size + end + 1][is_red[:, begin + 1 : end + 1]]
     inner = 1 - KEPT * (1 - float(SHARES[begin]) * rim.semi_major_px / seed.semi_major_px)
-    mask = np.zeros((y1 - y0, x1 - x0), np.uint8)
+    part = image[y0:y1, x0:x1].copy()
+    colour = np.median(ring, axis=0).astype(part.dtype).tolist()
     centre, axes = (
         (round(16 * one), round(16 * other))
         for one, other in ((seed.u_px, seed.v_px), (inner * seed.semi_major_px, inner * seed.semi_minor_px))
     )
-    cv2.ellipse(mask, centre, axes, math.degrees(seed.angle_rad), 0, 360, 255, -1, cv2.LINE_8, 4)
-    part = image[y0:y1, x0:x1].copy()
-    part[mask > 0] = np.median(ring, axis=0)
+    cv2.ellipse(part, centre, axes, math.degrees(seed.angle_rad), 0, 360, colour, -1, cv2.LINE_8, 4)
     return Around(part, x0, y0, seed)
 
 
