@@ -25,12 +25,12 @@ All of it holds for every K >= 3, any threshold, any blur. K = 1 opens nothing: 
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from gateway.config import VisionConfig
 
 
-@dataclass(frozen=True, slots=True)
-class Box:
+class Box(NamedTuple):
     """Pixels x0 <= x < x1, y0 <= y < y1."""
 
     x0: int
@@ -52,6 +52,10 @@ class Box:
         return Box(
             max(0, self.x0 - by_px), max(0, self.y0 - by_px), min(width, self.x1 + by_px), min(height, self.y1 + by_px)
         )
+
+    def joined(self, other: "Box") -> "Box":
+        """Round both."""
+        return Box(min(self.x0, other.x0), min(self.y0, other.y0), max(self.x1, other.x1), max(self.y1, other.y1))
 
     def meets(self, other: "Box") -> bool:
         return self.x0 < other.x1 and other.x0 < self.x1 and self.y0 < other.y1 and other.y0 < self.y1

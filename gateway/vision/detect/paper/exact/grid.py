@@ -23,6 +23,7 @@ class ScanGrid:
         self._opening = opening
         self.width, self.height = width, height
         self.ys, self.xs = _axis(height, opening.side_px), _axis(width, opening.side_px)
+        self._rows_px, self._columns_px = self.ys.tolist(), self.xs.tolist()
 
     def scan(self, image: Image) -> Mask:
         """All of it; not 0: may be red that survives."""
@@ -55,10 +56,10 @@ class ScanGrid:
     def _reached(self, rect: tuple[int, int, int, int] | object) -> Box:
         x, y, columns, rows = rect  # type: ignore[misc]  # OpenCV's stubs: a sequence of int
         spread = REACH - 1
-        x0 = self.xs[x + spread if x else 0]  # at the edge, the spread may have been cut
-        y0 = self.ys[y + spread if y else 0]
-        x1, y1 = self.xs[x + columns - 1], self.ys[y + rows - 1]
-        return self._opening.cluster_box(Box(int(x0), int(y0), int(x1) + 1, int(y1) + 1), self.width, self.height)
+        x0 = self._columns_px[x + spread if x else 0]  # at the edge, the spread may have been cut
+        y0 = self._rows_px[y + spread if y else 0]
+        x1, y1 = self._columns_px[x + columns - 1], self._rows_px[y + rows - 1]
+        return self._opening.cluster_box(Box(x0, y0, x1 + 1, y1 + 1), self.width, self.height)
 
 
 def _axis(size: int, step: int) -> Axis:

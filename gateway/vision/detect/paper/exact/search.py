@@ -5,7 +5,6 @@ processed, not only the largest, which costs little. `stage_ns` has other names.
 """
 
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import cv2
 import numpy as np
@@ -23,6 +22,7 @@ from gateway.vision.pixels import Image, check_bgr8
 
 FEW = 10  # boxes are compared one by one in less time than numpy's calls take
 WINDOW_COST_PX = 20_000  # what a further window costs, in processed pixels: the price of some ten calls
+JOINED_PX = 10_000  # so many more are processed rather than a window of their own
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,12 +105,10 @@ def in_plain_order(found: list[Contour]) -> list[Contour]:
 
 
 def _apart(boxes: list[Box], opening: Opening, width: int, height: int) -> list[Box]:
-    """Boxes whose windows meet are joined, until none do."""
+    """Boxes whose windows meet are joined, until none do; a few also where one window costs less than two."""
     margin = opening.reach_px + 1
     if len(boxes) <= FEW:
-        grown = [box.grown(margin, width, height) for box in boxes]
-        if not any(a.meets(b) for a, b in combinations(grown, 2)):
-            return boxes
+        return _few_apart(boxes, 2 * margin, width, height)
     at = np.array([(box.x0, box.y0, -box.x1, -box.y1) for box in boxes], np.int64).reshape(-1, 4)
     while len(at) > 1:
         low, high = at[:, :2] - margin, -at[:, 2:] + margin  # not cut to the picture: that changes no meeting inside it
@@ -122,6 +120,22 @@ def _apart(boxes: list[Box], opening: Opening, width: int, height: int) -> list[
         np.minimum.at(joined, first, at)
         at = joined[np.unique(first)]
     return [Box(int(x0), int(y0), int(-x1), int(-y1)) for x0, y0, x1, y1 in at]
+
+
+def _few_apart(boxes: list[Box], gap_px: int, width: int, height: int) -> list[Box]:
+    apart: list[Box] = []
+    while boxes:
+        *boxes, box = boxes
+        round_it = box.grown(gap_px, width, height)
+        for other in apart:
+            both = box.joined(other)
+            if round_it.meets(other) or both.pixels <= box.pixels + other.pixels + JOINED_PX:
+                apart.remove(other)
+                boxes.append(both)
+                break
+        else:
+            apart.append(box)
+    return apart
 
 
 def extent(contour: Contour) -> Box:
