@@ -38,7 +38,7 @@ from gateway.vision.detect.paper import pipeline
 from gateway.vision.detect.paper.exact import kernel
 from gateway.vision.detect.paper.exact.search import ExactSearch
 from gateway.vision.detect.paper.exact.tracker import ExactTracker
-from gateway.vision.detect.robust import candidates, measurement, refinement
+from gateway.vision.detect.robust import candidates, measurement, redness, refinement, veil
 from gateway.vision.pixels import Image
 
 FRAME_NS = 33_333_333
@@ -117,7 +117,7 @@ def _no_kernel() -> None:
 def _without_kernel(method: Method) -> Method:
     def call(image: Image, t_ns: int) -> object:
         with ExitStack() as stack:
-            for module in (candidates, measurement, refinement):
+            for module in (candidates, measurement, redness, refinement, veil):
                 stack.enter_context(patch.object(module, "compiled_kernel", _no_kernel))
             return method(image, t_ns)
 

@@ -13,6 +13,7 @@ from gateway.vision.detect.paper.exact.geometry import Box
 from gateway.vision.detect.robust.candidates import RADII, SHARES, Seed, blur_weights, gradients
 from gateway.vision.detect.robust.red_change import disc_of, sparse_step
 from gateway.vision.detect.robust.redness import Plane, pyramid, redness
+from gateway.vision.detect.robust.veil import Veil, light_over
 from gateway.vision.pixels import Image
 
 Chance = np.random.Generator
@@ -106,7 +107,16 @@ def candidate_job(chance: Chance) -> Callable[[Any], Any]:
 
 def air_job(chance: Chance) -> Callable[[Any], Any]:
     image = np.ascontiguousarray(shot(chance)[0][:150, :150])
-    return lambda kernel: kernel.is_clear(image)
+    share = chance.random((int(chance.integers(1, 9)), int(chance.integers(1, 9))), np.float32)
+    light = light_over(image, Veil(share, (190.0, 200.0, 210.0)))
+    gain = float(chance.uniform(1, 8))
+    return lambda kernel: (kernel.is_clear(image), kernel.unveiled(image, light, gain).tobytes())
+
+
+def level_job(chance: Chance) -> Callable[[Any], Any]:
+    image = shot(chance)[0].repeat(3, axis=0).repeat(3, axis=1)  # none is too small
+    image = image[int(chance.integers(0, 2)) :, int(chance.integers(0, 2)) :]
+    return lambda kernel: kernel.halved(image).tobytes()
 
 
 def region_job(chance: Chance) -> Callable[[Any], Any]:

@@ -15,7 +15,7 @@ import pytest
 from gateway.config import VisionConfig
 from gateway.vision.compiled import build
 from gateway.vision.detect.paper.exact import kernel as exact
-from gateway.vision.detect.robust import candidates, measurement, red_change, refinement, veil
+from gateway.vision.detect.robust import candidates, measurement, red_change, redness, refinement, veil
 from gateway.vision.detect.robust.detect import detect
 from gateway.vision.detect.robust.kernel.evidence_kernel import EvidenceKernel
 from gateway.vision.detect.robust.kernel.rim_kernel import RimKernel
@@ -33,8 +33,9 @@ KERNELS: dict[str, tuple[Load, Callable[[np.random.Generator], Callable[[Any], A
     "candidates": (candidates.load, kernel_examples.candidate_job),
     "air": (veil.load, kernel_examples.air_job),
     "regions": (red_change.load, kernel_examples.region_job),
+    "levels": (redness.load, kernel_examples.level_job),
 }
-ROBUST = (candidates, measurement, red_change, refinement, veil)
+ROBUST = (candidates, measurement, red_change, redness, refinement, veil)
 
 
 @pytest.fixture(scope="module")
@@ -116,6 +117,8 @@ def one_pixel_off(mask: Any) -> Any:
         ("candidates", "CandidateKernel.votes", lambda peaks: peaks[:-1]),
         ("candidates", "CandidateKernel.blobs", lambda blobs: blobs[:-1]),
         ("air", "AirKernel.is_clear", lambda _: True),
+        ("air", "AirKernel.unveiled", lambda picture: picture // 2 * 2),
+        ("levels", "LevelKernel.halved", lambda picture: picture // 2 * 2),
         ("regions", "RegionKernel.regions", lambda found: found and (found[0][1:], found[1])),
     ],
 )

@@ -15,7 +15,7 @@ from gateway.config import VisionConfig
 from gateway.core.detection import Detection, Ellipse, Rejection
 from gateway.vision.compiled.sizes import MOST_VEIL_SIDE
 from gateway.vision.detect.method import NowNs, Search, TimedPicture
-from gateway.vision.detect.robust import candidates, measurement, red_change, refinement, veil
+from gateway.vision.detect.robust import candidates, measurement, red_change, redness, refinement, veil
 from gateway.vision.detect.robust.roi_search import RoiSearch
 from gateway.vision.detect.robust.standing import evenly_lit, stood_still
 from gateway.vision.detect.robust.veil import estimate
@@ -122,6 +122,6 @@ def _thick(image: Pixels) -> bool:
 def search(params: VisionConfig, now_ns: NowNs) -> SummingSearch:
     """The robust method's, frame after frame. Its kernels are loaded and compared now: that takes longer than a first
     frame may."""
-    for module in (candidates, measurement, red_change, refinement, veil):
+    for module in (candidates, measurement, red_change, redness, refinement, veil):
         module.compiled_kernel()
     return SummingSearch(RoiSearch(params, now_ns), params.sum_frames)

@@ -38,7 +38,7 @@ typedef struct { /* of one threshold */
 INLINE int64_t blob_room(const BlobTask *t)
 {
     int64_t most_runs = t->width / 2 + 1;
-    return 4 * t->height * t->width + t->width + 64 + THRESHOLDS * most_runs * (int64_t)(2 * sizeof(Run) + 4 * sizeof(Part));
+    return 4 * t->height * t->width + 4 * t->width + 64 + THRESHOLDS * most_runs * (int64_t)(2 * sizeof(Run) + 4 * sizeof(Part));
 }
 
 INLINE int32_t root_of(Part *parts, int32_t n)
@@ -121,19 +121,34 @@ static void row_ended(BlobTask *t, int k, Row *r, int32_t y)
     r->above_count = r->run_count, r->run_count = r->at = 0;
 }
 
+INLINE float largest_of(const float *values, int64_t count)
+{
+    enum { LANES = 8 };
+    float lane[LANES];
+    int64_t n = 0;
+    for (int k = 0; k < LANES; k++)
+        lane[k] = values[0];
+    for (; n + LANES <= count; n += LANES)
+        for (int k = 0; k < LANES; k++)
+            lane[k] = values[n + k] > lane[k] ? values[n + k] : lane[k];
+    for (; n < count; n++)
+        lane[0] = values[n] > lane[0] ? values[n] : lane[0];
+    for (int k = 1; k < LANES; k++)
+        lane[0] = lane[k] > lane[0] ? lane[k] : lane[0];
+    return lane[0];
+}
+
 static void found_blobs(BlobTask *t, void *work)
 {
     int64_t pixels = t->height * t->width, most_runs = t->width / 2 + 1;
     double middle = (double)median_of(t->red, pixels, work);
-    float thresholds[THRESHOLDS], largest = t->red[0];
+    float thresholds[THRESHOLDS];
     int32_t start[THRESHOLDS];
     Row rows[THRESHOLDS];
     Part *parts = (Part *)work;
     Run *runs = (Run *)(parts + 4 * most_runs * THRESHOLDS);
-    uint8_t *level = (uint8_t *)(runs + 2 * most_runs * THRESHOLDS);
-    for (int64_t n = 0; n < pixels; n++)
-        largest = t->red[n] > largest ? t->red[n] : largest;
-    double top = (double)largest;
+    int32_t *level = (int32_t *)(runs + 2 * most_runs * THRESHOLDS);
+    double top = (double)largest_of(t->red, pixels);
     for (int k = 0; k < THRESHOLDS; k++) {
         t->counts[k] = 0;
         thresholds[k] = (float)(middle + t->shares[k] * (top - middle));
@@ -146,12 +161,10 @@ static void found_blobs(BlobTask *t, void *work)
         int before = 0;
         if (y < (int32_t)t->height) {
             const float *red = t->red + (int64_t)y * t->width;
-            for (int64_t x = 0; x < t->width; x++) {
-                int over = 0;
-                for (int k = 0; k < THRESHOLDS; k++)
-                    over += red[x] >= thresholds[k];
-                level[x] = (uint8_t)over;
-            }
+            memset(level, 0, (size_t)t->width * sizeof *level);
+            for (int k = 0; k < THRESHOLDS; k++)
+                for (int64_t x = 0; x < t->width; x++)
+                    level[x] += red[x] >= thresholds[k];
             for (int32_t x = 0; x < (int32_t)t->width; x++) {
                 int own = level[x];
                 if (own == before)

@@ -1,8 +1,9 @@
-/* Where a red disc might be: the loops of `candidates.py` over pixels, edges and cells; whether the air is clear, and what
- * else is red. */
+/* Where a red disc might be: the loops of `candidates.py` over pixels, edges and cells; whether the air is clear, what
+ * else is red, and smaller and clearer pictures. */
 #include "blobs.h"
 #include "bilinear.h"
 #include "clear_air.h"
+#include "levels.h"
 #include "regions.h"
 #include "votes.h"
 #include "wide.h"
@@ -39,6 +40,19 @@ void gateway_redness(const Picture *picture, const float *log, float *red)
         for (int64_t x = 0; x < picture->width; x++)
             *red++ = log[from[3 * x + 2]] - log[from[3 * x + 1]];
     }
+}
+
+void gateway_halved(const Picture *picture, uint8_t *out) { halved(picture, out); }
+
+void gateway_unveiled(const Unveiling *task)
+{
+#if HAS_WIDE
+    if (has_wide() && __builtin_cpu_supports("fma")) {
+        gateway_unveiled_wide(task);
+        return;
+    }
+#endif
+    unveiled(task);
 }
 
 int gateway_air_is_clear(const Sparse *picture) { return air_is_clear(picture); }

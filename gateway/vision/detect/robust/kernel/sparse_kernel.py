@@ -1,28 +1,49 @@
-"""What is looked at in a sparse picture, in C: whether its air is clear, and what is red in it. Pure.
+"""In C: whether the air of a sparse picture is clear, and what is red in it; and pictures less a veil. Pure.
 
-References: `veil.estimate`, `red_change.red_regions_plain` in clear air.
+References: `veil.estimate`, `red_change.red_regions_plain` in clear air, `veil.unveiled_plain`.
 """
 
 import ctypes
 import struct
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gateway.vision.detect.robust.redness import LOG
+from gateway.vision.detect.robust.redness import LOG, Plane
 from gateway.vision.pixels import Image
 
 _PICTURE = struct.Struct("=5q")
 _Pointer, _Int = ctypes.c_void_p, ctypes.c_int64
 
 
+class Light(NamedTuple):
+    """A veil's light over a picture of (height, width), as `veil.light_over` makes it."""
+
+    rows: Plane  # (n, width, 3)
+    above: NDArray[np.int32]  # (height,): rows of that which each row of the picture lies between
+    below: NDArray[np.int32]
+    share: Plane  # (height,): of the lower one
+
+
+class _Unveiling(ctypes.Structure):
+    _fields_ = (
+        *((name, _Int) for name in ("pixels", "stride", "height", "width")),
+        *((name, _Pointer) for name in Light._fields),
+        ("gain", ctypes.c_double),
+        ("out", _Pointer),
+    )
+
+
 class AirKernel:
-    """The compiled decision. May be called from any thread."""
+    """The compiled decision, and what follows from it. May be called from any thread."""
 
     def __init__(self, library: ctypes.CDLL) -> None:
-        self._call = library.gateway_air_is_clear
+        self._call, self._unveiled = library.gateway_air_is_clear, library.gateway_unveiled
         self._call.argtypes = [ctypes.c_char_p]
         self._call.restype = ctypes.c_int
+        self._unveiled.argtypes = [_Pointer]
+        self._unveiled.restype = None
 
     def is_clear(self, picture: Image, every: int = 1) -> bool:
         """Whether `veil.estimate` finds no veil in every so many pixels of a picture whose pixels lie side by side.
@@ -34,6 +55,14 @@ class AirKernel:
         at = picture.__array_interface__["data"][0]
         described = _PICTURE.pack(at, every * stride, 3 * every, -(-height // every), -(-width // every))
         return bool(self._call(described))
+
+    def unveiled(self, picture: Image, light: Light, gain: float) -> Image:
+        """As `veil.unveiled_plain`, for a picture whose pixels lie side by side."""
+        out = np.empty(picture.shape, np.uint8)
+        at = (plane.ctypes.data for plane in light)
+        task = _Unveiling(picture.ctypes.data, picture.strides[0], *picture.shape[:2], *at, gain, out.ctypes.data)
+        self._unveiled(ctypes.addressof(task))
+        return out
 
 
 class RegionTask(ctypes.Structure):

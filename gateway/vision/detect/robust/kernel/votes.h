@@ -20,22 +20,25 @@ typedef struct { /* `candidate_kernel.VoteTask` */
 INLINE int64_t vote_cells(const VoteTask *t) { return (t->height / CELL + 1 + 2 * MARGIN) * (t->width / CELL + 1 + 2 * MARGIN); }
 
 /* Bytes to work in. */
-INLINE int64_t vote_room(const VoteTask *t) { return 24 * t->height * t->width + 29 * vote_cells(t) + 64; }
+INLINE int64_t vote_room(const VoteTask *t) { return 28 * t->height * t->width + 32 * vote_cells(t) + 64; }
 
 typedef struct {
     int count;
-    float *x, *y, *dx, *dy, *weight;
+    float *x, *y, *dx, *dy, *weight, *share; /* the last: of a circle */
     int32_t *cell;
 } VotingEdges;
 
 static void ridges(const VoteTask *t, VotingEdges *e, float *strength)
 {
     float least_gradient = (float)LEAST_GRADIENT, ridge_share = (float)RIDGE_SHARE;
+    int32_t *ridge = e->cell;
     int count = 0;
     for (int64_t y = 0; y < t->height; y++) {
         const float *size = t->size + y * t->width, *largest = t->largest + y * t->width;
+        for (int64_t x = 0; x < t->width; x++)
+            ridge[x] = (size[x] > least_gradient) & (size[x] >= ridge_share * largest[x]);
         for (int64_t x = 0; x < t->width; x++) {
-            if (!(size[x] > least_gradient && size[x] >= ridge_share * largest[x]))
+            if (!ridge[x])
                 continue;
             strength[count] = size[x];
             e->x[count] = (float)x, e->y[count] = (float)y;
@@ -52,32 +55,33 @@ INLINE int32_t whole_of(double value)
     return whole - ((double)whole > value);
 }
 
-/* The votes at one radius, cell by cell. */
+/* The votes at one radius, cell by cell, added to a sheet of zeros. */
 static void cast_votes(const VotingEdges *e, float radius, int32_t rows, int32_t columns, double *sheet)
 {
     float round = TWO_PI * radius;
-    memset(sheet, 0, (size_t)rows * (size_t)columns * sizeof *sheet);
+    int32_t none = rows * columns; /* a cell of its own */
     for (int i = 0; i < e->count; i++) {
         int32_t column = whole_of(((double)e->x[i] + (double)(radius * e->dx[i])) / CELL) + MARGIN;
         int32_t row = whole_of(((double)e->y[i] + (double)(radius * e->dy[i])) / CELL) + MARGIN;
         int inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows);
-        e->cell[i] = inside ? row * columns + column : -1;
+        e->cell[i] = inside ? row * columns + column : none;
+        e->share[i] = e->weight[i] / round;
     }
     for (int i = 0; i < e->count; i++)
-        if (e->cell[i] >= 0)
-            sheet[e->cell[i]] += (double)(e->weight[i] / round);
+        sheet[e->cell[i]] += (double)e->share[i];
 }
 
-/* Blurred by three cells in both directions; beyond the edge as within, mirrored in it. `rows` and `columns` are 2 at least. */
-static void blurred(const double *sheet, int32_t rows, int32_t columns, float outer, float middle, float *flat, float *out)
+/* Blurred by three cells in both directions, and the sheet cleared; beyond the edge as within, mirrored in it. `rows` and `columns` are 2 at least. */
+static void blurred(double *sheet, int32_t rows, int32_t columns, float outer, float middle, float *line, float *flat, float *out)
 {
     for (int32_t n = 0; n < rows; n++) {
-        const double *from = sheet + (int64_t)n * columns;
-        float *to = flat + (int64_t)n * columns;
-        to[0] = (float)from[0] * middle + 2 * (float)from[1] * outer;
-        for (int32_t i = 1; i < columns - 1; i++)
-            to[i] = (float)from[i] * middle + ((float)from[i - 1] + (float)from[i + 1]) * outer;
-        to[columns - 1] = (float)from[columns - 1] * middle + 2 * (float)from[columns - 2] * outer;
+        double *sums = sheet + (int64_t)n * columns;
+        float *to = flat + (int64_t)n * columns, *from = line + 1;
+        for (int32_t i = 0; i < columns; i++)
+            from[i] = (float)sums[i], sums[i] = 0;
+        from[-1] = from[1], from[columns] = from[columns - 2];
+        for (int32_t i = 0; i < columns; i++)
+            to[i] = from[i] * middle + (from[i - 1] + from[i + 1]) * outer;
     }
     for (int32_t n = 0; n < rows; n++) {
         const float *at = flat + (int64_t)n * columns, *above = n ? at - columns : at + columns, *below = n < rows - 1 ? at + columns : at - columns;
@@ -99,7 +103,7 @@ INLINE int is_peak(const float *best, int32_t rows, int32_t columns, int32_t row
 }
 
 /* The best peaks, in order of their votes to five digits, then row by row; how many. */
-static int peaks_of(VoteTask *t, const float *best, const uint8_t *which, int32_t rows, int32_t columns)
+static int peaks_of(VoteTask *t, const float *best, const int32_t *which, int32_t rows, int32_t columns)
 {
     float least_vote = (float)LEAST_VOTE, same_vote = (float)SAME_VOTE;
     int count = 0;
@@ -132,9 +136,11 @@ static int voted(VoteTask *t, void *work)
     int64_t pixels = t->height * t->width, cells = vote_cells(t);
     int32_t rows = (int32_t)(t->height / CELL) + 1 + 2 * MARGIN, columns = (int32_t)(t->width / CELL) + 1 + 2 * MARGIN;
     double *sheet = work;
-    float *flat = (float *)(sheet + cells), *smooth[3] = {flat + cells, flat + 2 * cells, flat + 3 * cells}, *best = flat + 4 * cells;
-    float *edges = flat + 5 * cells;
-    VotingEdges e = {0, edges, edges + pixels, edges + 2 * pixels, edges + 3 * pixels, edges + 4 * pixels, (int32_t *)(edges + 5 * pixels)};
+    float *flat = (float *)(sheet + cells + 1), *smooth[3] = {flat + cells, flat + 2 * cells, flat + 3 * cells}, *best = flat + 4 * cells;
+    int32_t *which = (int32_t *)(best + cells);
+    float *edges = (float *)(which + cells);
+    VotingEdges e = {0, edges, edges + pixels, edges + 2 * pixels, edges + 3 * pixels, edges + 4 * pixels, edges + 5 * pixels,
+                     (int32_t *)(edges + 6 * pixels)};
     float outer = (float)t->outer, middle = (float)t->middle;
     ridges(t, &e, e.weight);
     if (e.count < FEWEST_VOTERS)
@@ -142,13 +148,13 @@ static int voted(VoteTask *t, void *work)
     float usual = median_of(e.weight, e.count, (float *)e.cell);
     for (int i = 0; i < e.count; i++)
         e.weight[i] = e.weight[i] / (e.weight[i] + usual);
-    uint8_t *which = (uint8_t *)(e.cell + pixels);
     for (int64_t n = 0; n < cells; n++)
-        best[n] = -1, which[n] = 0;
+        best[n] = -1, which[n] = 0, sheet[n] = 0;
+    sheet[cells] = 0;
     for (int r = 0; r <= t->radius_count; r++) {
         if (r < t->radius_count) {
             cast_votes(&e, t->radii[r], rows, columns, sheet);
-            blurred(sheet, rows, columns, outer, middle, flat, smooth[r % 3]);
+            blurred(sheet, rows, columns, outer, middle, e.share, flat, smooth[r % 3]);
         }
         if (!r)
             continue;
@@ -156,7 +162,8 @@ static int voted(VoteTask *t, void *work)
         int ends = r == 1 || r == t->radius_count;
         for (int64_t n = 0; n < cells; n++) {
             float value = ends ? own[n] : 0.5f * own[n] + 0.25f * (before[n] + after[n]);
-            which[n] = value > best[n] ? (uint8_t)(r - 1) : which[n];
+            int32_t better = -(value > best[n]); /* all bits or none: without a branch */
+            which[n] = (which[n] & ~better) | ((r - 1) & better);
             best[n] = value > best[n] ? value : best[n];
         }
     }

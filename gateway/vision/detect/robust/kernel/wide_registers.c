@@ -7,6 +7,7 @@
 #endif
 #include "blobs.h"
 #include "evidence.h"
+#include "levels.h"
 #include "refined.h"
 #include "votes.h"
 #include "wide_registers.h"
@@ -23,6 +24,8 @@ void gateway_evidence_wide(const void *levels, int64_t level_count, void *rows, 
 int gateway_votes_wide(void *task, void *work) { return voted(task, work); }
 
 void gateway_blobs_wide(void *task, void *work) { found_blobs(task, work); }
+
+void gateway_unveiled_wide(const void *task) { unveiled(task); }
 
 #if defined(__clang__)
 #pragma clang attribute pop

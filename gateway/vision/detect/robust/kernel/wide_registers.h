@@ -9,5 +9,6 @@ double gateway_fall_wide(const void *task, const void *tables, void *work);
 void gateway_evidence_wide(const void *levels, int64_t level_count, void *rows, int64_t count, int64_t seeds, const void *tables, void *work);
 int gateway_votes_wide(void *task, void *work);
 void gateway_blobs_wide(void *task, void *work);
+void gateway_unveiled_wide(const void *task);
 
 #endif
