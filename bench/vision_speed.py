@@ -13,6 +13,7 @@ ratio is that of the medians. Memory is kept as the gateway's vision processes k
 """
 
 import argparse
+import gc
 import json
 import os
 import platform
@@ -216,6 +217,8 @@ def main() -> None:
     if not ENVIRONMENT.items() <= os.environ.items():  # read when a process starts
         os.execve(sys.executable, [sys.executable, "-m", "bench.vision_speed", *sys.argv[1:]], os.environ | ENVIRONMENT)
     cv2.setNumThreads(1)
+    gc.collect()
+    gc.freeze()  # as the vision process does
     names = args.methods or [name for name in contenders() if name != "plain"]
     wait: Callable[[], None] = Rhythm() if args.rhythm else lambda: None
     figures: list[Figure] = []

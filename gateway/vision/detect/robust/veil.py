@@ -112,10 +112,11 @@ def light_over(picture: Colours, veil: Veil) -> Light:
     above, below, lower = _between(picture.shape[0], light.shape[0])
     left, right, beyond = _between(picture.shape[1], light.shape[1])
     beyond = beyond[:, None]
-    rows = np.ascontiguousarray(light[:, left] * (1 - beyond) + light[:, right] * beyond)
+    rows = light.take(left, axis=1) * (1 - beyond) + light.take(right, axis=1) * beyond
     return Light(rows, above, below, lower)
 
 
+@lru_cache(maxsize=64)
 def _between(size: int, cells: int) -> tuple[NDArray[np.int32], NDArray[np.int32], Plane]:
     """For each pixel: the cells whose middles it lies between, and the share of the second."""
     at = np.clip((np.arange(size) + 0.5) * cells / size - 0.5, 0, cells - 1)
