@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from gateway.vision.detect.robust.decision import (
     candidate,
     confidence,
     failed_gate,
+    hopeless,
     weight,
 )
 from gateway.vision.detect.robust.evidence import Evidence, masked_median
@@ -215,6 +217,28 @@ def test_each_gate_of_the_evidence(code: str | None, change: dict[str, float]) -
 )
 def test_each_gate_of_the_rim(code: str, change: dict[str, float]) -> None:
     assert failed_gate(Candidate(replace(RIM, **change), PERFECT), LIMITS) == code  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("code", "change"),
+    [
+        (None, {}),
+        (None, {"contrast": 0.5 * 0.15 + 0.001, "redness": 0.3, "colour": (80, 80, 95)}),
+        ("contrast", {"contrast": 0.5 * 0.15 - 0.001, "redness": 0.3}),
+        (None, {"contrast": 0.075, "redness": 0.3, "haze": 0.2}),  # behind haze less is enough
+        (None, {"contrast": 0.5 * 0.4 + 0.001}),
+        ("surroundings", {"contrast": 0.5 * 0.4 - 0.001}),
+        (None, {"colour": (40, 78, 190)}),  # orange, but it may be nearer on the exact rim
+        ("colour", {"colour": (190, 40, 60)}),
+        ("colour", {"colour": (90, 90, 90)}),
+        (None, {"ellipse": Ellipse(80.0, 60.0, 2.1, 2.1, 0.0)}),  # the rim is searched for within 3 px
+        ("radius", {"ellipse": Ellipse(80.0, 60.0, 1.9, 1.9, 0.0)}),
+        (None, {"ellipse": Ellipse(80.0, 60.0, 215.0, 215.0, 0.0)}),  # within 8 %
+        ("radius", {"ellipse": Ellipse(80.0, 60.0, 218.0, 218.0, 0.0)}),
+    ],
+)
+def test_no_rim_is_measured_where_a_gate_is_missed_by_half(code: str | None, change: dict[str, Any]) -> None:
+    assert hopeless(replace(PERFECT, **change), LIMITS) == code
 
 
 def test_what_is_not_red_weighs_nothing() -> None:

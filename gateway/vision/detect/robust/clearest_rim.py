@@ -26,7 +26,7 @@ GOOD, EVEN_PX = 0.95, 0.05  # quality from which on, and `wave_px` up to which n
 BY_CHANCE = 1.3  # of the rms over a sector's edges: so much wave has a rim that is merely noisy
 MOST, WELL = 0.6, 0.25  # of the total fall, so much is at the rim and not in creases; of the semi-minor axis
 CLEARLY = 0.05  # more quality is required of red against green where all colours lie evenly on their ellipse
-SEARCH_PX, SEARCH = 3.0, 0.08  # how far it may be from where the evidence saw it; the latter of its semi-minor axis
+SEARCH_PX, SEARCH = 3.0, 0.08  # the rim is searched for so far off; the latter of its semi-minor axis
 # Behind a veil.
 FAINT = 0.6  # share of airlight from which on
 ENOUGH = 0.8  # quality of the rim on the pixels as they are, from which on it is taken
@@ -53,16 +53,21 @@ def even(rim: Rim) -> bool:
     return rim.wave_px <= max(EVEN_PX, BY_CHANCE * rim.rms_px * math.sqrt(SECTORS / rim.inliers))
 
 
+def search_px(seed: Ellipse) -> float:
+    """How far the rim may be from where the evidence saw it."""
+    return max(SEARCH_PX, SEARCH * seed.semi_minor_px)
+
+
 def clearest_rim(image: Colours, seed: Ellipse, reach_px: float = 0.0) -> Rim | None:
     """The rim near `seed` by all colours or, where these are at odds, by red against green only, whichever is better.
 
     `reach_px`: how far off the seed's rim may be, if that is more than usual.
     """
-    search_px = max(reach_px, SEARCH_PX, SEARCH * seed.semi_minor_px)
-    rim = refine(image, seed, search_px)
+    near_px = max(reach_px, search_px(seed))
+    rim = refine(image, seed, near_px)
     if rim is not None and quality(rim) >= GOOD and even(rim):
         return rim
-    other = refine(image, seed, search_px, opponent=True)
+    other = refine(image, seed, near_px, opponent=True)
     if other is None or other.contrast < MOST * fall(image, other.ellipse, WELL):
         return rim
     if rim is None:

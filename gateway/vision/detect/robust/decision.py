@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from gateway.config.sections.vision import Proposals
 from gateway.core.detection import Circle, Ellipse
 from gateway.vision.detect.geometry import same_place
-from gateway.vision.detect.robust.clearest_rim import even, quality, roundness
+from gateway.vision.detect.robust.clearest_rim import even, quality, roundness, search_px
 from gateway.vision.detect.robust.constants import FULL_REDNESS
 from gateway.vision.detect.robust.evidence import Evidence
 from gateway.vision.detect.robust.marker_colour import (
@@ -29,6 +29,8 @@ CRUSTED, CRUSTED_LEAK, CRUSTED_QUALITY = 0.5, 0.05, 0.7  # less coverage is enou
 HALF, CLEAR_HALF = 0.5, 0.8  # of the rim in the picture: of less, so much must lie on the ellipse
 MOST_RAGGED, RAGGED_BLURS = 0.025, 0.6  # rms of the edges about the rim: of the semi-minor axis; of their blur
 MAX_BLUR, MIN_STEP = 0.24, 0.5  # sigma of the edge, of the semi-minor axis; fall at the rim, of that from the core
+
+HOPELESS = 0.5  # of a gate's threshold: a candidate with less is not measured at full resolution
 
 FULL_ASPECT, FULL_CONTRAST = 0.85, 0.45  # from which on they have their full weight for a disc
 ODDS = 80.0  # for a disc with nothing against it
@@ -147,6 +149,21 @@ GATES: tuple[tuple[str, Gate], ...] = (
 def failed_gate(found: Candidate, limits: Limits) -> str | None:
     """The code of the first gate that the candidate does not pass."""
     return next((code for code, passes in GATES if not passes(found, limits)), None)
+
+
+def hopeless(found: Evidence, limits: Limits) -> str | None:
+    """The code of a gate that it misses by so much, before the rim is known, that none near it will pass.
+
+    The rim is the dearest part of a search, and half of those of what is no disc are spared.
+    """
+    size_px, near_px = found.ellipse.semi_major_px, search_px(found.ellipse)
+    missed = {
+        "radius": not limits.min_radius_px - near_px <= size_px <= limits.max_radius_px + near_px,
+        "contrast": found.contrast < HOPELESS * MIN_CONTRAST * paint_left(found),
+        "surroundings": found.contrast < HOPELESS * MIN_SHARE * found.redness,
+        "colour": HOPELESS * distance(found, limits.marker) > 1,
+    }
+    return next((code for code, is_missed in missed.items() if is_missed), None)
 
 
 def priority(found: Evidence) -> float:

@@ -19,6 +19,7 @@ from gateway.vision.detect.robust.decision import (
     circle_of,
     confidence,
     failed_gate,
+    hopeless,
     priority,
     weight,
 )
@@ -59,7 +60,8 @@ def search_frame(image: Colours, limits: Limits, timer: StageTimer) -> tuple[Can
     timer.ended("evidence")
     refined, rejected = _refined(image, levels, seeds, measured, limits)
     timer.ended("rim")
-    taken, others = _decided(image, levels, refined, limits)
+    seen_clearly = dust is None or any(_share_at(dust, levels[0], found.rim.ellipse) == 0 for found in refined)
+    taken, others = _decided(image, levels, refined, limits) if seen_clearly else (None, [])
     timer.ended("decision")
     if dust is not None and not _in_clear_air(taken, dust, levels[0]):
         clear = veil.unveiled(levels, dust)
@@ -207,9 +209,10 @@ def _refined(
     worth, rejected = _worth_a_rim(seeds, evidence)
     rims: list[Rim] = []
     for found in worth:
-        rim = _rim_near(image, found.ellipse, found.veil)
+        why = hopeless(found, limits)
+        rim = _rim_near(image, found.ellipse, found.veil) if why is None else None
         if rim is None:
-            rejected.append((priority(found), circle_of(found.ellipse), "rim"))
+            rejected.append((priority(found), circle_of(found.ellipse), why or "rim"))
         elif not any(same_ellipse(rim.ellipse, other.ellipse) for other in rims):
             rims.append(rim)
     measured = measurement.of_ellipses(levels, [rim.ellipse for rim in rims])
