@@ -20,7 +20,7 @@ from gateway.vision.compiled import library as compiled
 from gateway.vision.compiled.build import LIBRARY
 from gateway.vision.compiled.sizes import MOST_VEIL_SIDE, VEIL_CELLS
 from gateway.vision.detect.robust import constants
-from gateway.vision.detect.robust.kernel.sparse_kernel import AirKernel, Light
+from gateway.vision.detect.robust.kernel.sparse_kernel import AirKernel, VeilLight
 from gateway.vision.detect.robust.redness import DARK, Plane, PyramidLevel
 from gateway.vision.pixels import Colours, Image, adjacent
 
@@ -106,14 +106,14 @@ def _left(picture: Colours, veil: Veil) -> Plane:
     return np.maximum(picture - (rows[above] * (1 - lower) + rows[below] * lower), 0)
 
 
-def light_over(picture: Colours, veil: Veil) -> Light:
+def light_over(picture: Colours, veil: Veil) -> VeilLight:
     """The veil's light between the middles of its cells. Not OpenCV's, whose last bits depend on the processor."""
     light = veil.share[..., None] * np.array(veil.airlight, np.float32)
     above, below, lower = _between(picture.shape[0], light.shape[0])
     left, right, beyond = _between(picture.shape[1], light.shape[1])
     beyond = beyond[:, None]
     rows = light.take(left, axis=1) * (1 - beyond) + light.take(right, axis=1) * beyond
-    return Light(rows, above, below, lower)
+    return VeilLight(rows, above, below, lower)
 
 
 @lru_cache(maxsize=64)

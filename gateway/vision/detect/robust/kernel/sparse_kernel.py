@@ -17,7 +17,7 @@ _PICTURE = struct.Struct("=5q")
 _Pointer, _Int = ctypes.c_void_p, ctypes.c_int64
 
 
-class Light(NamedTuple):
+class VeilLight(NamedTuple):
     """A veil's light over a picture of (height, width), as `veil.light_over` makes it."""
 
     rows: Plane  # (n, width, 3)
@@ -29,7 +29,7 @@ class Light(NamedTuple):
 class _Unveiling(ctypes.Structure):
     _fields_ = (
         *((name, _Int) for name in ("pixels", "stride", "height", "width")),
-        *((name, _Pointer) for name in Light._fields),
+        *((name, _Pointer) for name in VeilLight._fields),
         ("gain", ctypes.c_double),
         ("out", _Pointer),
     )
@@ -56,7 +56,7 @@ class AirKernel:
         described = _PICTURE.pack(at, every * stride, 3 * every, -(-height // every), -(-width // every))
         return bool(self._call(described))
 
-    def unveiled(self, picture: Image, light: Light, gain: float) -> Image:
+    def unveiled(self, picture: Image, light: VeilLight, gain: float) -> Image:
         """As `veil.unveiled_plain`, for a picture whose pixels lie side by side."""
         out = np.empty(picture.shape, np.uint8)
         at = (plane.ctypes.data for plane in light)
