@@ -15,7 +15,7 @@ from gateway.vision.detect.paper.exact import red
 from gateway.vision.detect.paper.exact.geometry import Box, Opening
 from gateway.vision.detect.paper.exact.grid import ScanGrid
 from gateway.vision.detect.paper.exact.kernel import Kernel, load
-from gateway.vision.detect.paper.exact.search import ExactSearch
+from gateway.vision.detect.paper.exact.search import ExactSearch, _apart
 from gateway.vision.detect.paper.exact.tracker import detector
 from gateway.vision.pixels import Image
 from tests.vision_frames import KINDS, PAPER, colour_noise, frames, scene
@@ -275,3 +275,20 @@ def test_what_the_kernel_does_not_know_is_left_to_the_plain_pipeline(change: dic
     params = PAPER.model_copy(update=change)
     assert load(params, library) is None
     assert next(name for name, _ in detector(params, lambda: 0)(np.zeros((9, 9, 3), np.uint8)).stage_ns) == "gaussian"
+
+
+@pytest.mark.parametrize(
+    ("boxes", "joined"),
+    [
+        ([(10, 10, 60, 60), (100, 10, 150, 60)], [(10, 10, 150, 60)]),  # 140 x 50 px cost less than a second window
+        ([(10, 10, 60, 60), (600, 400, 650, 450)], [(10, 10, 60, 60), (600, 400, 650, 450)]),
+        ([(10, 200, 630, 220), (300, 10, 320, 470)], [(10, 10, 630, 470)]),  # they cross
+        ([(10, 10, 630, 20), (10, 25, 20, 470)], [(10, 10, 630, 470)]),  # windows of a margin of 3 px meet
+        ([(10, 10, 630, 20), (10, 26, 20, 470)], [(10, 10, 630, 20), (10, 26, 20, 470)]),
+        ([(10, 10, 30, 30), (630, 300, 640, 310), (300, 10, 320, 30)], [(10, 10, 320, 30), (630, 300, 640, 310)]),
+    ],
+)
+def test_windows_are_joined_where_they_meet_or_one_costs_less(
+    boxes: list[tuple[int, int, int, int]], joined: list[tuple[int, int, int, int]]
+) -> None:
+    assert sorted(_apart([Box(*box) for box in boxes], Opening(5), 660, 480)) == joined

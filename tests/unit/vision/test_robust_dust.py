@@ -2,12 +2,14 @@
 
 import math
 
+import cv2
 import numpy as np
 import pytest
 
 from gateway.config import VisionConfig
 from gateway.core.detection import Circle, Ellipse
 from gateway.sim.weather import dust
+from gateway.vision.detect.robust import search
 from gateway.vision.detect.robust.clearest_rim import rim_behind_veil
 from gateway.vision.detect.robust.decision import Limits
 from gateway.vision.detect.robust.detect import detect
@@ -120,6 +122,19 @@ def test_a_disc_is_found_behind_thick_dust(ground: str, share: float, within_px:
     assert found.circle.radius_px == pytest.approx(PLACE.radius_px, abs=0.5)
     assert found.veil is not None
     assert share - 0.05 <= found.veil <= share + 0.12  # nothing in these scenes is black: it is an upper bound
+
+
+def test_a_sure_marker_before_an_even_wall_is_searched_for_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    wall = np.full((240, 320, 3), (176, 181, 178), np.uint8)
+    cv2.circle(wall, (80, 70), 30, (40, 35, 190), -1, cv2.LINE_AA)
+    assert estimate(wall[::2, ::2].copy()) is not None  # the wall looks like dust
+    monkeypatch.setattr(search.veil, "unveiled", lambda *_: pytest.fail("searched a second time"))
+
+    found = detect(wall, PARAMS)
+
+    assert found.circle is not None
+    assert found.circle.radius_px == pytest.approx(30, abs=0.7)
+    assert found.veil == 0
 
 
 def test_clear_air_is_reported_as_such() -> None:
