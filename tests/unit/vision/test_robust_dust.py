@@ -9,7 +9,7 @@ import pytest
 from gateway.config import VisionConfig
 from gateway.core.detection import Circle, Ellipse
 from gateway.sim.weather import dust
-from gateway.vision.detect.robust import search
+from gateway.vision.detect.robust import veil
 from gateway.vision.detect.robust.clearest_rim import rim_behind_veil
 from gateway.vision.detect.robust.decision import Limits
 from gateway.vision.detect.robust.detect import detect
@@ -128,7 +128,7 @@ def test_a_sure_marker_before_an_even_wall_is_searched_for_once(monkeypatch: pyt
     wall = np.full((240, 320, 3), (176, 181, 178), np.uint8)
     cv2.circle(wall, (80, 70), 30, (40, 35, 190), -1, cv2.LINE_AA)
     assert estimate(wall[::2, ::2].copy()) is not None  # the wall looks like dust
-    monkeypatch.setattr(search.veil, "unveiled", lambda *_: pytest.fail("searched a second time"))
+    monkeypatch.setattr(veil, "unveiled", lambda *_: pytest.fail("searched a second time"))
 
     found = detect(wall, PARAMS)
 
