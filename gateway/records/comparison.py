@@ -1,7 +1,8 @@
 """What another configuration, or another version, would have decided otherwise: intervals, from a replay. Pure."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from operator import attrgetter
 
 from gateway.core.state import StateVector
 from gateway.records.moment import unix_ns
@@ -46,8 +47,10 @@ def otherwise(steps: Iterable[Step]) -> Iterator[Otherwise]:
             yield _interval(*open_, newest)  # what was between is not known
             open_ = None
         newest = step
-        now, was = Decision.of(step.state), step.recorded
-        other = differs(step)
+        was, other = step.recorded, differs(step)
+        if open_ is None and not other:
+            continue
+        now = Decision.of(step.state)
         if open_ is not None:
             head, first, old, new = open_
             same = other and was is not None and (_judged(was), _judged(now)) == (_judged(old), _judged(new))
@@ -63,7 +66,9 @@ def otherwise(steps: Iterable[Step]) -> Iterator[Otherwise]:
 
 def differs(step: Step) -> bool:
     """Are its outputs other than recorded?"""
-    return step.recorded is not None and _judged(step.recorded) != _judged(Decision.of(step.state))
+    state = step.state
+    now = state.stop, state.may_move, state.in_place, state.visit.moved
+    return step.recorded is not None and _judged(step.recorded) != now
 
 
 def _interval(head: Head, first: Step, was: Decision, now: Decision, after: Step) -> Otherwise:
@@ -71,5 +76,4 @@ def _interval(head: Head, first: Step, was: Decision, now: Decision, after: Step
     return Otherwise(head.bay, begin_ns, max(begin_ns, end_ns), was, now, first.state)
 
 
-def _judged(decision: Decision) -> tuple[object, ...]:
-    return tuple(getattr(decision, name) for name in JUDGED)
+_judged: Callable[[Decision], tuple[object, ...]] = attrgetter(*JUDGED)

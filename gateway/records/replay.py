@@ -89,7 +89,7 @@ class Replay:
         now = self.now
         for item in items:
             if isinstance(item, MissingItem):
-                yield from _judged(now.step, now.recorded)
+                yield from _judged(now.step, now.recorded, exact=self.exact)
                 self.missing.append(item.why)
                 now.state = now.recorded = now.step = None
                 continue
@@ -100,13 +100,13 @@ class Replay:
             begins = isinstance(record, Checkpoint) and not record.follows
             said = None if now.state is None or begins or now.state is now.silent else lapsed(now.state, record.t_ns)
             if said is not None:
-                yield from _judged(now.step, now.recorded)
+                yield from _judged(now.step, now.recorded, exact=self.exact)
                 yield Step(place, NoTick(), said, None)
                 now.silent, now.step = now.state, None
             if isinstance(record, Decision):
                 now.recorded = record
                 continue
-            yield from _judged(now.step, now.recorded)
+            yield from _judged(now.step, now.recorded, exact=self.exact)
             now.step = None
             if isinstance(record, Checkpoint):
                 same_version = head is not None and head.gateway_version == __version__
@@ -126,15 +126,15 @@ class Replay:
                 self.steps += 1
                 now.state = interlock.step(now.state, observation, record.t_ns, rules)
                 now.step = Step(place, observation, now.state, None)
-        yield from _judged(now.step, now.recorded)
+        yield from _judged(now.step, now.recorded, exact=self.exact)
 
 
-def _judged(step: Step | None, recorded: Decision | None) -> Iterator[Step | Difference]:
-    """A step with its recorded decision, once that is known, and how it differs."""
+def _judged(step: Step | None, recorded: Decision | None, *, exact: bool) -> Iterator[Step | Difference]:
+    """A step with its recorded decision, once that is known, and, where it should be the same, how it differs."""
     if step is None:
         return
-    yield replace(step, recorded=recorded)
-    if recorded is not None:
+    yield Step(step.place, step.observation, step.state, recorded)
+    if recorded is not None and exact:
         was, now = outputs(recorded), outputs(Decision.of(step.state))
         if was != now:
             pairs = zip(OUTPUTS, was, now, strict=True)

@@ -8,7 +8,7 @@ from gateway.core.state import Reason
 from gateway.core.visit_summary import VisitEnd, VisitSummary
 from gateway.durations import NS_PER_MS
 from gateway.records.moment import unix_ns
-from gateway.records.record import Decision, VisitRecord
+from gateway.records.record import VisitRecord
 from gateway.records.recording import Item, MissingItem
 from gateway.records.replay import Step
 
@@ -44,7 +44,7 @@ class Trucks:
 
     found: list[ComparedTruck] = field(default_factory=list)
     open: VisitSummary | None = None
-    before: list[Decision | None] = field(default_factory=lambda: [None, None])  # then, and now
+    before: list[tuple[bool, bool] | None] = field(default_factory=lambda: [None, None])  # at mark, in place: then, now
     marks: list[tuple[int, int, ThenNow]] = field(default_factory=list)  # Unix ns; 0: then, 1: now
 
     def visits(self, items: Iterable[Item | MissingItem]) -> Iterator[Item | MissingItem]:
@@ -60,12 +60,13 @@ class Trucks:
     def step(self, step: Step) -> None:
         at_ns, z_mm = unix_ns(step.place.head, step.state.t_ns), step.state.range.distance_mm
         began = step.observation is None
-        for which, decision in enumerate((step.recorded, Decision.of(step.state))):
+        for which, decision in enumerate((step.recorded, step.state)):
             if decision is None:
                 continue
-            before, self.before[which] = self.before[which], decision
-            stopped = _at_mark(decision) and not began and before is not None and not _at_mark(before)
-            if stopped or (decision.in_place and (before is None or not before.in_place)):
+            at_mark = decision.stop and decision.reason is Reason.TARGET_REACHED
+            before, self.before[which] = self.before[which], (at_mark, decision.in_place)
+            stopped = at_mark and not began and before is not None and not before[0]
+            if stopped or (decision.in_place and (before is None or not before[1])):
                 self.marks.append((at_ns, which, ThenNow(decision.in_place, z_mm if stopped else None)))
 
     def _end(self) -> None:
@@ -83,7 +84,3 @@ class Trucks:
             for which in (0, 1)
         )
         self.found.append(ComparedTruck(begun_ns, ended_ns, then, now))
-
-
-def _at_mark(decision: Decision) -> bool:
-    return decision.stop and decision.reason is Reason.TARGET_REACHED
