@@ -15,6 +15,7 @@ from gateway.vision.detect.robust.decision import AMBIGUOUS, SHAPE, Candidate, c
 from gateway.vision.detect.robust.detect import detect
 from gateway.vision.detect.robust.evidence import Evidence
 from gateway.vision.detect.robust.rim_fine import Rim
+from gateway.vision.detect.robust.rings import of_its_paint
 from gateway.vision.pixels import Image
 from gateway.vision.track.distractors import SIZE, WEAKER
 from tests import decoys
@@ -104,6 +105,24 @@ def test_of_concentric_rims_the_outermost_is_the_markers(colour: Colour, outer: 
         assert found.circle is not None
         assert found.circle.radius_px == pytest.approx(radius, abs=0.7)
         assert math.hypot(found.circle.u_px - 160.4, found.circle.v_px - 120.7) < 0.5
+
+
+@pytest.mark.parametrize("rust", [(62.0, 80.0, 104.0), (70.0, 84.0, 110.0)])
+def test_rust_round_a_faded_marker_is_not_within_its_rim(rust: Colour) -> None:
+    faded = (112.0, 108.0, 180.0)
+    image = discs([(163.4, 124.7, 64.0, rust), (160.4, 120.7, 52.0, faded)])
+    inner, outer = Ellipse(160.4, 120.7, 52.0, 52.0, 0.0), Ellipse(163.4, 124.7, 64.0, 62.0, 0.3)
+
+    assert not of_its_paint(image, outer, inner)
+    assert of_its_paint(discs([(163.4, 124.7, 64.0, faded)]), outer, inner)
+    assert of_its_paint(image, Ellipse(160.4, 120.7, 53.0, 53.0, 0.0), inner)  # too little between them
+
+
+@pytest.mark.parametrize("u", [20.4, 300.4])
+def test_of_rims_that_the_frame_cuts_the_part_in_the_picture_counts(u: float) -> None:
+    image = discs([(u, 120.7, 64.0, (62.0, 78.0, 112.0)), (u, 120.7, 48.0, RED)])
+
+    assert not of_its_paint(image, Ellipse(u, 120.7, 64.0, 64.0, 0.0), Ellipse(u, 120.7, 48.0, 48.0, 0.0))
 
 
 def test_a_target_of_five_rings_and_a_darker_middle_are_one_marker() -> None:

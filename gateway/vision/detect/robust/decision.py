@@ -41,6 +41,7 @@ AS_SURE, AS_RED = 0.6, 0.3  # of the surest disc's confidence and of the reddest
 ABOUT_AS_LARGE, AS_LARGE = 1.1, 1.05  # a radius by another: more weight decides; the two are equal
 CLEARLY_MORE = 1.5  # weight by another's
 SHAPE = "shape"  # rejection code: not the outline of a disc
+COLOUR = "colour"  # rejection code: another one than the marker's
 AMBIGUOUS = "ambiguous"  # rejection code: another disc is as large, and nothing tells which is the marker
 POWERS = {
     "support": 5.0,
@@ -126,14 +127,14 @@ GATES: tuple[tuple[str, Gate], ...] = (
     (SHAPE, lambda c, _: c.aspect >= MIN_ASPECT),
     ("contrast", lambda c, _: c.evidence.contrast >= MIN_CONTRAST * paint_left(c.evidence)),
     ("surroundings", lambda c, _: c.evidence.contrast >= MIN_SHARE * c.evidence.redness),
-    ("colour", lambda c, limits: c.off_colour <= 1 and not_brown(c.evidence, limits.marker)),
+    (COLOUR, lambda c, limits: c.off_colour <= 1 and not_brown(c.evidence, limits.marker)),
     ("coverage", lambda c, _: c.evidence.coverage >= (CRUSTED if _crusted(c) else MIN_COVERAGE)),
     ("leak", lambda c, _: c.evidence.leak <= MAX_LEAK),
     ("visible", lambda c, _: c.rim.visible >= MIN_VISIBLE),
     ("visible", lambda c, _: c.rim.visible >= HALF * c.rim.support or quality(c.rim) >= CLEAR_HALF),
     ("fill", lambda c, _: c.evidence.fill >= MIN_FILL),
     ("hollow", lambda c, _: c.evidence.hollow <= MAX_HOLLOW),
-    ("colour", lambda c, _: _behind_dust(c)),
+    (COLOUR, lambda c, _: _behind_dust(c)),
     ("support", lambda c, _: c.rim.support >= MIN_SUPPORT),
     ("blur", lambda c, _: _sharp(c)),
     (SHAPE, lambda c, _: not ragged(c.rim)),

@@ -11,6 +11,7 @@ from gateway.vision.detect.robust import candidates, constants, measurement, pro
 from gateway.vision.detect.robust.candidates import Seed
 from gateway.vision.detect.robust.clearest_rim import CLEARLY, quality, rim_behind_veil
 from gateway.vision.detect.robust.decision import (
+    COLOUR,
     SHAPE,
     Candidate,
     Limits,
@@ -263,10 +264,21 @@ def _decided(
         outer = _outer(image, levels, inner, limits)
         if outer is not None and not any(same_ellipse(outer[0].rim.ellipse, other.rim.ellipse) for other, _ in discs):
             discs.append(outer)
+    discs = [(disc, why if _of_one_paint(image, disc, discs) else COLOUR) for disc, why in discs]
     taken, others = chosen([disc for disc, why in discs if why is None])
-    others += [(disc, SIZE) for disc, why in discs if why is not None]
+    others += [(disc, why) for disc, why in discs if why is not None]
     rejected += [(2 + confidence(disc), circle_of(disc.rim.ellipse), why) for disc, why in others]
     return taken, rejected
+
+
+def _of_one_paint(image: Colours, disc: Candidate, discs: Sequence[tuple[Candidate, str | None]]) -> bool:
+    """Whether it is as red near its rim as every smaller disc within it."""
+    rims = (inner.rim.ellipse for inner, _ in discs)
+    return all(
+        rings.of_its_paint(image, disc.rim.ellipse, rim)
+        for rim in rims
+        if rim.semi_major_px < disc.rim.ellipse.semi_minor_px and encloses(disc.rim.ellipse, rim)
+    )
 
 
 def _outer(
