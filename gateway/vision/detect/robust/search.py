@@ -8,6 +8,7 @@ from itertools import zip_longest
 from gateway.core.detection import Circle, Ellipse
 from gateway.vision.detect.geometry import encloses, same_candidate, same_ellipse
 from gateway.vision.detect.robust import candidates, constants, measurement, proposer, rings, veil
+from gateway.vision.detect.robust.burnt import of_the_legible
 from gateway.vision.detect.robust.candidates import Seed
 from gateway.vision.detect.robust.clearest_rim import CLEARLY, quality, rim_behind_veil
 from gateway.vision.detect.robust.decision import (
@@ -140,7 +141,7 @@ def _judged(
 ) -> Iterator[tuple[Candidate, str | None]]:
     (evidence,) = measurement.of_ellipses(levels, [rim.ellipse])
     if evidence is not None:
-        found = candidate(rim, evidence, limits, levels[0].airlight, share)
+        found = _candidate(image, levels, rim, evidence, limits, share)
         yield found, _refused(image, found, limits)
 
 
@@ -217,10 +218,16 @@ def _refined(
         elif not any(same_ellipse(rim.ellipse, other.ellipse) for other in rims):
             rims.append(rim)
     measured = measurement.of_ellipses(levels, [rim.ellipse for rim in rims])
-    airlight = levels[0].airlight
     return [
-        candidate(rim, found, limits, airlight) for rim, found in zip(rims, measured, strict=True) if found
+        _candidate(image, levels, rim, found, limits) for rim, found in zip(rims, measured, strict=True) if found
     ], rejected
+
+
+def _candidate(
+    image: Colours, levels: Sequence[PyramidLevel], rim: Rim, found: Evidence, limits: Limits, share: float = 0.0
+) -> Candidate:
+    airlight = levels[0].airlight
+    return candidate(*of_the_legible(image, rim, found, airlight), limits, airlight, share)
 
 
 def _share_at(dust: Veil | None, level: PyramidLevel, place: Ellipse) -> float:
