@@ -8,9 +8,9 @@ from gateway.vision.detect.robust import method as robust
 from gateway.vision.detect.robust.decision import POWERS
 
 SHARE_MEANING: dict[str, str] = {
-    "support": "of the rim in the picture, how much shows an edge that lies on the ellipse, at full resolution",
+    "support": "of the rim in the picture and not under a crust, how much shows an edge on the ellipse",
     "round": "how little these edges scatter about the ellipse",
-    "coverage": "of the rim in the picture, how much is red inside and not outside, or another red",
+    "coverage": "of the rim in the picture, how much is red inside and not outside, another red, or a crust's end",
     "sealed": "1 less the share where the red continues outside as if there were no rim",
     "clear": "contrast across the rim, against its scatter from ray to ray",
     "fill": "of the inside, how much is red",

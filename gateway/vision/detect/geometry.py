@@ -50,6 +50,13 @@ def same_ellipse(one: Ellipse, other: Ellipse) -> bool:
     )
 
 
+def crosses(one: Ellipse, other: Ellipse) -> bool:
+    """Two rims of about the same size at the same place, but not one round the other: one of them is wrong."""
+    smaller, larger = sorted((one.semi_major_px, other.semi_major_px))
+    apart_px = distance_px(one, other)
+    return larger <= SAME_SIZE * smaller and (larger - smaller) / 2 < apart_px < SAME_PLACE * larger
+
+
 def encloses(outer: Ellipse, inner: Ellipse) -> bool:
     """The same rim or one inside it, roughly."""
     return (

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.one_interpreter
 
 WHITE: Colour = (262.0, 262.0, 262.0)
 RIM = Rim(Ellipse(160.2, 120.4, 50.0, 50.0, 0.0), 0.2, 0.6, 0.6, 60.0, 110, 1.0, 0.05)
-FOUND = Evidence(RIM.ellipse, 0.6, 0.1, 0.6, 0.1, 0.1, 0.05, 1, 0, 0.2, 0, 0.75, (235.0, 215.0, 255.0))
+FOUND = Evidence(RIM.ellipse, 0.6, 0.1, 0.0, 0.6, 0.1, 0.1, 0.05, 1, 0, 0.2, 0, 0.75, (235.0, 215.0, 255.0))
 
 
 def burnt(disc: Colour, from_u: float) -> Image:

@@ -28,7 +28,7 @@ PARAMS = VisionConfig()
 WHITE, PALE, DEEP = (228.0, 232.0, 230.0), (75.0, 70.0, 200.0), (15.0, 15.0, 140.0)
 PERIOD_NS = 33_000_000
 RIM = Rim(Ellipse(80.0, 60.0, 30.0, 30.0, 0.0), 0.0, 1.0, 1.0, 100.0, 190, 1.0, 0.0)
-PERFECT = Evidence(RIM.ellipse, 1, 0, 1, 1, 1, 0, 1, 0, 1, 0, 0, (40, 40, 190))
+PERFECT = Evidence(RIM.ellipse, 1, 0, 0, 1, 1, 1, 0, 1, 0, 1, 0, 0, (40, 40, 190))
 Disc = tuple[float, float, float, Colour]
 
 

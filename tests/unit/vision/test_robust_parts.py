@@ -37,7 +37,7 @@ RIM = Rim(
     blur_px=1.0, wave_px=0.0,
 )  # fmt: skip
 PERFECT = Evidence(
-    RIM.ellipse, coverage=1, leak=0, visible=1, contrast=1, rise=1, noise=0, fill=1, hollow=0, redness=1,
+    RIM.ellipse, coverage=1, leak=0, covered=0, visible=1, contrast=1, rise=1, noise=0, fill=1, hollow=0, redness=1,
     veil=0, haze=0, colour=(40, 40, 190),
 )  # fmt: skip
 
@@ -184,8 +184,12 @@ def test_confidence_is_the_product_of_odds() -> None:
         ("colour", {"colour": (18.0, 91.0, 231.0)}),
         ("colour", {"colour": (44.0, 62.0, 128.0), "contrast": 0.7, "rise": 0.7}),
         ("coverage", {"coverage": 0.55, "leak": 0.1}),
-        ("coverage", {"coverage": 0.45}),
-        (None, {"coverage": 0.55}),
+        ("coverage", {"coverage": 0.55}),
+        (None, {"coverage": 0.45, "covered": 0.5, "fill": 0.65}),
+        ("coverage", {"coverage": 0.45, "covered": 0.5, "fill": 0.65, "leak": 0.1}),
+        ("coverage", {"coverage": 0.45, "covered": 0.5, "fill": 0.55}),
+        ("coverage", {"coverage": 0.45, "covered": 0.4, "fill": 0.65}),
+        ("coverage", {"coverage": 0.35, "covered": 0.65, "fill": 0.65}),
         ("leak", {"leak": 0.45}),
         ("fill", {"fill": 0.45}),
         ("hollow", {"hollow": 0.8}),

@@ -26,7 +26,8 @@ def of_the_legible(image: Colours, rim: Rim, found: Evidence, airlight: Light) -
     if share < LEAST:
         return rim, found
     coverage, leak, support = (min(1.0, part / share) for part in (found.coverage, found.leak, rim.support))
-    return replace(rim, support=support), replace(found, coverage=coverage, leak=leak)
+    covered = min(1 - coverage, found.covered / share)
+    return replace(rim, support=support), replace(found, coverage=coverage, leak=leak, covered=covered)
 
 
 def _legible(image: Colours, rim: Ellipse) -> float:

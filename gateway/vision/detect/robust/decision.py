@@ -25,7 +25,9 @@ MIN_ASPECT = 0.55  # a disc tilted by 57 degrees
 MIN_CONTRAST, MIN_SHARE = 0.15, 0.4  # log units in clear air; of the redness inside: less is a red spot on red
 MIN_COVERAGE, MAX_LEAK, MIN_FILL, MAX_HOLLOW = 0.6, 0.4, 0.5, 0.75
 MIN_VISIBLE, MIN_SUPPORT = 0.4, 0.45
-CRUSTED, CRUSTED_LEAK, CRUSTED_QUALITY = 0.5, 0.05, 0.7  # less coverage is enough for so little leak and such a rim
+CRUSTED, CRUSTED_LEAK, CRUSTED_ROUND = 0.4, 0.05, 0.8  # so little coverage is enough, with so little leak, so round,
+CRUSTED_WHOLE, CRUSTED_FILL = 0.88, 0.6  # where red or crust ends at so much of the rim, and so much inside is red
+PARTLY = 0.9  # of the rim shows, or less: something may hide the rest
 HALF, CLEAR_HALF = 0.5, 0.8  # of the rim in the picture: of less, so much must lie on the ellipse
 MOST_RAGGED, RAGGED_BLURS = 0.025, 0.6  # rms of the edges about the rim: of the semi-minor axis; of their blur
 MAX_BLUR, MIN_STEP = 0.24, 0.5  # sigma of the edge, of the semi-minor axis; fall at the rim, of that from the core
@@ -105,8 +107,10 @@ def _sharp(c: Candidate) -> bool:
 
 
 def _crusted(c: Candidate) -> bool:
-    """Something lies in patches over the rim; between them it is that of a disc, and no red continues outside."""
-    return c.evidence.leak <= CRUSTED_LEAK and quality(c.rim) >= CRUSTED_QUALITY
+    """A crust lies over the rim in patches: what is left is that of a disc, and the crust ends where the disc does."""
+    e = c.evidence
+    left = e.coverage >= CRUSTED and e.leak <= CRUSTED_LEAK and e.fill >= CRUSTED_FILL
+    return left and e.coverage + e.covered >= CRUSTED_WHOLE and roundness(c.rim) >= CRUSTED_ROUND
 
 
 def ragged(rim: Rim) -> bool:
@@ -128,7 +132,7 @@ GATES: tuple[tuple[str, Gate], ...] = (
     ("contrast", lambda c, _: c.evidence.contrast >= MIN_CONTRAST * paint_left(c.evidence)),
     ("surroundings", lambda c, _: c.evidence.contrast >= MIN_SHARE * c.evidence.redness),
     (COLOUR, lambda c, limits: c.off_colour <= 1 and not_brown(c.evidence, limits.marker)),
-    ("coverage", lambda c, _: c.evidence.coverage >= (CRUSTED if _crusted(c) else MIN_COVERAGE)),
+    ("coverage", lambda c, _: c.evidence.coverage >= MIN_COVERAGE or _crusted(c)),
     ("leak", lambda c, _: c.evidence.leak <= MAX_LEAK),
     ("visible", lambda c, _: c.rim.visible >= MIN_VISIBLE),
     ("visible", lambda c, _: c.rim.visible >= HALF * c.rim.support or quality(c.rim) >= CLEAR_HALF),
@@ -171,17 +175,25 @@ def priority(found: Evidence) -> float:
     """Before the rim is known: which candidates are worth its cost."""
     clear = found.contrast / (found.contrast + 2 * found.noise + 0.1)
     aspect = found.ellipse.semi_minor_px / found.ellipse.semi_major_px
-    return float(found.coverage * clear * aspect * found.fill * math.sqrt(found.visible))
+    covered = found.covered if partly_hidden(found) else 0.0
+    return float((found.coverage + covered) * clear * aspect * found.fill * math.sqrt(found.visible + covered))
+
+
+def partly_hidden(found: Evidence) -> bool:
+    """Before the rim is known: it may be a disc under a crust, whose edge draws the ellipse of redness in."""
+    shows = found.coverage + found.leak <= PARTLY and found.leak <= CRUSTED_LEAK
+    return shows and found.fill >= MIN_FILL and found.contrast >= MIN_CONTRAST * paint_left(found)
 
 
 def confidence(found: Candidate) -> float:
     """0 to 1, the probability of a disc: the odds are a product of powers of shares, each 1 where nothing is amiss."""
     e = found.evidence
     contrast = max(e.contrast, 1e-3)
+    covered = e.covered if _crusted(found) else 0.0
     shares = {
-        "support": found.rim.support,
+        "support": min(1.0, found.rim.support / (1 - covered)),
         "round": roundness(found.rim),
-        "coverage": e.coverage,
+        "coverage": e.coverage + covered,
         "sealed": 1 - e.leak,
         "clear": contrast / (contrast + e.noise + 0.03),
         "fill": e.fill,

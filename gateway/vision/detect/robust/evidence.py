@@ -33,6 +33,7 @@ class Evidence:
     ellipse: Ellipse
     coverage: float  # share of the rim in the picture that shows: red inside and not outside, or another red
     leak: float  # share of it where the red continues outside as if there were no rim; the rest is hidden: not red
+    covered: float  # share of it where what hides it ends there, too: a crust on the disc
     visible: float  # share of the entire rim that is red inside and not outside
     contrast: float  # median fall of redness across the rim, log units
     rise: float  # redness of the core less that outside: much more than the contrast where there is no rim but a glow
@@ -141,8 +142,10 @@ def measure(levels: Sequence[PyramidLevel], which: NDArray[np.intp], shapes: Sha
     used = np.asarray(rays.seen[..., m:].all(axis=2), np.bool_)
     within, beyond = np.median(rays.red[..., n:m], axis=2), np.median(rays.red[..., m:], axis=2)
     gap = within - beyond
-    contrast = masked_median(gap, used)
     around = masked_median(beyond, used)
+    # Of the rays on which it is red inside: what covers a half of the disc has no contrast of its own.
+    reddish = masked_rank(beyond, used, 1, 3) + constants.SHOWN * masked_rank(gap, used, 2, 3)
+    contrast = masked_median(gap, used & (within > reddish[:, None]))
     red_from = (around + constants.SHOWN * contrast)[:, None]
     red_within = np.asarray(within > red_from, np.bool_)
     # Just outside: a square's corner, a fold or a tube continues there, though farther out it may have ended.
@@ -153,6 +156,7 @@ def measure(levels: Sequence[PyramidLevel], which: NDArray[np.intp], shapes: Sha
     edged = np.asarray(steps > constants.EDGE_STEP * masked_median(steps, shown)[:, None], np.bool_)
     leak = used & red_within & red_beyond & ~edged
     seen = shown | (used & red_within & red_beyond & edged)
+    covered = used & ~red_within & ~red_beyond & edged
     noise = constants.SIGMAS * masked_median(np.abs(gap - contrast[:, None]), shown)
     red_enough = rays.red[..., :n] > red_from[..., None]
     inner_redness = masked_median(within, used & red_within)
@@ -175,6 +179,7 @@ def measure(levels: Sequence[PyramidLevel], which: NDArray[np.intp], shapes: Sha
             ellipse=Ellipse(*at, major * factor, minor * factor, angle),
             coverage=float(seen[row].sum() / used[row].sum()),
             leak=float(leak[row].sum() / used[row].sum()),
+            covered=float(covered[row].sum() / used[row].sum()),
             visible=float(seen[row].sum() / RAYS),
             contrast=float(contrast[row]),
             rise=float(core[row] - around[row]),
@@ -203,7 +208,12 @@ def _steps(inside: Colours, outside: Colours) -> Plane:
 
 def masked_median(values: Plane, mask: NDArray[np.bool_]) -> Plane:
     """(K,): of the values of each row where the mask is set (the lower of two in the middle); 0 where it is nowhere."""
+    return masked_rank(values, mask, 1, 2)
+
+
+def masked_rank(values: Plane, mask: NDArray[np.bool_], part: int, of: int) -> Plane:
+    """(K,): the value that `part` `of` them lie below."""
     count = mask.sum(axis=1)
     ordered = np.sort(np.where(mask, values, np.inf), axis=1)
-    middle = ordered[np.arange(len(values)), np.maximum(count - 1, 0) // 2]
-    return np.asarray(np.where(count > 0, middle, 0), np.float32)
+    there = ordered[np.arange(len(values)), np.maximum(count - 1, 0) * part // of]
+    return np.asarray(np.where(count > 0, there, 0), np.float32)

@@ -6,7 +6,7 @@ from dataclasses import replace
 from itertools import zip_longest
 
 from gateway.core.detection import Circle, Ellipse
-from gateway.vision.detect.geometry import encloses, same_candidate, same_ellipse
+from gateway.vision.detect.geometry import crosses, encloses, same_candidate, same_ellipse
 from gateway.vision.detect.robust import candidates, constants, measurement, proposer, rings, veil
 from gateway.vision.detect.robust.burnt import of_the_legible
 from gateway.vision.detect.robust.candidates import Seed
@@ -22,6 +22,7 @@ from gateway.vision.detect.robust.decision import (
     confidence,
     failed_gate,
     hopeless,
+    partly_hidden,
     priority,
     weight,
 )
@@ -43,6 +44,7 @@ SURE = 0.9  # confidence from which on a marker in clear air ends the search
 FINEST_PX = 10.0  # radius of the smallest disc on the finest level, px of it, at least
 COARSEST_PX = 8  # side of the coarsest level
 FLAT = 0.8  # semi-minor by semi-major axis below which a circle is tried, too
+HIDDEN_REACH = 0.2  # how far off the rim of a disc in part hidden is searched for, of its radius
 EXPECTED_REACH = 0.25  # how far off a prediction's rim is searched for, of its radius
 
 
@@ -212,11 +214,10 @@ def _refined(
     rims: list[Rim] = []
     for found in worth:
         why = hopeless(found, limits)
-        rim = _rim_near(image, found.ellipse, found.veil) if why is None else None
-        if rim is None:
+        near = list(_rims_near(image, found)) if why is None else []
+        if not near:
             rejected.append((priority(found), circle_of(found.ellipse), why or "rim"))
-        elif not any(same_ellipse(rim.ellipse, other.ellipse) for other in rims):
-            rims.append(rim)
+        rims += [rim for rim in near if not any(same_ellipse(rim.ellipse, other.ellipse) for other in rims)]
     measured = measurement.of_ellipses(levels, [rim.ellipse for rim in rims])
     return [
         _candidate(image, levels, rim, found, limits) for rim, found in zip(rims, measured, strict=True) if found
@@ -234,6 +235,20 @@ def _share_at(dust: Veil | None, level: PyramidLevel, place: Ellipse) -> float:
     if dust is None:
         return 0.0
     return replace(level, veil=dust.share).veil_at(place.u_px, place.v_px)
+
+
+def _rims_near(image: Colours, found: Evidence) -> Iterator[Rim]:
+    """The rim near the one seen in redness; of a disc in part hidden also that near a circle, from farther off."""
+    rim = _rim_near(image, found.ellipse, found.veil)
+    if rim is None:
+        return
+    yield rim
+    if partly_hidden(found):
+        e = rim.ellipse
+        circle = Ellipse(e.u_px, e.v_px, e.semi_major_px, e.semi_major_px, 0.0)
+        wider = rim_behind_veil(image, circle, found.veil, HIDDEN_REACH * e.semi_major_px)
+        if wider is not None:
+            yield wider
 
 
 def _rim_near(image: Colours, seen: Ellipse, share: float = 0.0) -> Rim | None:
@@ -265,7 +280,7 @@ def _decided(
         why = SHAPE if on_a_sign else gate  # the sign itself, or the inside of a letter on it
         if why is not None and why != SIZE:
             rejected.append((1 + confidence(found), circle_of(found.rim.ellipse), why))
-        elif not any(same_ellipse(found.rim.ellipse, other.rim.ellipse) for other, _ in discs):
+        elif not any(_same_disc(found, other) for other, _ in discs):
             discs.append((found, why))
     for inner, _ in tuple(discs):
         outer = _outer(image, levels, inner, limits)
@@ -286,6 +301,12 @@ def _of_one_paint(image: Colours, disc: Candidate, discs: Sequence[tuple[Candida
         for rim in rims
         if rim.semi_major_px < disc.rim.ellipse.semi_minor_px and encloses(disc.rim.ellipse, rim)
     )
+
+
+def _same_disc(found: Candidate, surer: Candidate) -> bool:
+    """One rim fitted twice, or one that crosses a sure one."""
+    ours, other = found.rim.ellipse, surer.rim.ellipse
+    return same_ellipse(ours, other) or (confidence(surer) >= SURE and crosses(ours, other))
 
 
 def _outer(

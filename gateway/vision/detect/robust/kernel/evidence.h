@@ -9,7 +9,7 @@
 
 typedef struct { /* `evidence_kernel._ROW`: what is asked, px of the full frame; in its place what was found */
     Shape shape;
-    double found, coverage, leak, visible, contrast, rise, noise, fill, hollow, redness, haze, colour[3];
+    double found, coverage, leak, covered, visible, contrast, rise, noise, fill, hollow, redness, haze, colour[3];
 } EvidenceRow;
 
 typedef struct {
@@ -19,15 +19,20 @@ typedef struct {
     double values[CORE_END * RADIAL], again[CORE_END * RADIAL], room[2 * CORE_END * RADIAL];
 } EvidenceWork;
 
-/* `evidence.masked_median`: the lower of two in the middle, 0 of none. */
-static float marked_median(const float *values, const uint8_t *mark, EvidenceWork *w)
+/* `evidence.masked_rank`: 0 of none. */
+static float marked_rank(const float *values, const uint8_t *mark, int part, int of, EvidenceWork *w)
 {
     int count = 0;
     for (int i = 0; i < RADIAL; i++) {
         w->values[count] = (double)values[i];
         count += mark[i];
     }
-    return count ? (float)nth(w->values, count, (count - 1) / 2, w->room) : 0;
+    return count ? (float)nth(w->values, count, (count - 1) * part / of, w->room) : 0;
+}
+
+static float marked_median(const float *values, const uint8_t *mark, EvidenceWork *w)
+{
+    return marked_rank(values, mark, 1, 2, w);
 }
 
 /* Of an even number of samples: the mean of the two in the middle. */
@@ -177,7 +182,7 @@ static int measured_on(const Level *level, const Shape *shape, const EvidenceTab
 {
     RingSamples *r = &w->rings;
     float edge_step = (float)EDGE_STEP, shown_from = (float)SHOWN;
-    int n = (int)t->disc, m = n + (int)t->inside, count = m + (int)t->inside, seen = 0, leaks = 0, visible = 0, empty = 0;
+    int n = (int)t->disc, m = n + (int)t->inside, count = m + (int)t->inside, seen = 0, leaks = 0, covers = 0, visible = 0, empty = 0;
     int64_t red_area = 0, area = 0;
     float within[RADIAL], beyond[RADIAL], next[RADIAL], gap[RADIAL], steps[RADIAL];
     uint8_t used[RADIAL], red_within[RADIAL], red_next[RADIAL], shown[RADIAL], both[RADIAL];
@@ -195,7 +200,10 @@ static int measured_on(const Level *level, const Shape *shape, const EvidenceTab
     ray_medians(r->red + m, NEXT_TO_RIM, next);
     for (int i = 0; i < RADIAL; i++)
         gap[i] = within[i] - beyond[i];
-    float contrast = marked_median(gap, used, w), around = marked_median(beyond, used, w);
+    float reddish = marked_rank(beyond, used, 1, 3, w) + shown_from * marked_rank(gap, used, 2, 3, w);
+    for (int i = 0; i < RADIAL; i++)
+        both[i] = used[i] & (within[i] > reddish);
+    float contrast = marked_median(gap, both, w), around = marked_median(beyond, used, w);
     float red_from = around + shown_from * contrast;
     colour_steps(r, m, steps);
     for (int i = 0; i < RADIAL; i++) {
@@ -206,6 +214,7 @@ static int measured_on(const Level *level, const Shape *shape, const EvidenceTab
     for (int i = 0; i < RADIAL; i++) {
         int edged = steps[i] > edge_step * usual, through = used[i] & red_within[i] & red_next[i];
         leaks += through & !edged;
+        covers += used[i] & !red_within[i] & !red_next[i] & edged;
         visible += shown[i] | (through & edged);
         both[i] = used[i] & red_within[i];
     }
@@ -225,7 +234,8 @@ static int measured_on(const Level *level, const Shape *shape, const EvidenceTab
             area += (s + 1) * counts;
             red_area += (s + 1) * (counts & (r->red[s][i] > red_from));
         }
-    row->coverage = (double)visible / seen, row->leak = (double)leaks / seen, row->visible = (double)visible / RADIAL;
+    row->coverage = (double)visible / seen, row->leak = (double)leaks / seen;
+    row->covered = (double)covers / seen, row->visible = (double)visible / RADIAL;
     row->contrast = (double)contrast, row->noise = (double)((float)SIGMAS * marked_median(gap, shown, w));
     row->rise = (double)(even_median(r->red, CORE_END, w) - around);
     row->fill = (double)red_area / (double)(area ? area : 1);

@@ -19,7 +19,7 @@ from gateway.vision.pixels import adjacent
 _Pointer, _Int = ctypes.c_void_p, ctypes.c_int64
 _LEVEL = struct.Struct("=5q")
 _SHAPE = struct.Struct("=6d")
-_ROW = struct.Struct("=20d")
+_ROW = struct.Struct("=21d")
 _FIELDS = ("cos", "sin", "log", "wide", "close", "rings", "triples")
 _COUNTS = ("wide_count", "close_count", "triple_count", "disc", "inside", "fused")
 
@@ -121,12 +121,10 @@ def possible(levels: Sequence[PyramidLevel]) -> bool:
 
 
 def _evidence_of(row: tuple[float, ...], angle_rad: float, level: PyramidLevel) -> Evidence:
-    u, v, major, minor, _, _, _, coverage, leak, visible, contrast, rise, noise, fill, hollow, redness_, haze, *bgr = (
-        row
-    )
-    blue, green, red = bgr
+    u, v, major, minor, _, _, _, coverage, leak, covered, visible, contrast, rise, noise, *rest = row
+    fill, hollow, redness_, haze, blue, green, red = rest
     return Evidence(
-        ellipse=Ellipse(u, v, major, minor, angle_rad), coverage=coverage, leak=leak, visible=visible,
-        contrast=contrast, rise=rise, noise=noise, fill=fill, hollow=hollow, redness=redness_,
+        ellipse=Ellipse(u, v, major, minor, angle_rad), coverage=coverage, leak=leak, covered=covered,
+        visible=visible, contrast=contrast, rise=rise, noise=noise, fill=fill, hollow=hollow, redness=redness_,
         veil=level.veil_at(u, v), haze=haze, colour=(blue, green, red),
     )  # fmt: skip
