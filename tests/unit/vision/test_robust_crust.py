@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,9 +11,12 @@ from gateway.config import VisionConfig
 from gateway.core.detection import Detection, Ellipse
 from gateway.vision.detect.geometry import crosses
 from gateway.vision.detect.robust import measurement
+from gateway.vision.detect.robust.decision import Candidate, Limits
 from gateway.vision.detect.robust.detect import detect
-from gateway.vision.detect.robust.evidence import masked_rank
+from gateway.vision.detect.robust.evidence import Evidence, masked_rank
 from gateway.vision.detect.robust.redness import pyramid
+from gateway.vision.detect.robust.rim_fine import Rim
+from gateway.vision.detect.robust.search import _decided, _rims_near
 from gateway.vision.pixels import Image
 from tests import decoys
 
@@ -20,6 +24,7 @@ pytestmark = pytest.mark.one_interpreter
 
 U, V, R = 161.4, 118.7, 60.0
 CEMENT, PORT = (168.0, 172.0, 176.0), (70.0, 72.0, 71.0)
+LIMITS = Limits(min_radius_px=5.0, max_radius_px=200.0, min_confidence=0.5)
 Lump = tuple[float, float]  # direction (degrees, 90: down), radius in disc radii, centred on the rim
 
 
@@ -123,3 +128,36 @@ def test_rims_that_cross_are_not_one_in_the_other(u: float, major: float, expect
 
     assert crosses(one, other) is expected
     assert crosses(other, one) is expected
+
+
+def test_of_rims_that_cross_the_surest_counts_not_the_largest() -> None:
+    image = np.full((240, 320, 3), 120, np.uint8)
+    levels = pyramid(image, 1, 8)
+    at = Ellipse(U, V, 40.0, 40.0, 0.0)
+    sure = Candidate(
+        Rim(at, rms_px=0.0, support=1.0, visible=1.0, contrast=100.0, inliers=190, blur_px=1.0, wave_px=0.0),
+        Evidence(at, 1, 0, 0, 1, 1, 1, 0, 1, 0, 1, 0, 0, (40, 40, 190)),
+    )
+    larger = replace(at, u_px=U + 9, semi_major_px=43.0, semi_minor_px=43.0)
+    drawn_out = Candidate(replace(sure.rim, ellipse=larger, support=0.7), replace(sure.evidence, ellipse=larger))
+    beside = replace(drawn_out, rim=replace(drawn_out.rim, ellipse=replace(larger, u_px=U + 120)))
+
+    assert _decided(image, levels, [sure, drawn_out], LIMITS)[0] == sure
+    assert _decided(image, levels, [sure, beside], LIMITS)[0] == beside
+
+
+def test_the_rim_of_a_disc_in_part_hidden_is_also_searched_for_farther_off() -> None:
+    drawn_in = Ellipse(U, V - 0.18 * R, 0.98 * R, 0.8 * R, 0.0)
+    image = crusted(0.36, ((195.0, 0.25),))
+    (found,) = measurement.of_ellipses(pyramid(image, 1, 8), [drawn_in])
+    assert found is not None
+    *_, rim = rims = list(_rims_near(image, found))
+
+    assert len(rims) == 2
+    e = rim.ellipse
+    assert (e.u_px, e.v_px, e.semi_major_px) == pytest.approx((U, V, R), abs=0.02 * R)
+
+    clean = crusted(1.2)
+    (whole,) = measurement.of_ellipses(pyramid(clean, 1, 8), [Ellipse(U, V, R, R, 0.0)])
+    assert whole is not None
+    assert len(list(_rims_near(clean, whole))) == 1
