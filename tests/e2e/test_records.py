@@ -106,6 +106,10 @@ def test_what_was_recorded_up_to_a_second_before_a_crash_is_there(tmp_path: Path
         port = gateway.started()["modbus_port"]
         with Plc(port) as plc:
             plc.wait_for(lambda image: True)
+            deadline = time.monotonic() + 30  # the recorder process gives way to all others
+            while not any((tmp_path / "records").glob("*/bay1/*")):
+                assert time.monotonic() < deadline
+                time.sleep(0.05)
             beats = plc.wait_for_beats(200)[-1].image["heartbeat"]
         os.kill(gateway.process.pid, signal.SIGKILL)
         gateway.process.wait(10)

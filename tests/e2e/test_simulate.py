@@ -146,7 +146,8 @@ def check_polls(plc: Plc, states: list[Row]) -> None:
         if state is None:
             continue
         assert poll.image["stop"] == state["stop"]
-        assert abs(poll.image["timestamp"] - state["unix_ms"]) <= 5
+        # Each comes from two clocks read one after the other; a busy machine does other work between them.
+        assert abs(poll.image["timestamp"] - state["unix_ms"]) <= 100
         if state["r"] is not None and poll.image["radius"] is not None:
             assert poll.image["radius"] == pytest.approx(state["r"], abs=0.06)
         if state["z_mm"] is not None and poll.image["distance"] is not None:
