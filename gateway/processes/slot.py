@@ -102,6 +102,11 @@ class ProcessSlot(Generic[Out, In]):
             raise
         self._begun(child, role.job, process)
 
+    @property
+    def made(self) -> bool:
+        """Whether there is a process: its template may still have to make it."""
+        return self._child is not None and self._child.process is not None
+
     def send(self, message: Out, fds: Sequence[int] = ()) -> None:
         """Never waits. A child that does not take its messages is killed; without one nothing is sent. One that the
         template has still to make gets its messages after its job."""

@@ -263,7 +263,7 @@ class RecorderService:
                 self._send(slot)
 
     def _send(self, slot: ProcessSlot[ToRecorder, FromRecorder]) -> None:
-        while self._wanted:
+        while self._wanted and slot.made:  # until then the newest hundred wait here
             slot.send(self._wanted.popleft())
         for bay, collector in self.collectors.items():
             while self._bytes < UNACKNOWLEDGED_BYTES and (chunk := collector.take()) is not None:

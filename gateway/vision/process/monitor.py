@@ -169,7 +169,8 @@ class ProcessMonitor:
         if not 0 <= result.t_capture_ns <= now_ns:
             self.failed(token, "result of a frame of another time", now_ns)
             return
-        self._process_failures = 0
+        if self._result_ns:  # a second one: what comes after the first result of a process has not ended it
+            self._process_failures = 0
         self._start_deadline.ran((now_ns - self._opened_ns) / NS_PER_S)
         self._received_ns = self._result_ns = now_ns
         if result.picture is not None:

@@ -359,10 +359,14 @@ def test_a_result_after_the_deadline_is_ignored() -> None:
     assert bench.qualities() == [Quality.GOOD, Quality.PROCESS_FAULT]
 
 
-def test_the_first_failure_is_replaced_at_once_later_ones_with_a_delay_until_a_result() -> None:
+@pytest.mark.parametrize("results", [0, 1])
+def test_the_first_failure_is_replaced_at_once_later_ones_with_a_delay_until_a_second_result(results: int) -> None:
+    """What is done after a result, as the picture's measurement, may fail, too."""
     bench = running()
     delays_ms = []
     for _ in range(4):
+        for _ in range(results):
+            bench.look()
         bench.frame()
         bench.die()
         delays_ms.append(bench.until_started())
@@ -370,6 +374,7 @@ def test_the_first_failure_is_replaced_at_once_later_ones_with_a_delay_until_a_r
     for waited, ceiling in zip(delays_ms[1:], (201, 401, 801), strict=True):
         assert 100 <= waited <= ceiling
 
+    bench.look()
     bench.look()
     bench.frame()
     bench.die()

@@ -169,6 +169,17 @@ def test_the_cyan_of_a_wall_makes_no_grey_disc_red(colour: tuple[float, float, f
     assert detect(wall(colour, (grey, grey, grey)), PARAMS).circle is None
 
 
+@pytest.mark.parametrize(("colour", "grey"), [((140, 145, 105), 98), ((165, 161, 121), 122), ((221, 221, 216), 185)])
+def test_nor_does_it_beside_something_dark_where_no_veil_was_estimated(colour: tuple[int, int, int], grey: int) -> None:
+    image = np.empty((240, 320, 3), np.uint8)
+    image[:] = colour
+    image[60:90, 230:242] = 40
+    cv2.circle(image, (170, 159), 40, (grey, grey, grey), -1, cv2.LINE_AA)
+
+    assert detect(image, PARAMS).circle is None
+    assert detect(cv2.GaussianBlur(image, (0, 0), 0.8).astype(np.uint8), PARAMS).circle is None
+
+
 @pytest.mark.parametrize("ground", [90.0, 120.0])
 def test_what_is_much_lighter_than_dust_has_to_be_red_by_itself(ground: float) -> None:
     pale = detect(wall((ground, ground, ground), (178, 178, 188)), PARAMS)

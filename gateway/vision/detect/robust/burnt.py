@@ -5,17 +5,16 @@ from dataclasses import replace
 import numpy as np
 
 from gateway.core.detection import Ellipse
-from gateway.vision.detect.robust.conic import outline
 from gateway.vision.detect.robust.constants import WHITE
 from gateway.vision.detect.robust.evidence import Evidence
 from gateway.vision.detect.robust.marker_colour import BRIGHTEST
+from gateway.vision.detect.robust.own_colour import scaled
 from gateway.vision.detect.robust.redness import Light
 from gateway.vision.detect.robust.rim_fine import Rim
 from gateway.vision.pixels import Colours
 
 INSIDE, OUTSIDE = 0.92, 1.08  # of the radius
 LEAST = 0.6  # of the rim in the picture: of less it may be half a disc, before a white wall
-_TURNS = np.arange(72.0) * (2 * np.pi / 72)
 
 
 def of_the_legible(image: Colours, rim: Rim, found: Evidence, airlight: Light) -> tuple[Rim, Evidence]:
@@ -33,15 +32,10 @@ def of_the_legible(image: Colours, rim: Rim, found: Evidence, airlight: Light) -
 def _legible(image: Colours, rim: Ellipse) -> float:
     """Of the rim in the picture."""
     height, width = image.shape[:2]
-    inner, outer = (
-        np.stack(
-            outline(replace(rim, semi_major_px=at * rim.semi_major_px, semi_minor_px=at * rim.semi_minor_px), _TURNS)
-        )
-        for at in (INSIDE, OUTSIDE)
-    )
+    inner, outer = (np.stack(scaled(rim, share)) for share in (INSIDE, OUTSIDE))
     beyond = np.array([[width - 1], [height - 1]])
     seen = ((outer >= 0) & (outer <= beyond)).all(axis=0)
-    white = np.ones(_TURNS.size, np.bool_)
+    white = np.ones(seen.size, np.bool_)
     for u, v in (np.clip(np.rint(at), 0, beyond).astype(np.intp) for at in (inner, outer)):
         white &= image[v, u].min(axis=1) >= WHITE
     return 1.0 - np.count_nonzero(white & seen) / max(1, int(np.count_nonzero(seen)))

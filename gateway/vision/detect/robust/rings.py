@@ -8,15 +8,14 @@ over with the red beside that rim, and has to pass every gate like any other dis
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import cast
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from gateway.core.detection import Ellipse
-from gateway.vision.detect.robust.conic import outline
 from gateway.vision.detect.robust.evidence import levels_of_radii
+from gateway.vision.detect.robust.own_colour import colours_at, scaled
 from gateway.vision.detect.robust.radial_sampling import COS, SIN, RaySamples, sample_rays
 from gateway.vision.detect.robust.redness import DARK, Plane, PyramidLevel, redness
 from gateway.vision.pixels import Colours
@@ -33,7 +32,6 @@ MOST_SIDE = 32_767  # of a picture that OpenCV samples
 AT_EDGE, AT_CORE, BEYOND = 0.96, 0.5, 1.06  # of the outer radius, and of the inner one
 OF_ITS_PAINT, RUST, RUSTY = 0.6, 0.65, 0.1  # of the inner disc's redness; log units at most; more lean than there
 GLANCE = np.exp(np.arange(0.1, 1.3, 0.06))  # of the radius: a window shows little more
-_AROUND = np.arange(72.0) * (2 * np.pi / 72)
 _TURNS = np.arange(10) * (2 * np.pi / 10)
 GLANCE_U, GLANCE_V = (np.outer(GLANCE, way(_TURNS)).astype(np.float32) for way in (np.cos, np.sin))
 
@@ -66,28 +64,17 @@ def red_beyond(image: Colours, rim: Ellipse, redness_of_it: float) -> bool:
 
 def of_its_paint(image: Colours, outer: Ellipse, inner: Ellipse) -> bool:
     """Whether just inside a rim is the paint of another disc within it, not rust: less red, and nearer to yellow."""
-    ring, core = (
-        outline(replace(of, semi_major_px=share * of.semi_major_px, semi_minor_px=share * of.semi_minor_px), _AROUND)
-        for of, share in ((outer, AT_EDGE), (inner, AT_CORE))
-    )
+    ring, core = scaled(outer, AT_EDGE), scaled(inner, AT_CORE)
     u, v = ring[0] - inner.u_px, ring[1] - inner.v_px
     c, s = math.cos(inner.angle_rad), math.sin(inner.angle_rad)
     away = np.hypot((c * u + s * v) / inner.semi_major_px, (c * v - s * u) / inner.semi_minor_px)
-    beyond = _colours_at(image, ring[0][away > BEYOND], ring[1][away > BEYOND])
-    within = _colours_at(image, *core)
+    beyond = colours_at(image, ring[0][away > BEYOND], ring[1][away > BEYOND])
+    within = colours_at(image, *core)
     if min(len(beyond), len(within)) < FEWEST:
         return True
     at_rim, own = (np.median(colours, axis=0).astype(np.float32) for colours in (beyond, within))
     less_red = float(redness(at_rim)) < min(RUST, OF_ITS_PAINT * float(redness(own)))
     return not (less_red and _lean(at_rim) > _lean(own) + RUSTY)
-
-
-def _colours_at(image: Colours, u: NDArray[np.float64], v: NDArray[np.float64]) -> Colours:
-    """(N, 3): the nearest pixels of the places in the picture."""
-    height, width = image.shape[:2]
-    seen = (u >= 0) & (u <= width - 1) & (v >= 0) & (v <= height - 1)
-    rows, columns = (np.rint(at[seen]).astype(np.intp) for at in (v, u))
-    return cast("Colours", image[rows, columns])
 
 
 def _lean(bgr: Plane) -> float:

@@ -28,7 +28,8 @@ from gateway.vision.detect.robust.decision import (
 )
 from gateway.vision.detect.robust.evidence import Evidence
 from gateway.vision.detect.robust.facets import cornered
-from gateway.vision.detect.robust.redness import PyramidLevel, pyramid
+from gateway.vision.detect.robust.own_colour import is_red_itself
+from gateway.vision.detect.robust.redness import BLACK, PyramidLevel, pyramid
 from gateway.vision.detect.robust.rim_fine import Rim
 from gateway.vision.detect.robust.veil import Veil
 from gateway.vision.detect.stage_timer import StageTimer
@@ -149,8 +150,16 @@ def _judged(
 
 def _refused(image: Colours, found: Candidate, limits: Limits) -> str | None:
     """The code of the first gate that it does not pass; of what passes all but the last, the corners are looked for."""
-    why = failed_gate(found, limits)
+    why = _failed(image, found, limits)
     return SHAPE if why in (None, SIZE) and cornered(image, found.rim) else why
+
+
+def _failed(image: Colours, found: Candidate, limits: Limits) -> str | None:
+    """The code of the first gate that it does not pass. What was found less a veil must be red in the picture, too:
+    before a cyan wall, taken for dust, the subtraction makes a grey disc red."""
+    why = failed_gate(found, limits)
+    own = why not in (None, SIZE) or found.airlight == BLACK or is_red_itself(image, found.rim.ellipse)
+    return why if own else COLOUR
 
 
 def levels_of(image: Colours, limits: Limits) -> list[PyramidLevel]:
@@ -273,7 +282,7 @@ def _decided(
     """The marker, and the others with the reason."""
     rejected: list[Rejected] = []
     discs: list[tuple[Candidate, str | None]] = []  # of any size; each once, as the level that shows it best has it
-    judged = [(found, failed_gate(found, limits)) for found in sorted(refined, key=weight, reverse=True)]
+    judged = [(found, _failed(image, found, limits)) for found in sorted(refined, key=weight, reverse=True)]
     signs = [c.rim.ellipse for c, why in judged if why in (None, SIZE) and cornered(image, c.rim)]
     for found, gate in judged:
         on_a_sign = gate in (None, SIZE) and any(encloses(sign, found.rim.ellipse) for sign in signs)
@@ -295,11 +304,12 @@ def _decided(
 
 def _of_one_paint(image: Colours, disc: Candidate, discs: Sequence[tuple[Candidate, str | None]]) -> bool:
     """Whether it is as red near its rim as every smaller disc within it."""
-    rims = (inner.rim.ellipse for inner, _ in discs)
+    outer = disc.rim.ellipse
+    within = (inner.rim.ellipse for inner, _ in discs if encloses(outer, inner.rim.ellipse))
     return all(
-        rings.of_its_paint(image, disc.rim.ellipse, rim)
-        for rim in rims
-        if rim.semi_major_px < disc.rim.ellipse.semi_minor_px and encloses(disc.rim.ellipse, rim)
+        rings.of_its_paint(image, outer, rim)
+        for rim in within
+        if rim.semi_major_px < outer.semi_minor_px and not crosses(outer, rim)
     )
 
 
