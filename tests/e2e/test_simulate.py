@@ -420,7 +420,7 @@ def test_ctrl_c_while_it_starts_ends_it_without_a_traceback(library: str) -> Non
         os.killpg(process.pid, signal.SIGINT)
         out, err = process.communicate(timeout=60)
     assert b"Traceback" not in out + err, err.decode()
-    assert process.returncode in (0, 130)
+    assert process.returncode in (0, 130, -signal.SIGINT)
 
 
 def test_what_is_printed_for_people_begins_with_the_addresses() -> None:

@@ -116,8 +116,8 @@ def family(role: str = "") -> list[psutil.Process]:
 
 
 def named_memory() -> list[str]:
-    """Named shared memory, except the state vectors and event stores of gateways that other tests may be running."""
-    return sorted(name for name in os.listdir("/dev/shm") if not name.startswith("loading-gateway"))
+    """Named shared memory, except that of gateways and databases that other tests may be running."""
+    return sorted(name for name in os.listdir("/dev/shm") if not name.startswith(("loading-gateway", "PostgreSQL.")))
 
 
 @pytest.fixture(scope="module", autouse=True)
