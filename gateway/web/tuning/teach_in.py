@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from gateway.config import BayConfig, VisionConfig
+from gateway.config import BayConfig
 from gateway.core import teach_in
 from gateway.core.interlock import Recipe
 from gateway.core.readings import QUALITY_MEANING, Quality
@@ -150,16 +150,21 @@ class TeachInSessions:
         elif now_ns >= session.end_ns or len(session.samples) >= MAX_SAMPLES:
             session.suggestion = teach_in.suggest(session.samples, session.bay, session.size_px, state.memory.scale)
             if session.suggestion.values:
-                session.colour = self._colour(session.bay.name, session.suggestion.spreads, report.now.vision)
+                session.colour = self._colour(session.bay.name, session.suggestion.spreads, report)
             self._end(session, now_ns)
 
-    def _colour(self, bay: str, spreads: Spreads, vision: VisionConfig) -> TaughtColour | None:
-        """What is seen of the marker's inner half, where it is far from the configured colour."""
-        frame, u, v, radius = self._client.snapshot(bay), spreads.u_px, spreads.v_px, spreads.radius_px
+    def _colour(self, bay: str, spreads: Spreads, report: BayReport) -> TaughtColour | None:
+        """What is seen of the marker's inner half, where it is far from the configured colour. A marker that was found
+        lies within the gate: what does not is something else in its place.
+        """
+        if report.now.state.vision.quality is not Quality.GOOD:
+            return None
+        vision, frame = report.now.vision, self._client.snapshot(bay)
+        u, v, radius = spreads.u_px, spreads.v_px, spreads.radius_px
         if vision.method != "robust" or frame is None or u is None or v is None or radius is None:
             return None
         seen = marker_pick.pick(frame.image, u.median, v.median, round(radius.median), vision.marker_colour)
-        if not seen.keys or seen.distance <= HALF_WAY:
+        if not seen.keys or not HALF_WAY < seen.distance < 1:
             return None
         way = f"seen here {100 * seen.distance:.0f} % of the way from the marker's colour to the limit"
         return TaughtColour(seen.keys["marker_colour"], vision.marker_colour, way)

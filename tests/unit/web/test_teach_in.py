@@ -235,6 +235,24 @@ async def test_a_colour_more_than_half_way_to_the_gate_is_offered_with_the_thres
         assert rows == [[{"key": "vision.marker_colour", "value": "#c81e96", "old": None, "why": why}], [], [], []]
 
 
+@pytest.mark.parametrize(("background", "covered"), [(FAR_MAGENTA, True), ((200, 60, 30), False)])
+@pytest.mark.one_interpreter
+@in_virtual_time
+async def test_the_colour_of_something_else_in_the_markers_place_is_not_offered(
+    background: tuple[int, int, int], covered: bool
+) -> None:
+    async with truck() as it:
+        await it.stand(1)
+        frame = np.full((HEIGHT, WIDTH, 3), background, np.uint8)
+        it.made.rings["bay1"].write(frame, 2, it.made.client.clock.now_ns())
+        await it.start(seconds=20)
+        await it.stand(19.5)
+        it.circle = None if covered else it.circle
+        await it.stand(1)
+        view = await it.view()
+        assert (view["phase"], len(view["result"]["changes"])) == ("done", 4)
+
+
 def test_it_does_not_begin_with_a_contradiction() -> None:
     good = StateVector(
         "bay1", vision=VisionReading(0, Quality.GOOD, Circle(1, 2, 3)), range=RangeReading(0, Quality.GOOD, 600.0)
