@@ -13,6 +13,8 @@ from gateway.core.readings import EXPOSURE_MEANING, PictureFault
 from gateway.core.state import MOVED_MEANING, Moved
 
 _NUMBER = r"([-+]?\d[\d.]*)"
+MOST_CHARACTERS = 600  # of a text: the time that a search may take grows with the square of it and more
+MOST_DEPTH = 6  # of sentences in one another
 
 
 @dataclass(frozen=True)
@@ -239,8 +241,10 @@ class Sentences:
     @lru_cache(maxsize=2048)  # noqa: B019 - the tables are there as long as the process
     def told(self, text: str) -> tuple[Told, ...]:
         """The sentences of a text, which are joined by "; " or ", " where there are several; empty: it is another's,
-        such as an error of a device.
+        such as an error of a device, or longer than MOST_CHARACTERS.
         """
+        if len(text) > MOST_CHARACTERS:
+            return ()
         for parts in (text.split("; "), [text], text.split(", ")):
             found = [self._one(part) for part in parts]
             if None not in found:

@@ -1,11 +1,14 @@
 """The table of sentences: each is found again by its text, with its values, and each is in every language."""
 
+from typing import Any
+
 import pytest
 
 from gateway.core import details
 from gateway.core.details import DETAILS, Detail, told
 from gateway.modbus.protocol.answers import MAY_NOT_WRITE
 from gateway.records.sentences import SENTENCES
+from gateway.records.sentences import said as said_of_account
 from gateway.web.languages import languages
 from gateway.web.server.models import said
 from tests.page_texts import of_the_details
@@ -40,6 +43,24 @@ def test_a_text_of_several_sentences_and_one_in_another() -> None:
 
 def test_what_is_not_the_gateways_own_has_no_code() -> None:
     assert [told(text) for text in ("", "connection refused", "[Errno 19] No such device, errno 19")] == [()] * 3
+
+
+@pytest.mark.parametrize("word", ["by ", "camera: ", "x, connection y: "])
+def test_a_text_that_is_too_long_is_anothers(word: str) -> None:
+    for text in (word * 1000, ("by " + "x" * 600)[:601]):
+        assert (told(text), SENTENCES.told(text), said(text), said_of_account(text)) == ((), (), (), [])
+    assert told(("by " + "x" * 600)[:600]) != ()
+
+
+def test_sentences_in_one_another_end_at_a_depth() -> None:
+    value: Any = said("by " * 199 + "x")
+    for _ in range(6):
+        ((value,),) = (one.values for one in value)
+    assert value == "by " * 193 + "x"
+    found: Any = said_of_account("camera: " * 70 + "x")
+    for _ in range(6):
+        ((found,),) = (one["values"] for one in found)
+    assert found == "camera: " * 64 + "x"
 
 
 def test_the_refusal_of_a_write_is_the_servers() -> None:
