@@ -227,6 +227,52 @@ async def test_a_database_of_the_first_layout_gets_the_journal_of_alarms(server:
     assert abs(int(told[1]) - (t_ns + offset_ns) // 1_000_000) <= 1000
 
 
+def second(server: Postgres, schema: str) -> None:
+    """Tables of layout 2."""
+    server.sql(tables.create(schema))
+    server.sql(
+        f"ALTER TABLE {schema}.visits DROP COLUMN visible, DROP COLUMN contrast; "
+        f"DELETE FROM {schema}.layout WHERE version = 3"
+    )
+
+
+@in_real_time
+async def test_a_role_that_does_not_own_the_older_tables_writes_them_as_they_are(server: Postgres, schema: str) -> None:
+    second(server, schema)
+    server.sql(
+        f"CREATE ROLE other_{schema} LOGIN PASSWORD 'w'; GRANT CREATE ON DATABASE plant TO other_{schema}; "
+        f"GRANT USAGE ON SCHEMA {schema} TO other_{schema}; "
+        f"GRANT SELECT, INSERT ON ALL TABLES IN SCHEMA {schema} TO other_{schema}"
+    )
+    plant = Plant(f"postgresql://other_{schema}:w@127.0.0.1:{server.port}/plant", schema)
+    async with plant.running():
+        plant.happen(EventKind.START)
+        await plant.until(lambda: plant.written == 1)
+        await plant.stop()
+    assert plant.link_errors == 0
+    assert ids(server, schema) == numbered(1)
+    settings = {"url": server.url, "schema_name": schema, "create_tables": False}
+    (found,) = await asyncio.to_thread(lambda: list(databases(GatewayConfig(sinks={"postgresql": settings}))))
+    assert (found.verdict, "have version 2, and this user may insert" in found.result) == (Verdict.OK, True)
+
+
+@in_real_time
+async def test_a_long_report_over_older_tables_delays_the_first_rows_only(server: Postgres, schema: str) -> None:
+    second(server, schema)
+    report = f"BEGIN; SELECT count(*) FROM {schema}.visits; SELECT pg_sleep(4); COMMIT"
+    reading = asyncio.create_task(asyncio.to_thread(server.sql, report))
+    await asyncio.sleep(0.5)
+    plant = Plant(server.url, schema, timeout_s=0.5)
+    async with plant.running():
+        plant.happen(EventKind.START)
+        await plant.until(lambda: plant.written == 1)
+        assert not reading.done()
+        await plant.stop()
+    await reading
+    assert plant.link_errors == 0
+    assert server.sql(f"SELECT max(version) FROM {schema}.layout") == [["2"]]
+
+
 @in_real_time
 async def test_a_role_that_may_only_insert_is_enough(server: Postgres, schema: str) -> None:
     server.sql(

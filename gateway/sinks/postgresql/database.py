@@ -18,17 +18,21 @@ class RowsRefusedError(Exception):
     """The server can't take this data, now or later; the connection can be used on."""
 
 
+class ScriptRefusedError(Exception):
+    """The server has refused statements and undone all of them; the connection can be used on."""
+
+
 class Database(Protocol):
     """An open connection, for one statement at a time. Raises LinkError when it is lost, or can't be used."""
 
     async def write(self, sql: str, argument: str) -> int:
-        """Run a statement with `$1`; the number of rows written. Raises RefusedError."""
+        """Run a statement with `$1`; the number of rows written. Raises RowsRefusedError."""
 
     async def value(self, sql: str) -> Any:
         """The first value of the first row; None: there is none."""
 
     async def script(self, sql: str) -> None:
-        """Run several statements."""
+        """Run the statements of one transaction. Raises ScriptRefusedError."""
 
 
 Connect = Callable[[Server, ssl.SSLContext | None, float], AbstractAsyncContextManager[Database]]  # a limit in s
@@ -43,15 +47,18 @@ async def prepare(database: Database, server: Server, settings: PostgresqlConfig
         "SELECT set_config('synchronous_commit', 'on', false) WHERE current_setting('synchronous_commit') = 'off'"
     )
     schema = settings.schema_name
-    found = await layout(database, schema)
+    found, refused = await layout(database, schema), ""
     if found < tables.LAYOUT and settings.create_tables and (not found or await may_create(database)):
-        await database.script(tables.create(schema))
-        log.info("%s: tables created in schema %s", server, schema)
+        try:
+            await database.script(tables.create(schema))
+            log.info("%s: tables created in schema %s", server, schema)
+        except ScriptRefusedError as error:  # such as a role that does not own the tables, or a report that holds them
+            refused = f" ({error})"
         found = await layout(database, schema)
     if found < tables.LAYOUT:
         lacking = (
-            f"{server}: the tables in schema {schema} have version {found}, and {tables.LAYOUT} is needed: "
-            "run docs/scada/postgresql.sql, or set create_tables"
+            f"{server}: the tables in schema {schema} have version {found}, and {tables.LAYOUT} is needed{refused}: "
+            f"run docs/scada/postgresql.sql{'' if settings.create_tables else ', or set create_tables'}"
         )
         if not found:
             raise LinkError(lacking)

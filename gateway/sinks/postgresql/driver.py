@@ -13,7 +13,7 @@ from typing import Any
 import asyncpg
 
 from gateway.errors import LinkError
-from gateway.sinks.postgresql.database import Database, RowsRefusedError
+from gateway.sinks.postgresql.database import Database, RowsRefusedError, ScriptRefusedError
 from gateway.sinks.postgresql.server import Server
 
 CLOSE_S = 0.2  # for the orderly end of a connection
@@ -68,7 +68,11 @@ class _Connection:
 
     async def script(self, sql: str) -> None:
         with self._limited():
-            await self._connection.execute(sql)
+            try:
+                await self._connection.execute(sql)
+            except asyncpg.PostgresError as error:
+                await self._connection.execute("ROLLBACK")  # fails where the connection is lost, too
+                raise ScriptRefusedError(_reason(error)) from error
 
     @contextlib.contextmanager
     def _limited(self) -> Iterator[None]:

@@ -13,18 +13,20 @@ async def probe(settings: PostgresqlConfig, connect: Connect) -> str:
     async with connect(server, tls_of(settings), settings.timeout_s) as database:
         await check_encoding(database, server)
         found = await layout(database, schema)
-        if found < tables.LAYOUT:
-            missing = (
-                f"schema {schema} has no tables" if not found else f"the tables in {schema} are of version {found}"
-            )
+        if not found:
+            missing = f"schema {schema} has no tables"
             if not settings.create_tables:
                 raise LinkError(f"{server}: {missing}, and create_tables is off: run docs/scada/postgresql.sql")
             if not await may_create(database):
                 raise LinkError(f"{server}: {missing}, and this user may not create them (CREATE on the database)")
             return f"logged in; {missing} yet, and this user may create them: the gateway does at its start"
+        statements = [tables.write_events(schema, found), tables.write_states(schema)]
+        if found >= tables.ALARMS_LAYOUT:
+            statements.append(tables.write_alarms(schema))
         try:
-            for statement in (tables.write_events, tables.write_states, tables.write_alarms):
-                await database.write(statement(schema), "[]")  # rights and columns are checked, and no row is written
+            for statement in statements:
+                await database.write(statement, "[]")  # rights and columns are checked, and no row is written
         except RowsRefusedError as error:
             raise LinkError(f"{server}: {error}") from error
-        return f"logged in; the tables in schema {schema} have version {found}, and this user may insert"
+        older = f"; until it is {tables.LAYOUT}, what is new in that is not written" if found < tables.LAYOUT else ""
+        return f"logged in; the tables in schema {schema} have version {found}, and this user may insert{older}"

@@ -27,8 +27,9 @@ from gateway.sinks import registry
 from gateway.sinks.contract import AlarmStep
 from gateway.sinks.outbox.outbox import MemoryOutbox, OutboxEntry, OutboxLimits
 from gateway.sinks.postgresql import tables
-from gateway.sinks.postgresql.database import Database, RowsRefusedError
+from gateway.sinks.postgresql.database import Database, RowsRefusedError, ScriptRefusedError
 from gateway.sinks.postgresql.documents import array, storable
+from gateway.sinks.postgresql.probe import probe
 from gateway.sinks.postgresql.server import Server, server_of
 from gateway.sinks.postgresql.settings import PostgresqlConfig
 from gateway.sinks.postgresql.sink import EVENTS_AT_ONCE, PostgresqlSink
@@ -53,6 +54,7 @@ class Memory:
         self.states: list[dict[str, Any]] = []
         self.statements: list[int] = []  # documents in each statement about events
         self.scripts: list[str] = []
+        self.script_refusal = ""
         self.connections = 0
         self.refuses = False
         self.answer_s = 0.01
@@ -95,6 +97,8 @@ class Memory:
 
     async def script(self, sql: str) -> None:
         self.scripts.append(sql)
+        if self.script_refusal:
+            raise ScriptRefusedError(self.script_refusal)
         self.layout = tables.LAYOUT
 
 
@@ -378,6 +382,43 @@ async def test_missing_tables_are_created_or_named() -> None:
     async with newer.running():
         await asyncio.sleep(0.5)
     assert (list(newer.memory.events), newer.memory.scripts) == (ids(1), [])
+
+
+@in_virtual_time
+async def test_older_tables_that_can_not_be_changed_are_written_as_they_are(caplog: pytest.LogCaptureFixture) -> None:
+    plant = Plant()
+    plant.memory.layout, plant.memory.script_refusal = 2, "must be owner of table events"
+    plant.happen(EventKind.START)
+    async with plant.running():
+        plant.alarm[0](step(1, plant.clock.now_ns()))
+        await asyncio.sleep(0.5)
+        assert (list(plant.memory.events), len(plant.memory.alarms), plant.link_errors) == (ids(1), 1, [])
+    assert (
+        "have version 2, and 3 is needed (must be owner of table events): run docs/scada/postgresql.sql; until"
+        in caplog.text
+    )
+    without = Plant()
+    without.memory.layout, without.memory.script_refusal = 0, "permission denied for database history"
+    async with without.running():
+        await asyncio.sleep(0.5)
+    assert ["(permission denied for database history)" in error for error in without.link_errors] == [True]
+
+
+@pytest.mark.parametrize(
+    ("found", "create", "expected"),
+    [
+        (1, True, "have version 1, and this user may insert; until it is 3, what is new in that is not written"),
+        (2, False, "have version 2, and this user may insert; until it is 3, what is new in that is not written"),
+        (3, False, "have version 3, and this user may insert"),
+        (0, True, "schema loading has no tables yet, and this user may create them: the gateway does at its start"),
+    ],
+)
+@in_virtual_time
+async def test_the_probe_finds_no_fault_where_the_sink_would_write(found: int, create: bool, expected: str) -> None:
+    memory = Memory()
+    memory.layout = found
+    assert (await probe(PostgresqlConfig(url=URL, create_tables=create), memory.connect)).endswith(expected)
+    assert (memory.statements, memory.scripts) == ([0] * min(found, 2), [])
 
 
 @in_virtual_time
