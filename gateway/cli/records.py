@@ -7,8 +7,9 @@ Each segment names the one before it, with its size and SHA-256. `verify` reads 
 damaged, cut or changed; then it exits with 1. It proves that nothing is missing between the first and the last segment
 that are there; nothing proves what was before the first or behind the last, nor who wrote it: there is no signature.
 
-`search` reads the index, as the history page does; `dust`: an alarm of the picture said so while the truck was there.
-Alarms are known for as long as their segments are kept. Exit code 1: no visit fits.
+`search` reads the index, as the history page does; `dust`: visits with dust in the picture, by its alarms.
+Alarms are known for as long as their segments are kept. Exit code 1: no visit fits;
+2: the index cannot be read.
 
 examples:
   gateway records search /var/lib/loading-gateway/records/site1.gateway --what moved

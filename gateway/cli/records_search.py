@@ -7,7 +7,7 @@ from gateway.alarms.table import ALARM_DEFINITIONS
 from gateway.cli import tables, vision_args
 from gateway.core.visit_summary import VisitSummary
 from gateway.durations import NS_PER_MS
-from gateway.errors import ConfigError
+from gateway.errors import ConfigError, LinkError
 from gateway.records import moment, visits_csv
 from gateway.records.index_reader import IndexReader
 from gateway.records.kept_pictures import KeptPicture
@@ -21,13 +21,16 @@ Found = tuple[str, VisitSummary, KeptPicture | None]
 
 
 def run(args: argparse.Namespace, bays: list[str]) -> int:
-    """0: some were found. Raises ConfigError, LinkError."""
+    """0: some were found. Raises ConfigError."""
     if unknown := set(args.alarm) - set(ALARM_DEFINITIONS):
         raise ConfigError(f"--alarm {', '.join(sorted(unknown))}: no such alarm; they are listed in docs/alarms.md")
     if args.bay is not None and args.bay not in bays:
         raise ConfigError(f"{args.folder}: no recording of bay {args.bay!r}; there: {', '.join(bays)}")
     search = VisitSearch(kinds=tuple(map(VisitKind, args.what)), alarms=tuple(args.alarm))
-    found = [one for bay in (bays if args.bay is None else [args.bay]) for one in _of_bay(args, search, bay)]
+    try:
+        found = [one for bay in (bays if args.bay is None else [args.bay]) for one in _of_bay(args, search, bay)]
+    except LinkError as error:
+        raise ConfigError(f"{error}; `gateway records rebuild {args.folder}` makes the index anew") from None
     if args.json:
         print(json.dumps({"visits": [_row(*one) for one in found]}))
     elif args.csv:
@@ -49,6 +52,8 @@ def _of_bay(args: argparse.Namespace, search: VisitSearch, bay: str) -> list[Fou
         return otherwise if asked is None else asked // NS_PER_MS
 
     visits = search.found(reader, bay, at_ms(args.begin, 0), at_ms(args.end, span[1]), MOST)
+    if args.csv:  # which names no picture
+        return [(bay, visit, None) for visit in visits]
     with vision_args.progress(f"pictures of {bay}", len(visits)) as advance:
         pictures = pictures_of(args.folder / bay, visits, advance)
     return [(bay, visit, picture) for visit, picture in zip(visits, pictures, strict=True)]

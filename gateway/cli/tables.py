@@ -26,8 +26,8 @@ def show(out: Console, table: ReportTable, columns: slice = slice(1, None), *, w
     marks = {at: cell[1] for _, cells in table.rows for at, cell in enumerate(cells) if not isinstance(cell, str)}
     for at, head in list(enumerate(table.heads))[columns]:
         shown.add_column(head, justify="left" if marks.get(at) == "left" else "right", overflow="fold")
-    following = [style for style, _ in table.rows[1:]]
-    for (style, cells), after in zip(table.rows, [*following, ""], strict=True):
+    following = [*(style for style, _ in table.rows), ""][1:]
+    for (style, cells), after in zip(table.rows, following, strict=True):
         texts = [Text(cell) if isinstance(cell, str) else _marked(*cell) for cell in (cells[0], *cells[columns])]
         shown.add_row(*texts, style=_STYLES.get(style, ""), end_section=style in ("whole", "half") and after != style)
     out.print(shown)

@@ -50,13 +50,13 @@ def nearest(
 
     Raises OSError.
     """
-    files = recording.pictures_in(folder) if folder.exists() else []
+    files = sorted(picture_search.dated(recording.pictures_in(folder) if folder.exists() else []))
     known: dict[Path, list[KeptPicture]] = {}
     found: list[KeptPicture | None] = []
     for at_ns in times_ns:
         near: list[tuple[int, KeptPicture]] = []
         if at_ns is not None:
-            for path in picture_search.files_of_time(files, at_ns - within_ns, at_ns + within_ns):
+            for _, path in picture_search.between(files, at_ns - within_ns, at_ns + within_ns):
                 if path not in known:
                     known[path] = list(heads(path))
                 near += [(abs(picture.head.unix_ns - at_ns), picture) for picture in known[path]]

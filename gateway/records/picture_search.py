@@ -1,6 +1,8 @@
 """The kept pictures of some time, and what was decided on each. IO: reads the files of pictures."""
 
-from collections.abc import Iterable, Iterator
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterable, Iterator, Sequence
+from operator import itemgetter
 from pathlib import Path
 
 import cv2
@@ -36,10 +38,26 @@ def files_near(folder: Path, begin_ns: int, end_ns: int, margin_s: float = 2.0) 
 
 def files_of_time(files: Iterable[Path], begin_ns: int, end_ns: int) -> Iterator[Path]:
     """Those of a bay's `files` that may have a picture of that time (Unix ns)."""
-    for path in files:
-        name = names.parsed(path.name)
-        if name is not None and begin_ns / NS_PER_S - 1 <= name.unix_s <= end_ns / NS_PER_S + WRITTEN_S:
-            yield path
+    yield from (path for unix_s, path in dated(files) if _first_s(begin_ns) <= unix_s <= _last_s(end_ns))
+
+
+def dated(files: Iterable[Path]) -> Iterator[tuple[int, Path]]:
+    """A bay's `files` with the times (Unix s) in their names."""
+    yield from ((name.unix_s, path) for path in files if (name := names.parsed(path.name)) is not None)
+
+
+def between(files: Sequence[tuple[int, Path]], begin_ns: int, end_ns: int) -> Sequence[tuple[int, Path]]:
+    """As `files_of_time`, of those of `dated` in ascending order."""
+    first = bisect_left(files, _first_s(begin_ns), key=itemgetter(0))
+    return files[first : bisect_right(files, _last_s(end_ns), first, key=itemgetter(0))]
+
+
+def _first_s(begin_ns: int) -> float:
+    return begin_ns / NS_PER_S - 1
+
+
+def _last_s(end_ns: int) -> float:
+    return end_ns / NS_PER_S + WRITTEN_S
 
 
 def _pictures(path: Path, begin_ns: int, end_ns: int) -> Iterator[RecordedPicture]:

@@ -5,13 +5,16 @@ import io
 import json
 import re
 import sqlite3
+from collections import Counter
 from contextlib import closing
 from pathlib import Path
 
 import pytest
 
-from gateway.cli import tables
+from gateway.cli import records_search, tables
 from gateway.cli.main import main
+from gateway.durations import NS_PER_MS, NS_PER_S
+from gateway.records import kept_pictures, names, picture_search
 from gateway.records.index import NAME
 from gateway.records.index_reader import IndexReader
 from gateway.records.visit_search import VisitKind, VisitSearch
@@ -86,6 +89,7 @@ def test_the_command_finds_the_same(
     rows = list(csv.DictReader(io.StringIO(told("--csv", "--what", "faults", "--what", "dust"))))
     assert [(row["bay"], row["begun_ms"]) for row in rows] == [("bay1", str(THIRD))]
     assert told("--what", "moved", "--json", code=1) == '{"visits": []}\n'
+    assert told("--what", "moved", code=1).splitlines()[-1] == "0 visits"
     monkeypatch.setattr(tables, "WIDTH", 80)
     lines = told("--bay", "bay1").splitlines()
     assert lines[-1] == "3 visits"
@@ -107,6 +111,50 @@ def test_what_is_not_known_is_named(
 ) -> None:
     assert main(["records", "search", str(folder), *more]) == 2
     assert said in capsys.readouterr().err
+
+
+def test_without_an_index_it_says_how_one_is_made(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / NAME).unlink()
+    assert main(["records", "search", str(folder)]) == 2
+    assert f"`gateway records rebuild {folder}`" in capsys.readouterr().err
+
+
+def test_csv_reads_no_pictures(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(records_search, "pictures_of", None)
+    assert main(["records", "search", str(folder), "--csv"]) == 0
+    assert capsys.readouterr().out.count("\nbay1,") == 3
+
+
+def test_names_are_read_once_for_all_visits(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    read: Counter[str] = Counter()
+    parsed = names.parsed
+
+    def counting(name: str) -> names.FileName | None:
+        read[name] += 1
+        return parsed(name)
+
+    times_ns = [VISIT.begun_ms * NS_PER_MS + n * NS_PER_S for n in range(40)]
+    monkeypatch.setattr(kept_pictures, "heads", lambda _: iter(()))
+    monkeypatch.setattr(names, "parsed", counting)
+    kept_pictures.nearest(folder / "bay1", times_ns, NS_PER_S)
+    assert {name: n for name, n in read.items() if name.endswith(".pictures")} == {
+        "00000002-20261123T021453Z.pictures": 2,  # in the folder, and for the order
+        "00000003-20261123T021454Z.pictures": 2,
+    }
+
+
+def test_files_between_are_those_of_that_time() -> None:
+    files = [(unix_s, Path(str(unix_s))) for unix_s in (100, 200, 200, 351, 352)]
+
+    def of(begin_s: int, end_s: int) -> list[int]:
+        return [unix_s for unix_s, _ in picture_search.between(files, begin_s * NS_PER_S, end_s * NS_PER_S)]
+
+    assert of(201, 201) == [200, 200, 351]  # one is written for 150 s after its first picture at most
+    assert of(202, 202) == [351, 352]
+    assert of(0, 10) == [100]
+    assert of(900, 910) == []
 
 
 def test_from_and_to(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -141,7 +141,7 @@ export const VISIT_KINDS = {
   faults: 'with faults',
   odd: 'not as usual',
   moved: 'moved, though it was to stand',
-  dust: 'stopped by dust',
+  dust: 'with dust in the picture',
   never: 'never in place',
   corrected: 'with corrections',
   interrupted: 'interrupted',
