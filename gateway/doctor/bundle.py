@@ -21,7 +21,7 @@ import psutil
 
 from gateway import __version__
 from gateway.config import GatewayConfig
-from gateway.config.strict.errors import is_secret, query_passwords
+from gateway.config.strict.errors import is_secret, named_passwords
 from gateway.doctor.examine import findings
 from gateway.errors import SettingError
 from gateway.files import plain_bytes, replacing
@@ -81,7 +81,7 @@ def _in_address(value: str) -> Iterator[bytes]:
     with suppress(ValueError):
         if (found := urlsplit(value).password) and "://" in value:
             yield from {found.encode(), unquote(found).encode()}
-    for name, found in query_passwords(value):
+    for name, found in named_passwords(value):
         if len(found) < SHORT:
             yield f"{name}={found}".encode()
         else:

@@ -135,6 +135,20 @@ def test_older_visits_are_searched_on_the_server_and_one_is_taken_away_as_eviden
     assert sum(name.endswith(".pictures") for name in names) == 2
 
 
+def test_evidence_is_offered_to_technicians_only(site: Plant, visit: Visit) -> None:
+    page = visit(f"{site.url}{AT}")
+
+    def as_viewer(route: Route) -> None:
+        told = route.fetch()
+        route.fulfill(response=told, json={**told.json(), "role": "viewer"})
+
+    page.route("**/api/session", as_viewer)
+    page.reload()
+    page.locator(".visits tbody tr").first.get_by_role("button").click()
+    expect(page.locator(".film").get_by_role("button", name="Close")).to_be_visible()
+    expect(page.locator(".film").get_by_role("link", name="Evidence")).to_have_count(0)
+
+
 def test_why_is_told_in_the_pages_language(site: Plant, visit: Visit) -> None:
     page = visit(f"{site.url}{AT}/why")
     page.evaluate("() => localStorage.setItem('gateway.language', 'de')")

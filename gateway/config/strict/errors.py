@@ -21,7 +21,9 @@ _MESSAGES = {
     "tuple_type": "should be an array",
 }
 _SECRET = re.compile(r"(?i)(pass(word|wd|phrase)?|pwd|secret|token)[^.]*$")
-_IN_QUERY = re.compile(r"(?i)([?&][^=&]*(?:pass|pwd|secret|token|key)[^=&]*=)([^&#]*)")
+# As cameras have it in a query, or in the path: /user=admin_password=..._channel=1 (XM).
+PASSWORD_KEY = r"(?i)([/_?&][^=&/?\s]*(?:pas|pw|secret|token|key)[^=&/?\s]*=)"
+_IN_ADDRESS = re.compile(rf"{PASSWORD_KEY}([^&#]*?)(?=[&#]|_channel=|\Z)")
 
 
 class FieldError(ValueError):
@@ -165,17 +167,17 @@ def is_secret(key: str) -> bool:
 
 
 def without_password(text: str) -> str:
-    """A URL that may be shown: user and password before the last `@` are masked, and passwords in the query."""
+    """A URL that may be shown: user and password before the last `@` are masked, and passwords in query and path."""
     head, at, tail = text.rpartition("@")
     if at and ":" in head:
         scheme = re.match(r"[A-Za-z0-9+.-]+://", text)
         text = f"{scheme[0] if scheme else ''}***@{tail}"
-    return _IN_QUERY.sub(r"\1***", text)
+    return _IN_ADDRESS.sub(r"\1***", text)
 
 
-def query_passwords(url: str) -> list[tuple[str, str]]:
-    """Name and value of each password in the query, as it is written."""
-    return [(match[1][1:-1], match[2]) for match in _IN_QUERY.finditer(url) if match[2]]
+def named_passwords(url: str) -> list[tuple[str, str]]:
+    """Name and value of each password in query and path, as it is written."""
+    return [(match[1][1:-1], match[2]) for match in _IN_ADDRESS.finditer(url) if match[2]]
 
 
 def without_passwords(value: Any) -> Any:

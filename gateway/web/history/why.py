@@ -70,6 +70,7 @@ async def _why_report(request: Request, services: WebServices, caller: RequestCa
     "visit_evidence",
     "all that is recorded of one visit: segments, kept pictures for those who may see them, a report, SHA256SUMS",
     media="application/zip",
+    least=Level.TECHNICIAN,  # the segments hold the bay's whole configuration
     exports=True,
     errors={404: "no such bay or visit", 409: "more is recorded of it than 128 MB"},
 )

@@ -15,7 +15,7 @@ from tomlkit.exceptions import TOMLKitError
 
 from gateway.config import BayConfig, GatewayConfig, RangerConfig
 from gateway.config.sections.ranger import Hcsr04Config
-from gateway.config.strict.errors import without_password
+from gateway.config.strict.errors import PASSWORD_KEY, without_password
 from gateway.config.strict.section import inner_model
 from gateway.errors import ConfigError
 
@@ -25,7 +25,7 @@ _FIELDS: Fields = {**BayConfig.model_fields, **GatewayConfig.model_fields}  # th
 # In a comment nothing has a name of the sections.
 _REMARK = re.compile(r"(?i)(#.*?(?:pass|pwd|secret|token|hash)[^=:]*[=:]).*$")
 _LOGIN = re.compile(r"://[^\s]*@")
-_QUERY = re.compile(r"(?i)([?&][^=&\s]*(?:pass|pwd|secret|token|key)[^=&\s]*=)[^&#\"'\s]*")
+_IN_ADDRESS = re.compile(rf"{PASSWORD_KEY}[^&#\"'\s]*")
 _HASH = re.compile(r"\$argon2[^\s\"']*")
 
 
@@ -90,5 +90,5 @@ def _inside(info: FieldInfo) -> Fields:
 
 def _remark(line: str) -> str:
     return _HASH.sub(
-        HIDDEN, _REMARK.sub(rf"\1 {HIDDEN}", _QUERY.sub(rf"\1{HIDDEN}", _LOGIN.sub(f"://{HIDDEN}@", line)))
+        HIDDEN, _REMARK.sub(rf"\1 {HIDDEN}", _IN_ADDRESS.sub(rf"\1{HIDDEN}", _LOGIN.sub(f"://{HIDDEN}@", line)))
     )

@@ -125,6 +125,7 @@ def test_every_password_of_a_configuration_is_known(file: Path) -> None:
         ({"mqtt": {"url": "mqtt://u:In-The-Url@b"}}, {b"In-The-Url"}),
         ({"camera": {"url": "rtsp://h/live?user=admin&password=ge%40heim"}}, {b"ge%40heim", b"ge@heim"}),
         ({"camera": {"url": "rtsp://h/live?PWD=geheim+1"}}, {b"geheim+1", b"geheim 1"}),
+        ({"camera": {"url": "rtsp://h/user=a_password=geheim_channel=1_stream=0.sdp"}}, {b"geheim"}),
         # So short a value occurs anywhere, and this one is no password at all.
         ({"camera": {"url": "rtsp://h/live?keyframe=1&x=2"}}, {b"keyframe=1"}),
         ({"sinks": {"x": {"token": "T0ken", "header": {"api_secret": "S3cret"}}}}, {b"T0ken", b"S3cret"}),

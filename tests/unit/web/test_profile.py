@@ -164,6 +164,7 @@ def test_the_diff_is_what_a_person_reads_and_shows_no_password() -> None:
     [
         ('camera.url = "rtsp://me:pw@cam/1"', 'camera.url = "rtsp://***@cam/1"'),
         ('camera.url = "http://cam/v?token=abc&x=1"  # ours', 'camera.url = "http://cam/v?token=***&x=1"  # ours'),
+        ("# http://cam/v?loginuse=me&loginpas=abc&x=1", "# http://cam/v?loginuse=me&loginpas=***&x=1"),
     ],
 )
 def test_a_camera_s_address_is_shown_without_what_opens_it(line: str, shown: str) -> None:

@@ -114,9 +114,11 @@ async def test_the_evidence_of_a_visit(tmp_path: Path) -> None:
         assert re.match(
             r'attachment; filename="evidence-bay1-2026112\dT\d{6}\.zip"', told.headers["content-disposition"]
         )
-        viewer = replace(api, caller=Caller("otto", Level.VIEWER, "10.0.0.8", "token"))
-        await viewer.get(url)
         span = VISIT.begun_ms - 30_000, VISIT.last_seen_ms + 30_000
-        assert asked.questions == [EvidenceQuestion("bay1", *span, pictures) for pictures in (True, False)]
+        assert asked.questions == [EvidenceQuestion("bay1", *span, pictures=True)]
         wrong(await api.get(f"{BAY}/visits/5/evidence.zip"), 404, "visit")
-    assert [rule.path for rule in ADDRESSES.rules if rule.exports] == [f"{ROUTE}/visits/{{begun_ms}}/evidence.zip"]
+    async with asking(tmp_path, answer, "nobody") as (api, asked):
+        assert (await api.get(url)).status == 200
+        assert asked.questions == [EvidenceQuestion("bay1", *span, pictures=False)]
+    exporting = [(rule.path, rule.least) for rule in ADDRESSES.rules if rule.exports]
+    assert exporting == [(f"{ROUTE}/visits/{{begun_ms}}/evidence.zip", Level.TECHNICIAN)]

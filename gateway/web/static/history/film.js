@@ -14,7 +14,7 @@ const LONGEST_MS = 2 * 3_600_000; // of the values that are read from the record
 const POINTS = 240;
 const SPEEDS = [0.5, 1, 2, 4];
 
-export function Film({ bay, visit, pictures: allowed, ask, close }) {
+export function Film({ bay, visit, pictures: allowed, technician, ask, close }) {
   const at = `/api/bays/${encodeURIComponent(bay)}`;
   const sinceMs = Math.max(0, visit.begun_ms - AROUND_MS);
   const untilMs = visit.begun_ms + Math.round(1000 * visit.length_s) + AROUND_MS;
@@ -66,7 +66,7 @@ export function Film({ bay, visit, pictures: allowed, ask, close }) {
   return html`<section class="panel film" aria-labelledby="film-title">
     <header>
       <h2 id="film-title">${text('Visit of {0}, {1}', stamp(visit.begun_ms), number(visit.length_s, 0, 's'))}</h2>
-      <div class="row compact">${shown && html`<button type="button" onClick=${() => ask(shown.t_ms)}>Why, at this picture?</button>`}<a class="button" href=${`${at}/visits/${visit.begun_ms}/evidence.zip`} download>Evidence</a><button type="button" onClick=${close}>Close</button></div>
+      <div class="row compact">${shown && html`<button type="button" onClick=${() => ask(shown.t_ms)}>Why, at this picture?</button>`}${technician && html`<a class="button" href=${`${at}/visits/${visit.begun_ms}/evidence.zip`} download>Evidence</a>`}<button type="button" onClick=${close}>Close</button></div>
     </header>
     <div class="both">
       <div>

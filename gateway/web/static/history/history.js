@@ -58,7 +58,7 @@ function usePlace(bays) {
   return place;
 }
 
-function Bay({ bay, place, records, scale, setScale }) {
+function Bay({ bay, place, records, scale, setScale, technician }) {
   const lastMs = records.last_ms;
   const [atMs, setAtMs] = useState(place.atMs);
   const [middleMs, setMiddleMs] = useState(place.atMs ?? lastMs - SCALES[scale].ms / 2);
@@ -112,7 +112,7 @@ function Bay({ bay, place, records, scale, setScale }) {
       <${Timeline} label="timeline" view=${trend.answer} viewed=${spanOf(trend.path)} busy=${trend.busy} events=${events} sinceMs=${sinceMs} untilMs=${untilMs} atMs=${atMs} pick=${setAtMs} pan=${pan} />
       <p class="small muted">Line: mean; band: least to largest. Hatched: not recorded. Red: stop for a fault. Scroll sideways, or with the arrow keys. ${text('Recorded from {0} to {1}.', stamp(records.first_ms), stamp(lastMs))}</p>
     </section>
-    ${visit && html`<${Film} key=${visit.begun_ms} bay=${bay} visit=${visit} pictures=${records.pictures} ask=${ask} close=${() => setVisit(null)} />`}
+    ${visit && html`<${Film} key=${visit.begun_ms} bay=${bay} visit=${visit} pictures=${records.pictures} technician=${technician} ask=${ask} close=${() => setVisit(null)} />`}
     <${Why} bay=${bay} atMs=${atMs} asked=${asked} ask=${() => ask()} />
     <${Events} of=${events} wrong=${marks.wrong} pick=${choose} />
     <${Visits} bay=${bay} every=${visits} place=${`${middleMs}/${scale}`} alarms=${records.alarms} sinceMs=${sinceMs} untilMs=${untilMs}
@@ -148,7 +148,7 @@ function App({ session }) {
       ${view && html`<${LastTrucks} bay=${bay} lastMs=${view.last_ms} />`}
       ${view && (view.last_ms === null
         ? html`<${Empty} records=${view} bay=${bay} />`
-        : html`<${Bay} key=${place.number} bay=${bay} place=${place} records=${view} scale=${chosen ?? first.current.scale} setScale=${setScale} />`)}
+        : html`<${Bay} key=${place.number} bay=${bay} place=${place} records=${view} scale=${chosen ?? first.current.scale} setScale=${setScale} technician=${session.role === 'technician'} />`)}
       ${!view && !records.wrong && html`<p class="muted">Loading.</p>`}
     </main>`;
 }
