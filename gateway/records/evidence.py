@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import IO
 
 from gateway.durations import NS_PER_S
+from gateway.errors import ConfigError
 from gateway.processes.answers import QuestionRefusedError
 from gateway.records import page
 from gateway.records.completeness import Verified, verified
@@ -27,7 +28,7 @@ def write(
 ) -> tuple[int, int, Verified]:
     """Numbers of segments and files of pictures, and what their verification has found; the segment behind the last one
     is among them, as it proves that one. `name`: of the folder in the ZIP; `made`: when, and by what, for the report;
-    `most_bytes`: of what is put into it. Raises OSError, ConfigError where nothing of that time can be read, and
+    `most_bytes`: of what is put into it. Where no report can be made, VERIFIED says why. Raises OSError, and
     QuestionRefusedError; `out` is untouched then."""
     begin_ns, end_ns = excerpt.begin_ns, excerpt.end_ns
     segments = needed(excerpt.paths, begin_ns, end_ns)
@@ -37,9 +38,13 @@ def write(
     if most_bytes is not None and size_bytes > most_bytes:
         most = f"{most_bytes / 1e6:.0f} MB at most; gateway export --evidence writes more"
         raise QuestionRefusedError(f"{size_bytes / 1e6:.0f} MB are recorded of that time, {most}")
-    report = Inquiry(excerpt.folder).at(begin_ns, min(end_ns, begin_ns + round(REPORT_S * NS_PER_S)))
-    near = list(pictures_near(excerpt.folder, report.begin_ns, report.end_ns)) if pictures else []
-    texts = {REPORT: page.html(report, near, made)}
+    texts, without_report = {}, ""
+    try:
+        report = Inquiry(excerpt.folder).at(begin_ns, min(end_ns, begin_ns + round(REPORT_S * NS_PER_S)))
+        near = list(pictures_near(excerpt.folder, report.begin_ns, report.end_ns)) if pictures else []
+        texts[REPORT] = page.html(report, near, made)
+    except ConfigError as error:  # the rest is evidence all the same
+        without_report = f"no {REPORT}: {error}\n"
     sums: list[str] = []
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
 
@@ -52,7 +57,7 @@ def write(
         found = verified(segments, read=put)
         for path in kept:
             put(path)
-        texts |= {VERIFIED: "\n".join((made, *found.lines, ""))}
+        texts[VERIFIED] = "\n".join((made, *found.lines, without_report))
         for each, text in texts.items():
             put(Path(each), text.encode())
         put(Path(SUMS), "".join(sums).encode())

@@ -19,6 +19,7 @@ from gateway.records.questions import QUESTIONS, EvidenceQuestion, Question, Rea
 
 CODEC = Codec(ReaderSetup)
 LIMIT_S = 100.0
+EVIDENCE_LIMIT_S = 600.0  # its sending included
 LIMIT_BYTES = 700_000_000  # an answer keeps six segments in memory, 60 MB each
 
 
@@ -29,8 +30,10 @@ def run(channel: Channel[Failed, ReaderSetup], setup: ReaderSetup) -> None:
         print(f"records: the reader keeps a right that it does not need: {line}", file=sys.stderr)
     from gateway.records import answers  # noqa: PLC0415 - its libraries are loaded without these rights
 
-    kind = QuestionKind(partial(_answer, answers, Path(setup.folder)), LIMIT_S, LIMIT_BYTES)
-    kinds: dict[type, QuestionKind] = {WhyQuestion: kind, ValuesQuestion: kind, EvidenceQuestion: kind}
+    answered = partial(_answer, answers, Path(setup.folder))
+    kind = QuestionKind(answered, LIMIT_S, LIMIT_BYTES)
+    evidence = QuestionKind(answered, EVIDENCE_LIMIT_S, LIMIT_BYTES)
+    kinds: dict[type, QuestionKind] = {WhyQuestion: kind, ValuesQuestion: kind, EvidenceQuestion: evidence}
     # One is a file of evidence that somebody fetches slowly.
     Helper(kinds, at_once=2).serve(channel, setup.questions, QUESTIONS)
 

@@ -40,6 +40,7 @@ from gateway.web.auth.refusals import RefusalError, answer_to, is_missing_page, 
 from gateway.web.auth.sessions import Caller, with_caller
 
 REQUEST_S = 120.0  # a request must be answered within this, by a route and by the one who reads
+EXPORT_S = 630.0  # the same of a file that is taken away
 ENDED = 4401  # close code of a WebSocket whose session has ended
 OTHER_SITES = (b"cross-site", b"same-site")  # Sec-Fetch-Site: another site, or another origin of this one
 BEFORE_REFUSED = ("/healthz", "/api/login")  # of what else needs no login, while nobody has made the first password
@@ -208,7 +209,8 @@ class SecurityMiddleware:
 
     async def _serve(self, scope: Scope, receive: Receive, outgoing: "_Outgoing", rule: Rule, caller: Caller) -> None:
         session = caller.session
-        limits = [REQUEST_S] if scope["type"] == "http" else []
+        longest_s = EXPORT_S if rule.exports else REQUEST_S
+        limits = [longest_s] if scope["type"] == "http" else []
         if session is not None:
             limits.append(self._logins.remaining_s(session))
 
@@ -227,8 +229,8 @@ class SecurityMiddleware:
                 raise
             await self._abort(scope, receive, outgoing, over=session is not None)
         finally:  # in every case: it may have been done before the error
-            noted = (rule.acts and rule.audited) or rule.exports
-            if noted and rule.least > Level.OPEN and not 400 <= outgoing.status < 500:
+            changed = rule.acts and rule.audited and not 400 <= outgoing.status < 500
+            if rule.least > Level.OPEN and (changed or (rule.exports and outgoing.status < 400)):
                 what = f"{scope['path']}: {outgoing.status if outgoing.begun else 'no answer'}"
                 self._logins.record(AuditRecord(AuditKind.CHANGED, caller.name, caller.address, printable(what)))
 
@@ -239,9 +241,7 @@ class SecurityMiddleware:
                 await outgoing({"type": "websocket.close", "code": ENDED, "reason": "the login has ended"})
             return
         refusal = (
-            RefusalError(401, "login", "the login has ended")
-            if over
-            else RefusalError(503, "slow", f"not done within {REQUEST_S:g} s")
+            RefusalError(401, "login", "the login has ended") if over else RefusalError(503, "slow", "not done in time")
         )
         await answer_to(scope, refusal)(scope, receive, outgoing)
 

@@ -1,7 +1,7 @@
 """The addresses that are answered from the recordings themselves, by the reader process. IO."""
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Coroutine
 from contextlib import aclosing
 from typing import Annotated
 
@@ -13,13 +13,13 @@ from starlette.responses import Response, StreamingResponse
 from gateway.durations import NS_PER_MS
 from gateway.errors import LinkError
 from gateway.records.moment import local_name
-from gateway.records.questions import EvidenceQuestion, Question, ValuesQuestion, WhyQuestion
+from gateway.records.questions import EvidenceQuestion, ValuesQuestion, WhyQuestion
 from gateway.web.auth.access import Level
 from gateway.web.auth.addresses import ApiAddresses, whole_number
 from gateway.web.auth.refusals import RefusalError
 from gateway.web.history.models import TrendView
 from gateway.web.history.routes import BAY, ERRORS, LAST_MS, MAX_POINTS, Begun, may_see_pictures, visit_of
-from gateway.web.server.services import Bay, RequestCaller, Services, WebServices
+from gateway.web.server.services import Bay, RequestCaller, WebServices
 
 LONGEST_MS = 2 * 3_600_000  # of `values`: nine segments
 AROUND_MS = 30_000  # evidence before a truck came and behind its leaving
@@ -35,7 +35,7 @@ async def _values(
 ) -> TrendView:
     if not 0 < until_ms - since_ms <= LONGEST_MS:
         raise RefusalError(400, "query", f"until_ms is to be behind since_ms, by {LONGEST_MS} ms at most")
-    found = await _answer(request, services, ValuesQuestion(bay.name, since_ms, until_ms, points))
+    found = await _unless_gone(request, services.reader.ask(ValuesQuestion(bay.name, since_ms, until_ms, points)))
     return TrendView.model_validate({"bay": bay.name, **msgspec.json.decode(found)})
 
 
@@ -46,7 +46,8 @@ async def _values(
     media="application/json",
 )
 async def _why(request: Request, services: WebServices, bay: Bay, at_ms: At) -> Response:
-    found = await _answer(request, services, WhyQuestion(bay.name, at_ms, html=False, pictures=True))
+    question = WhyQuestion(bay.name, at_ms, html=False, pictures=True)
+    found = await _unless_gone(request, services.reader.ask(question))
     return Response(found, media_type="application/json")
 
 
@@ -59,7 +60,8 @@ async def _why(request: Request, services: WebServices, bay: Bay, at_ms: At) -> 
 async def _why_report(request: Request, services: WebServices, caller: RequestCaller, bay: Bay, at_ms: At) -> Response:
     """To be saved: the pages' own policy lets no page have styles and pictures inside."""
     pictures = may_see_pictures(services.client.about.config, caller)
-    found = await _answer(request, services, WhyQuestion(bay.name, at_ms, html=True, pictures=pictures))
+    question = WhyQuestion(bay.name, at_ms, html=True, pictures=pictures)
+    found = await _unless_gone(request, services.reader.ask(question))
     name = f"why-{bay.name}-{local_name(at_ms * NS_PER_MS)}.html"
     headers = {"Content-Disposition": f'attachment; filename="{name}"'}
     return Response(found, media_type="text/html; charset=utf-8", headers=headers)
@@ -74,16 +76,22 @@ async def _why_report(request: Request, services: WebServices, caller: RequestCa
     exports=True,
     errors={404: "no such bay or visit", 409: "more is recorded of it than 128 MB"},
 )
-async def _visit_evidence(services: WebServices, caller: RequestCaller, bay: Bay, begun_ms: Begun) -> Response:
+async def _visit_evidence(
+    request: Request, services: WebServices, caller: RequestCaller, bay: Bay, begun_ms: Begun
+) -> Response:
     """Written to the audit log."""
     visit = await visit_of(services, bay.name, begun_ms)
     span = max(0, begun_ms - AROUND_MS), visit.last_seen_ms + AROUND_MS
     pictures = may_see_pictures(services.client.about.config, caller)
     pieces = services.reader.file(EvidenceQuestion(bay.name, *span, pictures))
-    try:
-        first = await anext(pieces)
-    except LinkError as error:
-        raise RefusalError(503, "records", str(error)) from None
+
+    async def begun() -> bytes:
+        try:
+            return await anext(pieces)
+        except LinkError as error:
+            raise RefusalError(503, "records", str(error)) from None
+
+    first = await _unless_gone(request, begun())
 
     async def sent() -> AsyncIterator[bytes]:
         async with aclosing(pieces):
@@ -96,12 +104,12 @@ async def _visit_evidence(services: WebServices, caller: RequestCaller, bay: Bay
     return StreamingResponse(sent(), media_type="application/zip", headers=headers)
 
 
-async def _answer(request: Request, services: Services, question: Question) -> bytes:
+async def _unless_gone(request: Request, answer: Coroutine[object, object, bytes]) -> bytes:
     """Given up when the caller is gone. Raises RefusalError."""
 
     async def asked() -> bytes | RefusalError:
         try:
-            return await services.reader.ask(question)
+            return await answer
         except RefusalError as refusal:
             return refusal
         finally:

@@ -20,7 +20,9 @@ from gateway.records.answers import answer
 from gateway.records.index_rows import SegmentRows
 from gateway.records.questions import QUESTIONS, EvidenceQuestion, Question, ValuesQuestion, WhyQuestion
 from gateway.records.record import Decision, TickRecord
+from gateway.records.recorder_service import head_of
 from tests import recorded_bay
+from tests.recorded_bay import CONFIG
 from tests.unit.records.test_segment import HEAD
 from tests.unit.web.history import BEGIN_MS, LATER_MS, folder_of, recorded
 
@@ -151,3 +153,27 @@ def test_evidence_in_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     with pytest.raises(NothingError):
         reader_process._answer(answers, tmp_path, asked, (), sent.append)
     assert sent == []
+
+
+@pytest.mark.parametrize(("damaged", "why"), [(True, "no why.html: "), (False, "does not fit: bays")])
+def test_evidence_without_a_report_says_why(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, damaged: bool, why: str
+) -> None:
+    if not damaged:
+        refused = msgspec.structs.replace(head_of(CONFIG, CONFIG.bays[0], "a"), config='{"bays": 5}')
+        monkeypatch.setattr(recorded_bay, "head_of", lambda *_: refused)
+    kept, _ = recorded_bay.recorded(tmp_path, until_s=60)
+    paths = sorted(kept.path.glob("*.seg"))
+    for path in paths if damaged else []:
+        whole = path.read_bytes()
+        path.write_bytes(whole[:40] + bytes([whole[40] ^ 1]) + whole[41:])
+    begin_ms = recorded_bay.unix(recorded_bay.T0_NS + 25 * S) // 10**6
+    pieces: list[bytes] = []
+    asked = EvidenceQuestion("bay1", begin_ms, begin_ms + 10_000, pictures=True)
+    answers.give_evidence(tmp_path / "site.gateway", asked, pieces.append)
+    found = zipfile.ZipFile(io.BytesIO(b"".join(pieces)))
+    data = {name.partition("/")[2]: found.read(name) for name in found.namelist()}
+    assert {"verify.txt", "SHA256SUMS"} < data.keys()
+    assert "why.html" not in data
+    assert why in data["verify.txt"].decode().splitlines()[-1]
+    assert sum(data.get(path.name) == path.read_bytes() for path in paths) >= 2

@@ -284,6 +284,21 @@ async def test_who_takes_evidence_away_is_in_the_audit_log() -> None:
 
 
 @in_virtual_time
+async def test_evidence_may_take_minutes_and_what_was_not_given_is_not_in_the_audit_log() -> None:
+    async def busy(request: Request) -> Response:
+        return Response(status_code=503)
+
+    browser = Browser(secured_app("driver"))
+    await browser.login("tom")
+    url = "/api/bays/north/visits/5/evidence.zip"
+    assert (await browser.get(f"{url}?wait_s=600")).status == 200
+    before = len(browser.secured_app.records)
+    browser.secured_app.middleware._app = Starlette(routes=[Route(url, busy)])
+    assert (await browser.get(url)).status == 503
+    assert len(browser.secured_app.records) == before
+
+
+@in_virtual_time
 async def test_origin_twice_is_no_origin() -> None:
     browser = Browser(secured_app("technician", host="127.0.0.1"), host="127.0.0.1")
     headers = [(b"host", b"127.0.0.1"), (b"origin", b"http://127.0.0.1"), (b"origin", b"http://evil.example")]

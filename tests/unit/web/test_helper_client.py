@@ -15,6 +15,7 @@ from gateway.processes.answers import LENGTH_BYTES, AnswerKind
 from gateway.records import reader_process
 from gateway.records.questions import QUESTIONS, Question, WhyQuestion
 from gateway.web.auth.refusals import RefusalError
+from gateway.web.auth.security import EXPORT_S
 from gateway.web.helper_client import DEVICES, READER, TEST_SETS, HelperAccess, HelperClient
 from gateway.web.setup import device_client
 from gateway.web.testsets import process as sets_process
@@ -169,6 +170,7 @@ async def test_too_late_and_nobody_there() -> None:
 def test_an_answer_is_ended_before_its_asker_gives_up() -> None:
     """Else it would go on, and its asker would ask once more beside it."""
     assert READER.answer_s > reader_process.LIMIT_S
+    assert EXPORT_S > reader_process.EVIDENCE_LIMIT_S
     assert TEST_SETS.answer_s > sets_process.LIMIT_S
     assert DEVICES.answer_s < device_client.EXAMINED_S < device_process.LIMIT_S  # there a gone asker ends it
 
@@ -188,6 +190,11 @@ async def test_a_file_is_whole_or_an_error() -> None:
         with pytest.raises(RefusalError, match="gives a file to somebody"):
             await anext(client.file(AT))
         assert [piece async for piece in pieces] == [b"cd", b""]
+        left = asyncio.ensure_future(anext(client.file(AT)))
+        await asyncio.sleep(0.01)
+        os.close(other.take()[1])
+        left.cancel()
+        await asyncio.wait([left])
         giving = asyncio.ensure_future(given(other, b"ab"))
         pieces = client.file(AT)
         assert await anext(pieces) == b"ab"

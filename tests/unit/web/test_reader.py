@@ -1,17 +1,21 @@
 """The addresses that the reader process answers."""
 
+import asyncio
 import re
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from starlette.types import Message
+
 from gateway.records.questions import EvidenceQuestion, Question, ValuesQuestion, WhyQuestion
 from gateway.web.auth.access import Level
 from gateway.web.auth.refusals import RefusalError
-from gateway.web.auth.sessions import Caller
+from gateway.web.auth.sessions import Caller, with_caller
 from gateway.web.history.routes import BAY as ROUTE
 from gateway.web.history.why import ADDRESSES
+from tests.unit.web import asgi
 from tests.unit.web.gateway_client import plant
 from tests.unit.web.history import VISIT, config, indexed
 from tests.unit.web.programs import ApiClient, api_client
@@ -122,3 +126,30 @@ async def test_the_evidence_of_a_visit(tmp_path: Path) -> None:
         assert asked.questions == [EvidenceQuestion("bay1", *span, pictures=False)]
     exporting = [(rule.path, rule.least) for rule in ADDRESSES.rules if rule.exports]
     assert exporting == [(f"{ROUTE}/visits/{{begun_ms}}/evidence.zip", Level.TECHNICIAN)]
+
+
+@in_virtual_time
+async def test_who_leaves_before_the_first_piece_lets_the_next_one_in(tmp_path: Path) -> None:
+    given_up: list[bool] = []
+
+    async def answer() -> bytes:
+        try:
+            await asyncio.sleep(500)
+        finally:
+            given_up.append(True)
+        return b""
+
+    async def gone() -> Message:
+        return {"type": "http.disconnect"}
+
+    async def send(message: Message) -> None:
+        pass
+
+    indexed(tmp_path)
+    async with asking(tmp_path, answer, "technician") as (api, asked):
+        url = f"{BAY}/visits/{VISIT.begun_ms}/evidence.zip"
+        scope = with_caller(asgi.scope("http", url, [], address="10.0.0.7"), api.caller)
+        begun_s = asyncio.get_running_loop().time()
+        await api.app({**scope, "method": "GET"}, gone, send)
+        assert (len(asked.questions), given_up) == (1, [True])
+        assert asyncio.get_running_loop().time() - begun_s < 1
