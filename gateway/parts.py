@@ -17,6 +17,7 @@ from gateway.core.interlock import Rules
 from gateway.core.readings import RangeReading, VisionReading
 from gateway.core.relay import decided
 from gateway.core.state import StateVector
+from gateway.durations import NS_PER_S
 from gateway.hub import Hub
 from gateway.marker_history import MarkerHistory, marker_path_of
 from gateway.modbus.protocol.answers import Unit
@@ -173,6 +174,7 @@ def build_bays(shared: Shared, sensors: Sensors, outputs: BayOutputs, ticked: Ca
     """Publishes the first state of each bay. `ticked`: called with the bay's name after each control tick."""
     config, hub, files = shared.config, shared.hub, outputs.files
     controls: dict[str, BayControl] = {}
+    now_s = shared.clock.wall_ns() // NS_PER_S
     tasks = [Task("vision-template", sensors.template.run)]
     for bay in config.bays:
         vision = sensors.visions[bay.name]
@@ -186,7 +188,7 @@ def build_bays(shared: Shared, sensors: Sensors, outputs: BayOutputs, ticked: Ca
             files.untried(bay.name),
             outputs.recorder.of_bay(bay.name),
             ticked,
-            MarkerHistory(bay.camera.picture, marker_path_of(config, bay.name), files.keep).read(),
+            MarkerHistory(bay.camera.picture, marker_path_of(config, bay.name), files.keep).read(now_s),
         )
         hub.listen_to_readings(bay.name, control.on_reading)
         hub.listen_to_readings(bay.name, partial(_expect, control, vision))

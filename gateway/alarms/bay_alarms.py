@@ -112,12 +112,25 @@ def _wear_detail(inputs: BayInputs) -> str:
     seen, faded, left = wear.visible, wear.contrast, wear.days_left
     if left is None:
         return details.RIM_CLEANER(f"{100 * seen.value:.0f}", f"{faded.value:.2f}")
+    days = f"{left:.0f}" if left >= 1 else f"{max(left, 0.1):.1f}"
     if seen.days_left == left:
-        now, least = f"{100 * seen.value:.0f}", f"{100 * limits.rim_visible_min:.0f}"
-        fall = f"{-100 * (seen.per_day or 0):.1f}"
-        return details.RIM_SEEN_SOON(now, fall, least, f"{left:.0f}") if left else details.RIM_SEEN(now, least)
-    now, least, fall = f"{faded.value:.2f}", f"{limits.rim_contrast_min:.2f}", f"{-(faded.per_day or 0):.3f}"
-    return details.RIM_FADED_SOON(now, fall, least, f"{left:.0f}") if left else details.RIM_FADED(now, least)
+        now, least = _told_apart(100 * seen.value, 100 * limits.rim_visible_min, 0)
+        fall = _at_least(-100 * (seen.per_day or 0), 1)
+        return details.RIM_SEEN_SOON(now, fall, least, days) if left else details.RIM_SEEN(now, least)
+    now, least = _told_apart(faded.value, limits.rim_contrast_min, 2)
+    fall = _at_least(-(faded.per_day or 0), 3)
+    return details.RIM_FADED_SOON(now, fall, least, days) if left else details.RIM_FADED(now, least)
+
+
+def _told_apart(value: float, limit: float, digits: int) -> tuple[str, str]:
+    """Both, with more digits where they would read the same."""
+    more = digits if f"{value:.{digits}f}" != f"{limit:.{digits}f}" else digits + 2
+    return f"{value:.{more}f}", f"{limit:.{more}f}"
+
+
+def _at_least(value: float, digits: int) -> str:
+    """Not 0 where it is none."""
+    return f"{value:.{digits}f}" if round(value, digits) else f"< {10**-digits}"
 
 
 def _picture(*faults: PictureFault) -> tuple[Condition, Detail]:

@@ -185,7 +185,7 @@ def _step(state: StateVector, observation: fusion.Observation, now_ns: int, rule
         guidance=state.guidance,
         function_check=function_check,
         visit=current,
-        marker=observation if isinstance(observation, MarkerWear) else state.marker,
+        marker=(observation if observation.visits else None) if isinstance(observation, MarkerWear) else state.marker,
         valid_until_ns=now_ns + rules.valid_for_ns if isinstance(observation, Tick) else state.valid_until_ns,
     )
     advice = guidance.advise(

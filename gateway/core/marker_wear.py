@@ -10,7 +10,11 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from operator import attrgetter
 from statistics import median
+from typing import Annotated
+
+from msgspec import Meta
 
 from gateway.config import PictureConfig
 
@@ -19,7 +23,9 @@ KEPT_DAYS = 30
 OF_A_DAY = 12  # visits kept, the newest
 MAX_RIMS = KEPT_DAYS * OF_A_DAY
 NEWEST = 10  # visits whose median is the value of now; fewer: not known
-CLEANED = 1.15  # these better by so much than as many before them: cleaned or repainted, and the trend begins anew
+CLEANED = 1.15  # these better by so much than the best tenth of those before: cleaned or repainted, a new trend begins
+WORN_DAYS, IN_ORDER_DAYS = 3, 1  # whose visits make it worn, and in order again; by day and by night
+SURE = 0.75  # share of them that must be so: where half of the trucks are dirty, nothing changes
 CERTAIN = 2.33  # standard deviations: by chance 1 time in 100; 6 days that fall one after the other pass
 FARTHEST_DAYS = 90.0  # a forecast beyond is none
 BETTER, LATER = 1.1, 1.5  # by so much, of the limit and of the forecast, it must be better to be in order again
@@ -30,9 +36,9 @@ class RimSeen:
     """Of one visit: medians of its first pictures in place. `visible`: share of the rim; `contrast`: fall of redness
     across it, log units."""
 
-    unix_s: int
-    visible: float
-    contrast: float
+    unix_s: Annotated[int, Meta(ge=0, lt=2**40)]
+    visible: Annotated[float, Meta(ge=0, le=1)]
+    contrast: Annotated[float, Meta(ge=0, le=10)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +53,7 @@ class WearTrend:
 
 @dataclass(frozen=True, slots=True)
 class MarkerWear:
-    """What is known after a visit. `worn`: clean or repaint the markers."""
+    """What is known after a visit. `worn`: clean or repaint the markers. No visits: nothing any more."""
 
     visits: int
     visible: WearTrend
@@ -60,15 +66,24 @@ class MarkerWear:
         return min((t.days_left for t in (self.visible, self.contrast) if t.days_left is not None), default=None)
 
 
+NOT_KNOWN = MarkerWear(0, WearTrend(0.0), WearTrend(0.0))
+_visible, _contrast = attrgetter("visible"), attrgetter("contrast")
+
+
+def follows(rims: Sequence[RimSeen], unix_s: int) -> bool:
+    """May a visit of that time be the next? Else a clock was wrong, or they are of long ago."""
+    return not rims or -DAY_S <= unix_s - rims[-1].unix_s < KEPT_DAYS * DAY_S
+
+
 def with_visit(rims: Sequence[RimSeen], rim: RimSeen) -> tuple[RimSeen, ...]:
     """Oldest first, bounded. What is later than `rim` is of a clock that was wrong."""
     kept = [*(r for r in rims if 0 <= rim.unix_s - r.unix_s < KEPT_DAYS * DAY_S), rim]
     of_day = [r for r in kept if r.unix_s // DAY_S == rim.unix_s // DAY_S]
     if len(of_day) > OF_A_DAY:
         kept.remove(of_day[0])
-    newest, before = kept[-NEWEST:], kept[-2 * NEWEST : -NEWEST]
-    cleaned = len(before) == NEWEST and any(
-        median(map(of, newest)) > CLEANED * median(map(of, before)) for of in (_visible, _contrast)
+    newest, before = kept[-NEWEST:], _of_days(kept[:-NEWEST], WORN_DAYS)
+    cleaned = len(before) >= NEWEST and any(
+        median(map(of, newest)) > CLEANED * _quantile(before, of, 0.9) for of in (_visible, _contrast)
     )
     return tuple(newest if cleaned else kept)
 
@@ -77,29 +92,39 @@ def wear(rims: Sequence[RimSeen], limits: PictureConfig, *, worn: bool) -> Marke
     """`worn`: it was, before the newest visit. None: too few visits yet."""
     if len(rims) < NEWEST:
         return None
-    visible = _trend(rims, _visible, limits.rim_visible_min)
-    contrast = _trend(rims, _contrast, limits.rim_contrast_min)
-    better, later = (BETTER, LATER) if worn else (1.0, 1.0)
-    low = visible.value < better * limits.rim_visible_min or contrast.value < better * limits.rim_contrast_min
-    found = MarkerWear(len(rims), visible, contrast)
-    soon = found.days_left is not None and found.days_left < later * limits.rim_forecast_days
-    return MarkerWear(len(rims), visible, contrast, worn=low or soon)
+    seen, faded = limits.rim_visible_min, limits.rim_contrast_min
+    visible, contrast = _trend(rims, _visible, seen), _trend(rims, _contrast, faded)
+    # More than the whole rim can't be seen.
+    better = (min(BETTER * seen, (1 + seen) / 2), BETTER * faded) if worn else (seen, faded)
+    recent, share = (_of_days(rims, IN_ORDER_DAYS), 1 - SURE) if worn else (_of_days(rims, WORN_DAYS), SURE)
+    days = (LATER if worn else 1.0) * limits.rim_forecast_days
+    now = any(
+        (value := _quantile(recent, of, share)) < enough or _days_left(value, trend.per_day, least) < days
+        for of, trend, least, enough in ((_visible, visible, seen, better[0]), (_contrast, contrast, faded, better[1]))
+    )
+    return MarkerWear(len(rims), visible, contrast, worn=now)
 
 
-def _visible(rim: RimSeen) -> float:
-    return rim.visible
+def _of_days(rims: Sequence[RimSeen], days: int) -> Sequence[RimSeen]:
+    """Those of so many days up to the newest; NEWEST at least."""
+    recent = sum(rims[-1].unix_s - rim.unix_s < days * DAY_S for rim in rims)
+    return rims[-max(recent, NEWEST) :]
 
 
-def _contrast(rim: RimSeen) -> float:
-    return rim.contrast
+def _quantile(rims: Sequence[RimSeen], of: Callable[[RimSeen], float], share: float) -> float:
+    return sorted(map(of, rims))[math.ceil(share * len(rims)) - 1]
 
 
 def _trend(rims: Sequence[RimSeen], of: Callable[[RimSeen], float], least: float) -> WearTrend:
     value, per_day = median(map(of, rims[-NEWEST:])), _per_day(rims, of)
     if value < least:
         return WearTrend(value, per_day, 0.0)
-    days_left = (value - least) / -per_day if per_day and per_day < 0 and least > 0 else math.inf
+    days_left = _days_left(value, per_day, least)
     return WearTrend(value, per_day, days_left if days_left <= FARTHEST_DAYS else None)
+
+
+def _days_left(value: float, per_day: float | None, least: float) -> float:
+    return (value - least) / -per_day if per_day and per_day < 0 and least > 0 else math.inf
 
 
 def _per_day(rims: Sequence[RimSeen], of: Callable[[RimSeen], float]) -> float | None:

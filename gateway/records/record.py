@@ -39,7 +39,9 @@ class Record(msgspec.Struct, frozen=True, tag_field="is", omit_defaults=True, kw
 
 
 class TickRecord(Record, frozen=True, tag="tick"):
-    """The mere passing of time."""
+    """The mere passing of time. With `marker` that is what entered: an earlier version reads a tick of it."""
+
+    marker: MarkerWear | None = None
 
 
 class FrameRecord(Record, frozen=True, tag="frame"):
@@ -60,10 +62,6 @@ class ConnectionRecord(Record, frozen=True, tag="connection"):
 
 class FunctionCheckRecord(Record, frozen=True, tag="function_check"):
     mode: FunctionCheck
-
-
-class MarkerRecord(Record, frozen=True, tag="marker"):
-    wear: MarkerWear
 
 
 class Decision(Record, frozen=True, tag="decision"):
@@ -158,7 +156,6 @@ AnyRecord = (
     | WriteRecord
     | ConnectionRecord
     | FunctionCheckRecord
-    | MarkerRecord
     | Decision
     | RegisterImage
     | Checkpoint
@@ -194,7 +191,6 @@ OBSERVATION = {
     WriteRecord: "write",
     ConnectionRecord: "change",
     FunctionCheckRecord: "mode",
-    MarkerRecord: "wear",
 }
 _RECORD: dict[type[Observation], Callable[..., Record]] = {
     VisionReading: lambda t_ns, seen: FrameRecord(t_ns=t_ns, reading=seen),
@@ -202,7 +198,7 @@ _RECORD: dict[type[Observation], Callable[..., Record]] = {
     PlcWrite: lambda t_ns, seen: WriteRecord(t_ns=t_ns, write=seen),
     PlcConnection: lambda t_ns, seen: ConnectionRecord(t_ns=t_ns, change=seen),
     FunctionCheck: lambda t_ns, seen: FunctionCheckRecord(t_ns=t_ns, mode=seen),
-    MarkerWear: lambda t_ns, seen: MarkerRecord(t_ns=t_ns, wear=seen),
+    MarkerWear: lambda t_ns, seen: TickRecord(t_ns=t_ns, marker=seen),
 }
 
 
@@ -215,6 +211,6 @@ def of_observation(observation: Observation, t_ns: int) -> Record:
 def observed(record: AnyRecord) -> Observation | None:
     """What entered the control step; None: a record of another kind."""
     if isinstance(record, TickRecord):
-        return Tick()
+        return record.marker or Tick()
     name = OBSERVATION.get(type(record))
     return None if name is None else getattr(record, name)

@@ -54,8 +54,8 @@ def test_it_is_worn_seven_days_before_it_is_below_the_limit() -> None:
     days = [(0.94 - 0.015 * day,) * 3 for day in range(30)]
     worn = [found(over(*days[:n])).worn for n in range(4, 30)]
     first = worn.index(True) + 4
-    # (value - 0.6) / 0.015 < 7 is value < 0.705; after n days it is that of the day before: 0.94 - 0.015 (n - 2).
-    assert first == 18
+    # (value - 0.6) / 0.015 < 7 is value < 0.705; of 10 visits 8 are of three days: 0.94 - 0.015 (n - 3) after n days.
+    assert first == 19
     assert all(worn[first - 4 :])
 
 
@@ -85,15 +85,15 @@ def test_one_dirty_truck_of_four_is_neither_a_trend_nor_worn() -> None:
     assert not known.worn
 
 
-def test_below_the_limit_it_is_worn_at_once_and_clean_visits_end_it() -> None:
-    rims = over((0.9,) * 4, (0.58,) * 5, (0.58,) * 4)
-    assert found(rims) == MarkerWear(13, WearTrend(0.58, None, 0.0), WearTrend(1.2), worn=True)
+def test_below_the_limit_it_is_worn_and_clean_visits_end_it() -> None:
+    rims = over((0.9,) * 4, (0.58,) * 6, (0.58,) * 6)
+    assert found(rims) == MarkerWear(16, WearTrend(0.58, None, 0.0), WearTrend(1.2), worn=True)
     worn, ended_after = True, 0
     while worn:
         ended_after += 1
         rims = with_visit(rims, at(3, ended_after, 0.95))
         worn = found(rims, worn=worn).worn
-    assert ended_after == 5  # of the newest 10 half are clean: 0.765, above 1.1 x 0.6
+    assert ended_after == 8  # of the newest 10
 
 
 def test_just_above_the_limit_it_stays_worn_until_it_is_better_by_a_tenth() -> None:
@@ -152,3 +152,44 @@ def test_what_is_kept_is_bounded_in_visits_and_in_days() -> None:
 def test_a_visit_before_the_others_means_that_the_clock_was_wrong() -> None:
     rims = over((0.9,) * 3, (0.9,) * 3)
     assert with_visit(rims, at(0, 1, 0.8)) == (at(0, 0, 0.9), at(0, 1, 0.9), at(0, 1, 0.8))
+
+
+def test_day_and_night_are_not_taken_for_cleaning() -> None:
+    rims: tuple[RimSeen, ...] = ()
+    for day in range(20):
+        for hour in range(24):
+            rims = with_visit(rims, at(day, hour, 0.95 - 0.004 * day, 1.32 if 6 <= hour < 18 else 1.08))
+    assert len(rims) == 20 * OF_A_DAY
+    assert found(rims).visible.per_day == pytest.approx(-0.004)
+
+
+def test_a_fleet_of_clean_and_dirty_trucks_makes_no_flood_of_alarms() -> None:
+    for dirty, most in ((0.3, 1), (0.5, 3)):
+        chance, rims, worn, alarms = random.Random(7), over(), False, 0
+        for day in range(60):
+            for hour in range(24):
+                rims = with_visit(rims, at(day, hour, 0.55 if chance.random() < dirty else 0.98))
+                known = wear(rims, LIMITS, worn=worn)
+                was, worn = worn, known is not None and known.worn
+                alarms += worn and not was
+        assert alarms <= most
+
+
+@pytest.mark.parametrize("dirty", [0.8, 1.0])
+def test_a_day_after_all_were_cleaned_it_is_in_order(dirty: float) -> None:
+    chance, rims = random.Random(8), over()
+    for day in range(5):
+        for hour in range(24):
+            rims = with_visit(rims, at(day, hour, 0.55 if chance.random() < dirty else 0.98))
+    worn = found(rims).worn
+    assert worn
+    for hour in range(24):
+        rims = with_visit(rims, at(5, hour, 0.98))
+        worn = found(rims, worn=worn).worn
+    assert not worn
+
+
+def test_a_high_limit_can_be_met_again() -> None:
+    high = PictureConfig(rim_visible_min=0.95)
+    assert found(over((0.97,) * 12), worn=True, limits=high).worn  # below 0.975
+    assert not found(over((0.98,) * 12), worn=True, limits=high).worn

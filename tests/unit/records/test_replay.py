@@ -12,7 +12,7 @@ from gateway.config import BayConfig
 from gateway.core import interlock
 from gateway.core.events import Event, EventKind
 from gateway.core.interlock import Rules
-from gateway.core.marker_wear import MarkerWear, WearTrend
+from gateway.core.marker_wear import NOT_KNOWN, MarkerWear, WearTrend
 from gateway.core.readings import Quality, VisionReading
 from gateway.core.state import Reason, StateVector, Tick
 from gateway.records.collector import CHECKPOINT_NS, Collector
@@ -136,7 +136,10 @@ def test_what_is_known_of_the_markers_is_recorded_as_what_it_is() -> None:
     record = of_observation(wear, 7)
     (found,) = unpacked(array_of([packed(record)]))
     assert (found, observed(found)) == (record, wear)
-    assert interlock.step(StateVector("bay1"), wear, 7, Rules.of(BayConfig())).marker == wear
+    assert msgspec.msgpack.decode(packed(record))["is"] == "tick"  # an earlier version reads it as one
+    known = interlock.step(StateVector("bay1"), wear, 7, Rules.of(BayConfig()))
+    assert known.marker == wear
+    assert interlock.step(known, NOT_KNOWN, 8, Rules.of(BayConfig())).marker is None
 
 
 def test_a_missing_observation_is_noticed() -> None:

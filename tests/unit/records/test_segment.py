@@ -13,7 +13,6 @@ from gateway.records.record import (
     Checkpoint,
     DistanceRecord,
     FunctionCheckRecord,
-    MarkerRecord,
     TickRecord,
     WriteRecord,
     array_of,
@@ -122,7 +121,7 @@ def test_records_keep_their_values_and_types() -> None:
         DistanceRecord(t_ns=1, reading=RangeReading(1, Quality.GOOD, 0.1 + 0.2, seq=3)),
         WriteRecord(t_ns=2, write=PlcWrite(writer, heartbeat=65535, control=1 << Control.RELEASE)),
         FunctionCheckRecord(t_ns=3, mode=FunctionCheck.MAY_MOVE_KEPT),
-        MarkerRecord(t_ns=4, wear=MarkerWear(10, WearTrend(0.82, -0.015, 8.0), WearTrend(1.2), worn=True)),
+        TickRecord(t_ns=4, marker=MarkerWear(10, WearTrend(0.82, -0.015, 8.0), WearTrend(1.2), worn=True)),
         Checkpoint(t_ns=4, state=StateVector("bay1", seq=9), follows=True),
     ]
     assert unpacked(array_of([packed(r) for r in records])) == records

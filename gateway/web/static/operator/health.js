@@ -81,8 +81,12 @@ function rim(shown) {
   return [
     ['rim seen', shown.visible_a_day === null ? seen : text('{0}, {1} a day', seen, signed(100 * shown.visible_a_day, 1, '%'))],
     ['rim contrast', number(shown.contrast, 2)],
-    ...(shown.days_left === null ? [] : [['below its limit in', number(shown.days_left, 0, 'd')]]),
+    ...(shown.days_left === null ? [] : [['below its limit in', days(shown.days_left)]]),
   ];
+}
+
+function days(left) {
+  return left === 0 ? t('now') : number(Math.max(left, 0.1), left < 1 ? 1 : 0, 'd');
 }
 
 const PROOFS = {
