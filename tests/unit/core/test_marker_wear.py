@@ -163,6 +163,7 @@ def test_day_and_night_are_not_taken_for_cleaning() -> None:
     assert found(rims).visible.per_day == pytest.approx(-0.004)
 
 
+@pytest.mark.one_interpreter
 def test_a_fleet_of_clean_and_dirty_trucks_makes_no_flood_of_alarms() -> None:
     for dirty, most in ((0.3, 1), (0.5, 3)):
         chance, rims, worn, alarms = random.Random(7), over(), False, 0
