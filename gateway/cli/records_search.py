@@ -70,7 +70,7 @@ def _cells(bay: str, visit: VisitSummary, picture: KeptPicture | None) -> tuple[
         bay,
         f"{visit.length_s:.0f}",
         f"{visit.in_place_s:.0f}" if visit.times_in_place else "never",
-        visit.moved.name.lower(),
+        visit.moved.name.lower() if visit.rolled else "-",
         ", ".join(reason.name.lower() for reason, _, _ in visit.faults) or "-",
         "-" if picture is None else f"{picture.file}/{picture.place}",
     )

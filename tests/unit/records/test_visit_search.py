@@ -7,12 +7,14 @@ import re
 import sqlite3
 from collections import Counter
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from gateway.cli import records_search, tables
 from gateway.cli.main import main
+from gateway.core.state import Moved
 from gateway.durations import NS_PER_MS, NS_PER_S
 from gateway.records import kept_pictures, names, picture_search
 from gateway.records.index import NAME
@@ -125,6 +127,12 @@ def test_csv_reads_no_pictures(
     monkeypatch.setattr(records_search, "pictures_of", None)
     assert main(["records", "search", str(folder), "--csv"]) == 0
     assert capsys.readouterr().out.count("\nbay1,") == 3
+
+
+@pytest.mark.parametrize(("unintended", "cell"), [(True, "distance"), (False, "-")])
+def test_a_usual_departure_is_no_motion(unintended: bool, cell: str) -> None:
+    left = replace(VISIT, moved=Moved.DISTANCE, unintended=unintended)
+    assert records_search._cells("bay1", left, None)[4] == cell
 
 
 def test_names_are_read_once_for_all_visits(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
