@@ -212,7 +212,7 @@ def test_a_stretch_that_is_not_here_yet_is_not_shown_as_one_of_which_nothing_was
     minutes = [bucket(LAST_MS - n * 60_000) for n in range(70, 0, -1)]
     held: list[Route] = []
     records = {"first_ms": LAST_MS - 48 * HOUR_MS, "last_ms": LAST_MS}
-    answers["/api/bays/bay1/records"] |= {"recorded": True, **records}
+    answers["/api/bays/bay1/records"] |= {"recorded": True, "alarms": {}, **records}
     answers["/api/bays/bay1/trend"] = {"bay": "bay1", "bucket_ms": 60_000, "buckets": minutes}
     answers["/api/bays/bay1/history-events"] = {"bay": "bay1", "events": []}
     answers["/api/bays/bay1/visits"] = {"bay": "bay1", "visits": [], "more": False}
