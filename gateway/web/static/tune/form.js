@@ -94,7 +94,7 @@ function Rgb({ key_, settings, inForce, set }) {
     <div class="head"><label for=${id} translate="no">${title(key_)}</label>
       <${Reset} show=${changed} what=${title(key_)} reset=${() => set(key_.name, inForce[key_.name])} /></div>
     <div class="row">${value && html`<span class="swatch" aria-hidden="true" ref=${painted(value)}></span>`}
-      <input id=${id} name=${key_.name} class="field colour" autocomplete="off" spellcheck=${false} maxlength="7" placeholder="#rrggbb" value=${typed ?? value ?? ''}
+      <input id=${id} name=${key_.name} class="field colour" translate="no" autocomplete="off" spellcheck=${false} maxlength="7" placeholder="#rrggbb" value=${typed ?? value ?? ''}
         aria-describedby=${`${id}-d`} aria-invalid=${bad ? 'true' : undefined} onInput=${(event) => take(event.target.value)} onKeyDown=${(event) => event.key === 'Enter' && event.target.blur()} onBlur=${() => setTyped(null)} /></div>
     <div id=${`${id}-d`}>${bad && html`<p class="said warning"><span aria-hidden="true">▲</span> # and six hex digits, two each of red, green and blue</p>`}
       <p class="hint">${key_.meaning}</p></div>
