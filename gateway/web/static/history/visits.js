@@ -44,7 +44,7 @@ export function Visits({ bay, every, place, alarms, sinceMs, untilMs, chosen, ch
   };
   return html`<section class="panel visits" aria-labelledby="visits-title">
     <header>
-      <h2 id="visits-title">Visits <span class="small">${view ? shown.length : ''}</span>
+      <h2 id="visits-title">Visits <span class="small">${view ? `${shown.length}:` : ''}</span>
         ${view && html` <span class="small">${listed([text('{0} as usual', shown.length - odd), odd > 0 && text('{0} not', odd)])}</span>`}</h2>
       <div class="row compact">
         <select aria-label="which visits" value=${kind} onChange=${(event) => setKind(event.target.value)}>
