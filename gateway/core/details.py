@@ -7,6 +7,7 @@ Where a page or a program is to have the code, `told` finds it again by the same
 import re
 from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import Any
 
 from gateway.core.plc import RecipeVerdict
 from gateway.core.readings import EXPOSURE_MEANING, PictureFault
@@ -250,6 +251,17 @@ class Sentences:
             if None not in found:
                 return tuple(one for one in found if one is not None)
         return ()
+
+    def said(self, text: str, depth: int = MOST_DEPTH) -> list[dict[str, Any]]:
+        """The same as code, English text and values, which may be sentences themselves."""
+        return [
+            {
+                "code": one.detail.code,
+                "text": one.detail.text,
+                "values": [self.said(value, depth - 1) or value for value in one.values],
+            }
+            for one in (self.told(text) if depth else ())
+        ]
 
     def _one(self, text: str) -> Told | None:
         matches = ((detail, detail.pattern.fullmatch(text)) for detail in self.details)

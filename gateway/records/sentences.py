@@ -1,6 +1,6 @@
 """The sentences of an account, as core/details.py has those of events: each page says them in its language. Pure."""
 
-from gateway.core.details import DETAILS, MOST_DEPTH, Detail, Sentences
+from gateway.core.details import DETAILS, Detail, Sentences
 
 
 def _of(code: str, text: str) -> Detail:
@@ -116,18 +116,7 @@ STOP_ON = _of("stop_on", "Stop was on: {0}.")
 BOTH_OFF = _of("both_off", "Stop was off, but may_move too: {0}.")
 
 SENTENCES = Sentences.of(*DETAILS, *(one for one in list(vars().values()) if isinstance(one, Detail)))
-
-
-def said(text: str, depth: int = MOST_DEPTH) -> list[dict[str, object]]:
-    """The sentences of a text as code, English text and values, which may be sentences; empty: it has none."""
-    return [
-        {
-            "code": one.detail.code,
-            "text": one.detail.text,
-            "values": [said(value, depth - 1) or value for value in one.values],
-        }
-        for one in (SENTENCES.told(text) if depth else ())
-    ]
+said = SENTENCES.said
 
 
 def happened(kind: str, detail: str) -> list[dict[str, object]]:

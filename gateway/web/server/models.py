@@ -53,16 +53,9 @@ class SaidView(View):
 
 
 @lru_cache(maxsize=2048)
-def said(detail: str, depth: int = details.MOST_DEPTH) -> tuple[SaidView, ...]:
+def said(detail: str) -> tuple[SaidView, ...]:
     """In the order of the text."""
-    return tuple(
-        SaidView(
-            code=one.detail.code,
-            text=one.detail.text,
-            values=tuple(said(value, depth - 1) or value for value in one.values),
-        )
-        for one in (details.told(detail) if depth else ())
-    )
+    return tuple(map(SaidView.model_validate, details.SENTENCES.said(detail)))
 
 
 class DetailedView(View):
