@@ -10,7 +10,8 @@ from gateway.records.record import Decision
 from gateway.records.replay import Step
 from gateway.records.segment import Head
 
-JUDGED = ("stop", "may_move", "in_place", "moved")  # what a PLC acts on; other reasons and phases are shown beside
+# What a PLC acts on, of a decision, and where it stands in the state; other reasons and phases are shown beside.
+JUDGED = {"stop": "stop", "may_move": "may_move", "in_place": "in_place", "moved": "visit.moved"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,9 +67,7 @@ def otherwise(steps: Iterable[Step]) -> Iterator[Otherwise]:
 
 def differs(step: Step) -> bool:
     """Are its outputs other than recorded?"""
-    state = step.state
-    now = state.stop, state.may_move, state.in_place, state.visit.moved
-    return step.recorded is not None and _judged(step.recorded) != now
+    return step.recorded is not None and _judged(step.recorded) != _judged_of_state(step.state)
 
 
 def _interval(head: Head, first: Step, was: Decision, now: Decision, after: Step) -> Otherwise:
@@ -77,3 +76,4 @@ def _interval(head: Head, first: Step, was: Decision, now: Decision, after: Step
 
 
 _judged: Callable[[Decision], tuple[object, ...]] = attrgetter(*JUDGED)
+_judged_of_state: Callable[[StateVector], tuple[object, ...]] = attrgetter(*JUDGED.values())  # without a Decision

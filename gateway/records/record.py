@@ -185,32 +185,33 @@ def array_of(records: list[bytes]) -> bytes:
     return _ENCODER.encode([msgspec.Raw(record) for record in records])
 
 
-OBSERVATION = {
+_FIELD: dict[type[Record], str] = {
     FrameRecord: "reading",
     DistanceRecord: "reading",
     WriteRecord: "write",
     ConnectionRecord: "change",
     FunctionCheckRecord: "mode",
+    TickRecord: "marker",
 }
-_RECORD: dict[type[Observation], Callable[..., Record]] = {
-    VisionReading: lambda t_ns, seen: FrameRecord(t_ns=t_ns, reading=seen),
-    RangeReading: lambda t_ns, seen: DistanceRecord(t_ns=t_ns, reading=seen),
-    PlcWrite: lambda t_ns, seen: WriteRecord(t_ns=t_ns, write=seen),
-    PlcConnection: lambda t_ns, seen: ConnectionRecord(t_ns=t_ns, change=seen),
-    FunctionCheck: lambda t_ns, seen: FunctionCheckRecord(t_ns=t_ns, mode=seen),
-    MarkerWear: lambda t_ns, seen: TickRecord(t_ns=t_ns, marker=seen),
+_RECORD: dict[type[Observation], type[Record]] = {
+    VisionReading: FrameRecord,
+    RangeReading: DistanceRecord,
+    PlcWrite: WriteRecord,
+    PlcConnection: ConnectionRecord,
+    FunctionCheck: FunctionCheckRecord,
+    MarkerWear: TickRecord,
 }
 
 
 def of_observation(observation: Observation, t_ns: int) -> Record:
     """The record of what entered a control step."""
-    made = _RECORD.get(type(observation))
-    return TickRecord(t_ns=t_ns) if made is None else made(t_ns, observation)
+    kind = _RECORD.get(type(observation))
+    return TickRecord(t_ns=t_ns) if kind is None else kind(t_ns=t_ns, **{_FIELD[kind]: observation})
 
 
 def observed(record: AnyRecord) -> Observation | None:
     """What entered the control step; None: a record of another kind."""
     if isinstance(record, TickRecord):
         return record.marker or Tick()
-    name = OBSERVATION.get(type(record))
+    name = _FIELD.get(type(record))
     return None if name is None else getattr(record, name)
