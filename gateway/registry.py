@@ -3,7 +3,8 @@
 A registry maps a name to `module:attribute` and imports nothing until a part is loaded.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
@@ -57,3 +58,13 @@ class Registry:
 
     def _offered(self) -> tuple[EntryPoint, ...]:
         return tuple(entry_points(group=self.group))
+
+
+def imported(place: str) -> Callable[..., Any]:
+    """Calls `module:function`, which is imported by the first call: a record that names it stays light."""
+
+    def call(*arguments: Any) -> Any:
+        module, _, name = place.partition(":")
+        return getattr(import_module(module), name)(*arguments)
+
+    return call

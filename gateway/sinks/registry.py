@@ -16,26 +16,14 @@ from gateway.config import GatewayConfig, reference
 from gateway.config.strict.errors import explain
 from gateway.config.strict.section import Section
 from gateway.errors import ConfigError, SettingError
-from gateway.registry import Registry
+from gateway.registry import Registry, imported
 from gateway.sinks.contract import AlarmSource, AlarmStep, Bays, Sink, SinkContext, SinkType, no_alarm_steps, no_alarms
-
-
-def _mqtt(context: SinkContext) -> Sink:
-    from gateway.sinks.mqtt.publisher import MqttPublisher  # noqa: PLC0415 - its libraries only where it is configured
-
-    return MqttPublisher(context)
-
-
-def _sparkplug(context: SinkContext) -> Sink:
-    from gateway.sinks.sparkplug.publisher import SparkplugPublisher  # noqa: PLC0415 - the same
-
-    return SparkplugPublisher(context)
 
 
 def _mqtt_checks(config: GatewayConfig) -> Sequence[Callable[[], object]]:
     if (mqtt := config.mqtt) is None:
         return ()
-    from gateway.sinks.mqtt.broker import brokers_of, certificates_of  # noqa: PLC0415 - the same
+    from gateway.sinks.mqtt.broker import brokers_of, certificates_of  # noqa: PLC0415 - only where it is configured
     from gateway.sinks.mqtt.topics import Topics  # noqa: PLC0415
 
     return (
@@ -46,13 +34,13 @@ def _mqtt_checks(config: GatewayConfig) -> Sequence[Callable[[], object]]:
 
 MQTT = SinkType(
     "mqtt",
-    _mqtt,
+    imported("gateway.sinks.mqtt.publisher:MqttPublisher"),  # its libraries only where it is configured
     settings=lambda config: config.mqtt if config.mqtt is not None and config.mqtt.plain_topics else None,
     checks=_mqtt_checks,
 )
 SPARKPLUG = SinkType(
     "sparkplug",
-    _sparkplug,
+    imported("gateway.sinks.sparkplug.publisher:SparkplugPublisher"),
     settings=lambda config: config.mqtt if config.mqtt is not None and config.mqtt.sparkplug is not None else None,
 )
 TYPES: tuple[SinkType, ...] = (MQTT, SPARKPLUG)

@@ -6,12 +6,12 @@ is called.
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
 from gateway.config import VisionConfig
 from gateway.config.sections.vision import DETECTION_METHODS, keys_of
 from gateway.core.detection import Detection
+from gateway.registry import imported  # noqa: F401 - methods of other distributions take it from here
 from gateway.vision.detect.radii import MarkerRadii
 
 if TYPE_CHECKING:
@@ -110,16 +110,6 @@ def _no_panels(image: "Image", params: VisionConfig, found: Detection, scale: fl
 
 def _no_remarks(image: "Image", params: VisionConfig, found: Detection, reference: Detection) -> tuple[Remark, ...]:
     return ()
-
-
-def imported(place: str) -> Callable[..., Any]:
-    """Calls `module:function`, which is imported by the first call: a record that names it stays light."""
-
-    def call(*arguments: Any) -> Any:
-        module, _, name = place.partition(":")
-        return getattr(import_module(module), name)(*arguments)
-
-    return call
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,7 +1,8 @@
 """The paper's method as the rest of the gateway sees it."""
 
 from gateway.config.sections.vision import keys_of
-from gateway.vision.detect.method import Method, MethodStage, imported
+from gateway.registry import imported
+from gateway.vision.detect.method import Method, MethodStage
 
 STAGES = (
     MethodStage("gaussian", "Gaussian blur", "1"),
