@@ -13,7 +13,6 @@ import sys
 import threading
 from collections import deque
 from dataclasses import dataclass, replace
-from typing import cast
 
 import cv2
 import numpy as np
@@ -106,7 +105,7 @@ def run(channel: Channel[FromVision, MarkerRadii | ControlsRequest], job: Vision
 @dataclass(frozen=True, slots=True)
 class CheckedFrame:
     """A frame that has passed the checks. `changed_ns`: when each tile of it last changed. `searched`: what the method
-    is given of it (as by `registry.given`)."""
+    is given of it (`registry.given`)."""
 
     image: Image
     seq: int
@@ -249,7 +248,6 @@ class CaptureThread:
             discarded += 1 + source.read().damaged
         checks = FrameChecks(spec.label, job.rules, self._progress.size_px(), may_repeat=source.may_repeat)
         seq, opened = job.first_seq - 1, False
-        deep = registry.method(job.detector.vision.method).deep
         last: AnyImage | None = None
         while True:
             frame = source.read()
@@ -266,7 +264,7 @@ class CaptureThread:
                 continue
             pixels = passed.used.pixels.view()
             pixels.flags.writeable = False
-            searched = cast("Image", pixels) if deep else bgr8(pixels)
+            searched = registry.given(job.detector.vision, pixels)
             image = bgr8(searched)
             image.flags.writeable = False
             seq += 1 + frame.damaged  # those, too, are frames without a result
