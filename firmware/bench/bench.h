@@ -115,6 +115,7 @@ typedef struct {
 double wire_send(wire_t *wire, uint64_t now, double bit, uint8_t value); // when its stop bit ends
 void wire_run(wire_t *wire, uint64_t now, double bit);                   // the receiver, up to now
 void wire_cut(wire_t *wire, uint64_t now);                               // the sender lets go of the line
+void wire_delay(wire_t *wire, uint64_t cycles);                          // all that is on it comes so much later
 size_t wire_waiting(const wire_t *wire, uint64_t now);                   // bytes not yet begun
 
 // -- link.c: between the UART and the host: both wires, damage, the cable
@@ -122,6 +123,7 @@ void link_seed(uint64_t seed);
 void link_sent(uint8_t value);             // the UART's transmitter was given a byte
 void link_silence(void);                   // reset or power cut in the middle of a byte
 void link_run(uint64_t now);
+void link_delay(uint64_t cycles);          // the processor stood still: the host's bytes wait for it
 size_t link_room(void);                     // bytes that the host may send now
 void link_host(const uint8_t *data, size_t size); // what the host says
 void link_renew(int output, unsigned nearest, unsigned farthest); // reply to each line as the gateway does; below 0: not

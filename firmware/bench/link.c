@@ -161,6 +161,8 @@ void link_host(const uint8_t *data, size_t size) {
         (void)wire_send(&up, board_now(), host_bit(), data[i]);
 }
 
+void link_delay(uint64_t cycles) { wire_delay(&up, cycles); }
+
 void link_run(uint64_t now) {
     wire_run(&down, now, host_bit());
     wire_run(&up, now, board_bit_cycles());

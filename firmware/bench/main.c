@@ -86,6 +86,7 @@ static void keep_pace(pace_t *pace, uint64_t now) {
         pace->lost_ns += ns_of(skip_to - now);
         truth(now, "late", ", \"to_ns\": %llu", (unsigned long long)ns_of(skip_to));
         board_skip(skip_to);
+        link_delay(skip_to - now); // at once they would be too many for its UART
     }
     if (real_ns >= due_ns) return;
     const struct timespec until = {.tv_sec = (time_t)(due_ns / 1000000000u), .tv_nsec = (long)(due_ns % 1000000000u)};

@@ -28,6 +28,16 @@ void wire_cut(wire_t *wire, uint64_t now) {
     if (wire->free > (double)now) wire->free = (double)now;
 }
 
+void wire_delay(wire_t *wire, uint64_t cycles) {
+    for (size_t i = 0; i < wire->count; i++) {
+        wire_byte_t *const byte = at_index(wire, i);
+        byte->start += (double)cycles;
+        if (byte->cut != NEVER) byte->cut += cycles;
+    }
+    wire->free += (double)cycles;
+    wire->looked += (double)cycles;
+}
+
 size_t wire_waiting(const wire_t *wire, uint64_t now) {
     size_t waiting = 0;
     for (size_t i = wire->count; i-- > 0; waiting++)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from gateway.clock import Clock
 from gateway.durations import NS_PER_S
-from gateway.errors import ConfigError, LinkError, ProtocolError
+from gateway.errors import ConfigError, LinkError
 from gateway.ranger.hcsr04 import stk500
 from gateway.ranger.port import Port
 
@@ -19,6 +19,7 @@ PLACES = (
 ANSWER_S = 1.0
 SYNC_S = 0.3  # for one of these answers
 SYNCS = 14  # four seconds: a boot loader listens for one after a reset, and blinks before
+TRIES = 3  # of the whole work, where a byte was lost or changed
 OPEN_S = 5.0  # a bay that has been told to release the port does so within half a second
 CUT_OFF = "the board has a part of the firmware now; put it on again"
 
@@ -35,19 +36,38 @@ def flash(url: str, program: bytes, clock: Clock, progress: Callable[[float], No
     """`progress` gets 0 to 1. Raises LinkError, whose text says what state the board is in, and ProtocolError."""
     if "://" in url:
         raise ConfigError(f"ranger port {url}: the board must be at this machine's own USB")
-    port, done = _opened(url, clock), 0.0
+    written = False
+
+    def told(done: float) -> None:
+        nonlocal written
+        written |= done > 0
+        progress(done)
+
+    for tries in range(1, TRIES + 1):
+        try:
+            _write(url, program, clock, told)
+        except stk500.DamagedError:
+            if tries == TRIES:
+                raise
+        except LinkError as error:
+            raise LinkError(f"{error}; {CUT_OFF if written else 'nothing was written'}") from error
+        else:
+            return
+        clock.block(SYNC_S)  # closed for so long, it is opened anew for the board, too
+
+
+def _write(url: str, program: bytes, clock: Clock, progress: Callable[[float], None]) -> None:
+    port = _opened(url, clock)
     try:
         _synchronized(port, clock)
         talk = stk500.conversation(program)
         ask = next(talk)
         while True:
-            progress(done := ask.done)
+            progress(ask.done)
             port.write(ask.data)
             ask = talk.send(_answer(port, ask.answer_bytes, ANSWER_S, clock))
     except StopIteration:
         return
-    except (LinkError, ProtocolError) as error:
-        raise type(error)(f"{error}; {CUT_OFF}" if done and "repeat" not in str(error) else str(error)) from error
     finally:
         port.close()
 
@@ -70,9 +90,7 @@ def _synchronized(port: Port, clock: Clock) -> None:
         if stk500.SYNCED in _answer(port, 2, SYNC_S, clock):
             _answer(port, 2 * SYNCS, SYNC_S, clock)  # to those before it
             return
-    raise LinkError(
-        "no boot loader answers: is it an Arduino Uno, and is its USB cable one for data? Nothing was written"
-    )
+    raise LinkError("no boot loader answers: is it an Arduino Uno, and is its USB cable one for data?")
 
 
 def _answer(port: Port, size: int, timeout_s: float, clock: Clock) -> bytes:

@@ -107,7 +107,7 @@ def test_a_board_without_a_boot_loader_and_a_port_that_is_taken(
     monkeypatch.setattr(flashing, "SYNCS", 3)
     monkeypatch.setattr(flashing, "OPEN_S", 0.1)
     with board(other_program, tmp_path) as silent:
-        with pytest.raises(LinkError, match=r"no boot loader answers: .* Nothing was written"):
+        with pytest.raises(LinkError, match=r"no boot loader answers: .* nothing was written"):
             flashing.flash(silent.port, b"x", CLOCK, lambda _: None)
         taken = Port(silent.port, 9600)
         with pytest.raises(LinkError, match="another program uses it"):

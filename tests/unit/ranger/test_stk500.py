@@ -2,8 +2,11 @@
 
 import pytest
 
+from gateway.clock import Clock
 from gateway.errors import ProtocolError
+from gateway.ranger import flashing
 from gateway.ranger.hcsr04 import stk500
+from tests.virtual_time import BlockingClock
 
 IMAGE = bytes(range(200))
 
@@ -97,3 +100,53 @@ def test_intel_hex_with_a_gap() -> None:
 def test_a_wrong_file_is_refused(text: str, why: str) -> None:
     with pytest.raises(ProtocolError, match=why):
         stk500.image_of(text)
+
+
+class BoardPort:
+    """A port of a board with a boot loader. Answers whose numbers are in `lost` do not come; behind the last one the
+    program talks, at another baud rate."""
+
+    def __init__(self, lost: set[int]) -> None:
+        self.board, self.lost, self.answers, self.opened, self.waiting = BootLoader(), lost, 0, 0, b""
+
+    def __call__(self, _url: str, _baud: int) -> "BoardPort":
+        self.opened += 1
+        return self
+
+    def reset(self, _clock: Clock) -> None: ...
+
+    def close(self) -> None: ...
+
+    def write(self, data: bytes) -> None:
+        self.answers += 1
+        self.waiting = b"" if self.answers in self.lost else self.board.answer(data) + bytes(6 * (data == b"Q "))
+
+    def read(self) -> bytes:
+        data, self.waiting = self.waiting, b""
+        return data
+
+
+class ReadingClock(BlockingClock):
+    """Each look at it takes 50 ms, as a read of nothing does."""
+
+    def now_ns(self) -> int:
+        self.block(0.05)
+        return super().now_ns()
+
+
+@pytest.mark.parametrize(("lost", "opened"), [(set(), 1), ({9}, 2), ({9, 20}, 3)])
+def test_a_lost_byte_is_followed_by_another_try(lost: set[int], opened: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    done: list[float] = []
+    port = BoardPort(lost)
+    monkeypatch.setattr(flashing, "Port", port)
+    flashing.flash("/dev/board", IMAGE, ReadingClock(0), done.append)
+    assert (port.opened, done[-1]) == (opened, 1)
+    assert port.board.flash[:256] == IMAGE + b"\xff" * 56
+
+
+def test_after_three_tries_it_says_that_it_can_be_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
+    port = BoardPort(set(range(5, 1000, 5)))
+    monkeypatch.setattr(flashing, "Port", port)
+    with pytest.raises(ProtocolError, match=r"answer is damaged .*: repeat it"):
+        flashing.flash("/dev/board", IMAGE, ReadingClock(0), lambda _: None)
+    assert port.opened == flashing.TRIES
