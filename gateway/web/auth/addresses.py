@@ -129,24 +129,15 @@ class ApiAddresses(AddressGroup):
 
 
 class Addresses(AddressGroup):
-    """Addresses with all that each needs; those of the pages themselves have no description."""
+    """Those of the pages themselves: they are not described."""
 
-    def get(
-        self, path: str, least: Level, summary: str, described: Description | None = None
-    ) -> Callable[[Endpoint], Endpoint]:
-        return self._plain(Rule("GET", path, least, summary), described)
+    def get(self, path: str, least: Level, summary: str) -> Callable[[Endpoint], Endpoint]:
+        return self._http(Rule("GET", path, least, summary))
 
     def post(
-        self,
-        path: str,
-        least: Level,
-        summary: str,
-        described: Description | None = None,
-        *,
-        body_bytes: int = BODY_BYTES,
-        audited: bool = True,
+        self, path: str, least: Level, summary: str, *, body_bytes: int = BODY_BYTES, audited: bool = True
     ) -> Callable[[Endpoint], Endpoint]:
-        return self._plain(Rule("POST", path, least, summary, body_bytes, audited), described)
+        return self._http(Rule("POST", path, least, summary, body_bytes, audited))
 
     def web_socket(self, path: str, least: Level, summary: str) -> Callable[[Endpoint], Endpoint]:
         def register(endpoint: Endpoint) -> Endpoint:
@@ -159,9 +150,6 @@ class Addresses(AddressGroup):
     def files(self, path: str, directory: Path, least: Level, summary: str) -> None:
         self.rules.append(Rule("GET", f"{path}/{{path:path}}", least, summary))
         self.routes.append(Mount(path, PageFiles(directory=directory)))
-
-    def _plain(self, rule: Rule, described: Description | None) -> Callable[[Endpoint], Endpoint]:
-        return self._http(rule, None if described is None else lambda _: described)
 
 
 def whole_number(least: int, most: int) -> BeforeValidator:

@@ -1,6 +1,5 @@
 """The addresses of a bay's test sets, /api/bays/{bay}/test-sets. `security` has checked who calls."""
 
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -8,8 +7,8 @@ from fastapi import Depends, Path, Query
 from starlette.responses import Response
 
 from gateway.config import VisionConfig
-from gateway.web.auth.access import BODY_BYTES, Level
-from gateway.web.auth.addresses import Addresses, Description, Endpoint, whole_number
+from gateway.web.auth.access import Level
+from gateway.web.auth.addresses import ApiAddresses, whole_number
 from gateway.web.auth.refusals import RefusalError
 from gateway.web.ipc.testsets import (
     AddPicture,
@@ -30,7 +29,6 @@ from gateway.web.testsets.scoring_service import ScoringService
 from gateway.web.tuning.tuning_service import TuningService
 from gateway.web.tuning.uploads import MAX_TEXT, UploadError
 
-ADDRESSES = Addresses("/api/bays/{bay}/test-sets")
 PICTURE_BYTES = MAX_TEXT + 4096  # with the rest of its request
 PICTURE_PX = 1280
 
@@ -72,62 +70,39 @@ async def _request(services: WebServices, bay: Bay, caller: RequestCaller) -> Se
 Sets = Annotated[SetsRequest, Depends(_request)]
 
 _ERRORS = {404: "no such bay, test set or picture", 503: "no test sets can be kept or read now; `detail` says why"}
-_BODY = {400: "the body is not what is described here"}
-_CHANGE = _BODY | {409: "a limit, a name that is taken or not possible, damaged labels; `detail` says which"}
+_CHANGE = {409: "a limit, a name that is taken or not possible, damaged labels; `detail` says which"}
+ADDRESSES = ApiAddresses("/api/bays/{bay}/test-sets", least=Level.TECHNICIAN, errors=_ERRORS)
 
 
-def _get(
-    path: str,
-    operation_id: str,
-    summary: str,
-    model: object = None,
-    media: str | None = None,
-    errors: Mapping[int, str] = _ERRORS,
-) -> Callable[[Endpoint], Endpoint]:
-    return ADDRESSES.get(path, Level.TECHNICIAN, summary, Description(operation_id, model, media, errors))
-
-
-def _post(
-    path: str,
-    operation_id: str,
-    summary: str,
-    model: object = TestSetsView,
-    errors: Mapping[int, str] = _CHANGE,
-    *,
-    body_bytes: int = BODY_BYTES,
-    audited: bool = True,
-) -> Callable[[Endpoint], Endpoint]:
-    described = Description(operation_id, model, errors={**_ERRORS, **errors})
-    return ADDRESSES.post(path, Level.TECHNICIAN, summary, described, body_bytes=body_bytes, audited=audited)
-
-
-@_get("", "test_sets", "the test sets of a bay, and their pictures", TestSetsView)
+@ADDRESSES.get("", "test_sets", "the test sets of a bay, and their pictures")
 async def _sets(request: Sets) -> TestSetsView:
     if not request.sets.client.kept:
         return models.sets_view((), kept=False)
     return models.sets_view(await request.sets.client.sets(request.bay))
 
 
-@_post("", "make_test_set", "make a test set")
+@ADDRESSES.post("", "make_test_set", "make a test set", errors=_CHANGE)
 async def _make(request: Sets, body: SetBody) -> TestSetsView:
     return await request.change(MakeSet(request.bay, body.name))
 
 
-@_post("/{name}/rename", "rename_test_set", "rename a test set")
+@ADDRESSES.post("/{name}/rename", "rename_test_set", "rename a test set", errors=_CHANGE)
 async def _rename(request: Sets, name: Name, body: SetBody) -> TestSetsView:
     made = await request.change(RenameSet(request.bay, name, body.name))
     request.sets.forget(request.bay, name)
     return made
 
 
-@_post("/{name}/delete", "delete_test_set", "delete a test set with its pictures")
+@ADDRESSES.post("/{name}/delete", "delete_test_set", "delete a test set with its pictures", errors=_CHANGE)
 async def _delete(request: Sets, name: Name, body: EmptyBody) -> TestSetsView:
     made = await request.change(DeleteSet(request.bay, name))
     request.sets.forget(request.bay, name)
     return made
 
 
-@_post("/{name}/pictures", "add_test_picture", "add a picture to a test set", body_bytes=PICTURE_BYTES)
+@ADDRESSES.post(
+    "/{name}/pictures", "add_test_picture", "add a picture to a test set", errors=_CHANGE, body_bytes=PICTURE_BYTES
+)
 async def _add(request: Sets, name: Name, body: PictureBody) -> TestSetsView:
     try:
         if body.data is not None:
@@ -140,19 +115,23 @@ async def _add(request: Sets, name: Name, body: PictureBody) -> TestSetsView:
     return await request.change(AddPicture(request.bay, name, title), data)
 
 
-@_post("/{name}/pictures/{file}/label", "label_test_picture", "say what is in a picture of a test set")
+@ADDRESSES.post(
+    "/{name}/pictures/{file}/label", "label_test_picture", "say what is in a picture of a test set", errors=_CHANGE
+)
 async def _label(request: Sets, name: Name, file: File, body: LabelBody) -> TestSetsView:
     marker = body.marker
     place = None if marker is None else MarkerPlace(marker.u_px, marker.v_px, marker.radius_px)
     return await request.change(SetLabel(request.bay, name, file, place))
 
 
-@_post("/{name}/pictures/{file}/remove", "remove_test_picture", "remove a picture from a test set")
+@ADDRESSES.post(
+    "/{name}/pictures/{file}/remove", "remove_test_picture", "remove a picture from a test set", errors=_CHANGE
+)
 async def _remove(request: Sets, name: Name, file: File, body: EmptyBody) -> TestSetsView:
     return await request.change(RemovePicture(request.bay, name, file))
 
 
-@_get("/{name}/pictures/{file}", "test_picture", "a picture of a test set", media="image/jpeg")
+@ADDRESSES.get("/{name}/pictures/{file}", "test_picture", "a picture of a test set", media="image/jpeg")
 async def _picture(request: Sets, name: Name, file: File, width: WidthPx = PICTURE_PX) -> Response:
     data = await request.sets.client.picture(request.bay, name, file)
     try:
@@ -162,7 +141,7 @@ async def _picture(request: Sets, name: Name, file: File, width: WidthPx = PICTU
     return Response(jpeg, media_type="image/jpeg")
 
 
-@_get("/{name}/pictures/{file}/proposal", "propose_label", "where the robust method finds the marker", ProposalView)
+@ADDRESSES.get("/{name}/pictures/{file}/proposal", "propose_label", "where the robust method finds the marker")
 async def _proposal(request: Sets, name: Name, file: File) -> ProposalView:
     data = await request.sets.client.picture(request.bay, name, file)
     try:
@@ -173,12 +152,11 @@ async def _proposal(request: Sets, name: Name, file: File) -> ProposalView:
     return ProposalView(width_px=found.width_px, height_px=found.height_px, marker=marker, confidence=found.confidence)
 
 
-@_post(
+@ADDRESSES.post(
     "/{name}/score",
     "score_test_set",
     "score settings on a test set, beside those in force",
-    SetScoreView,
-    _BODY | {422: "these settings are not possible"},
+    errors={422: "these settings are not possible"},
     audited=False,
 )
 async def _score(request: Sets, name: Name, body: ScoreBody) -> SetScoreView:
@@ -187,12 +165,12 @@ async def _score(request: Sets, name: Name, body: ScoreBody) -> SetScoreView:
     return models.score_view(await request.sets.begin(request.bay, name, settings, in_force))
 
 
-@_get("/{name}/score", "test_set_score", "how far the newest score of a test set is, and its result", SetScoreView)
+@ADDRESSES.get("/{name}/score", "test_set_score", "how far the newest score of a test set is, and its result")
 async def _scored(request: Sets, name: Name) -> SetScoreView:
     return models.score_view(request.sets.job(request.bay, name))
 
 
-@_post("/{name}/score/cancel", "cancel_test_score", "end a score that runs", SetScoreView, _BODY, audited=False)
+@ADDRESSES.post("/{name}/score/cancel", "cancel_test_score", "end a score that runs", audited=False)
 async def _cancel(request: Sets, name: Name, body: EmptyBody) -> SetScoreView:
     request.sets.cancel(request.bay, name)
     return models.score_view(request.sets.job(request.bay, name))
