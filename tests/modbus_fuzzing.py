@@ -16,7 +16,7 @@ WRITABLE = frozenset(range(80, 96))
 FUNCTIONS = [1, 2, 3, 3, 3, 3, 4, 4, 5, 6, 7, 8, 11, 12, 15, 16, 16, 17, 20, 21, 22, 23, 23, 24, 43, 43]
 EDGES = [0, 1, 2, 3, 15, 16, 17, 79, 80, 95, 96, 98, 99, 100, 108, 109, 110, 111, 121, 122, 123, 124, 125, 126, 127,
          128, 255, 256, 1999, 2000, 2001, 32767, 32768, 65434, 65435, 65436, 65535]  # fmt: skip
-SIZE = 110  # registers
+SIZE = 123  # registers
 COILS = 16 * len(oracle.BIT_REGISTERS) + 1
 PATIENCE_S = 60.0
 
@@ -58,7 +58,7 @@ def a_pdu(rng: random.Random) -> bytes:
         told = count if rng.random() < 0.9 else rng.randrange(256)
         where = (rng.randrange(76, SIZE) if rng.random() < 0.9 else rng.choice(EDGES)).to_bytes(2, "big")
         head = bytes([function]) + (
-            number(rng) + bytes([0, rng.choice([1, 2, 100, 110, 0, 126])]) if function == 23 else b""
+            number(rng) + bytes([0, rng.choice([1, 2, 100, 123, 0, 126])]) if function == 23 else b""
         )
         body = rng.randbytes(min(size, 253 - len(head) - 5))
         pdu = head + where + told.to_bytes(2, "big") + bytes([size]) + body

@@ -184,6 +184,8 @@ def forced_stop(state: StateVector, reason: Reason, now_ns: int) -> StateVector:
         plc=state.plc.withdrawn(),
         guidance=Guidance(GuidanceCode.FAULT),
         visit=state.visit.withdrawn(),
+        setpoint=state.setpoint.withdrawn(),
+        pose=None,
     )
 
 

@@ -64,6 +64,8 @@ def resumed(state: StateVector, now_ns: int) -> StateVector:
         plc=replace(plc.withdrawn(), timed_out=plc.timed_out or plc.phase is TriggerPhase.ACQUIRING),
         guidance=Guidance(GuidanceCode.FAULT),
         visit=state.visit.withdrawn(),
+        setpoint=state.setpoint.withdrawn(),
+        pose=None,
     )
 
 

@@ -7,6 +7,7 @@ from gateway.core.beacon import FOUND, Beacon, BeaconStatus
 from gateway.core.detection import Circle
 from gateway.core.marker_wear import MarkerWear
 from gateway.core.plc import Handshake, PlcLink
+from gateway.core.pose import MetricPose
 from gateway.core.readings import (
     FRESH_FRAME,
     AgeProof,
@@ -17,6 +18,7 @@ from gateway.core.readings import (
     VisionReading,
 )
 from gateway.core.scale import MarkerScale, ScaleSample
+from gateway.core.setpoint import Setpoint
 
 
 class Reason(IntEnum):
@@ -387,6 +389,8 @@ class StateVector:
     function_check: FunctionCheck = FunctionCheck.OFF
     visit: Visit = field(default_factory=Visit)
     marker: MarkerWear | None = None  # after the newest visit; None: not known yet
+    setpoint: Setpoint = field(default_factory=Setpoint)  # for a drive that moves the vehicle
+    pose: MetricPose | None = None  # None: something that it needs is not configured, or not GOOD
     valid_until_ns: int = 0  # without another tick by then, it is no longer valid: gateway/core/shown.py
 
     @property

@@ -22,6 +22,7 @@ from gateway.core.readings import (
     RelayOutput,
     VisionReading,
 )
+from gateway.core.setpoint import DriveState
 from gateway.core.state import (
     GUIDANCE_MEANING,
     REASON_MEANING,
@@ -53,6 +54,7 @@ _exposure = _part(lambda s: s.exposure)
 _scale = _part(lambda s: s.memory.scale)
 _marker_wear = _part(lambda s: s.marker)
 _relay = _part(lambda s: s.range.relay)
+_pose = _part(lambda s: s.pose)
 
 
 def _frame(state: StateVector) -> Quality:
@@ -117,6 +119,7 @@ _FEW = "fewer than 10 visits"
 _UNLESS_GOOD = "vision is not GOOD"
 _NOT_KNOWN = "not known"
 _NO_RELAY = "no relay, or not reported"
+_NO_DRIVE = "no drive is configured"
 
 ROWS: tuple[Value[StateVector], ...] = (
     Value("seq", int, "number of the state in this bay; begins again when the gateway starts", lambda s: s.seq),
@@ -236,6 +239,20 @@ ROWS: tuple[Value[StateVector], ...] = (
     Value("guidance.closing_mm_s", float, "positive: the truck approaches", lambda s: s.guidance.closing_mm_s,
           _NOT_KNOWN),
     Value("guidance.to_go_mm", float, "until D = 1; negative: past it", lambda s: s.guidance.to_go_mm, _NOT_KNOWN),
+    Value("drive.enable", bool, "the drive may run at the setpoint", lambda s: s.setpoint.enable),
+    Value("drive.state", DriveState, "how far the approach is", lambda s: s.setpoint.state or None, _NO_DRIVE),
+    Value("drive.speed_setpoint_mm_s", float, "speed for the drive, towards the spout positive; 0: stand",
+          lambda s: s.setpoint.speed_mm_s),
+    Value("drive.stopping_mm", float, "way until standstill, at worst", lambda s: s.setpoint.stopping_mm,
+          f"not known, or {_NO_DRIVE}"),
+    Value("pose.x_mm", float, "marker's centre minus its place, to the picture's right", _pose(lambda p: p.x_mm),
+          "not configured, or a sensor is not GOOD"),
+    Value("pose.y_mm", float, "likewise, downwards", _pose(lambda p: p.y_mm), "as pose.x_mm"),
+    Value("pose.z_mm", float, "likewise, away from the camera; positive: to go", _pose(lambda p: p.z_mm),
+          "as pose.x_mm"),
+    Value("pose.x_sd_mm", float, "standard deviation of x", _pose(lambda p: p.x_sd_mm), "as pose.x_mm"),
+    Value("pose.y_sd_mm", float, "standard deviation of y", _pose(lambda p: p.y_sd_mm), "as pose.x_mm"),
+    Value("pose.z_sd_mm", float, "standard deviation of z", _pose(lambda p: p.z_sd_mm), "as pose.x_mm"),
     Value("plc.link", PlcLink, "of the PLC's heartbeat: UNUSED, WAITING, ALIVE, LOST", lambda s: s.plc.link),
     Value("plc.age_ms", float, "since its heartbeat last changed", _plc_age_ms, "never received"),
     Value("plc.heartbeat", int, "as the PLC has written it last", lambda s: s.plc.heartbeat),

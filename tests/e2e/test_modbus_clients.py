@@ -40,7 +40,7 @@ class Bay:
     """A unit whose registers can be written, and its twin for the oracle."""
 
     def __init__(self, writes_on: bool) -> None:
-        self.words = [1000 + n for n in range(110)]
+        self.words = [1000 + n for n in range(123)]
         self.unit = Unit(lambda: tuple(self.words), writing(self.words, WRITABLE) if writes_on else None, OBJECTS)
         self.server = oracle.Server({1: oracle.Bay(list(self.words), WRITABLE, writes_on, dict(OBJECTS))})
 
@@ -53,17 +53,17 @@ def serve(bay: Bay, use: Callable[[ModbusServer], Coroutine[Any, Any, None]], **
     event_loop.run(main())
 
 
-EVERY_WORD = " ".join(str(1000 + n) for n in range(110))
+EVERY_WORD = " ".join(str(1000 + n) for n in range(123))
 READS = f"""\
-holding 0 110: {EVERY_WORD}
-input 0 110: {EVERY_WORD}
+holding 0 123: {EVERY_WORD}
+input 0 123: {EVERY_WORD}
 holding 0 1: 1000
 holding 33 1: 1033
 holding 66 1: 1066
 holding 99 1: 1099
 holding 99 1: 1099
 holding 109 2: error Illegal data address
-input 110 1: error Illegal data address
+input 123 1: error Illegal data address
 holding 65535 125: error Illegal data address
 discrete 0 16: 1101011111000000
 coils 1 9: 101011111

@@ -54,12 +54,12 @@ int main(int argc, char **argv) {
         fprintf(stderr, "connect: %s\n", modbus_strerror(errno));
         return 1;
     }
-    words("holding", modbus_read_registers, 0, 110);
-    words("input", modbus_read_input_registers, 0, 110);
+    words("holding", modbus_read_registers, 0, 123);
+    words("input", modbus_read_input_registers, 0, 123);
     for (int address = 0; address < 100; address += 33) words("holding", modbus_read_registers, address, 1);
     words("holding", modbus_read_registers, 99, 1);
     words("holding", modbus_read_registers, 109, 2);
-    words("input", modbus_read_input_registers, 110, 1);
+    words("input", modbus_read_input_registers, 123, 1);
     words("holding", modbus_read_registers, 65535, 125);
     bits("discrete", modbus_read_input_bits, 0, 16);
     bits("coils", modbus_read_bits, 1, 9);

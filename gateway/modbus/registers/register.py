@@ -50,8 +50,9 @@ class WireType:
         return word - 0x1_0000 if self.low < 0 else word
 
 
-# A plain uint16 is a code or a counter and uses all its bits; a measured one gives up 0xFFFF as its sentinel.
+# A plain type always has a value and uses all its bits; a measured uint16 gives up 0xFFFF as its sentinel.
 UINT16 = WireType("uint16", 1, 0, 0xFFFF)
+INT16 = WireType("int16", 1, -0x8000, 0x7FFF)
 UINT32 = WireType("uint32", 2, 0, 0xFFFF_FFFF)
 UINT64 = WireType("uint64", 4, 0, 0xFFFF_FFFF_FFFF_FFFF)
 MEASURED_UINT16 = WireType("uint16", 1, 0, 0xFFFE, no_value=0xFFFF)

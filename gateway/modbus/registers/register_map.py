@@ -18,6 +18,7 @@ from gateway.core.state import REASON_MEANING, Reason, StateVector
 from gateway.durations import NS_PER_MS
 from gateway.errors import ProtocolError
 from gateway.modbus.registers.bay_identity import NO_BAY, BayIdentity
+from gateway.modbus.registers.drive import DRIVE
 from gateway.modbus.registers.handshake import HANDSHAKE
 from gateway.modbus.registers.health import HEALTH, PICTURE
 from gateway.modbus.registers.lamps import SIGNAL_LAMPS
@@ -41,8 +42,8 @@ from gateway.modbus.registers.register import (
 from gateway.modbus.registers.register import Register as Register  # noqa: PLC0414 - for those who read the table
 from gateway.modbus.registers.register import Value as Value  # noqa: PLC0414
 
-MAP_VERSION = 7
-BLOCK_WORDS = 110  # a request takes 125 at most, some clients 120
+MAP_VERSION = 8
+BLOCK_WORDS = 123  # a request takes 125 at most
 KNOWN_UINT32 = 0x12345678  # 305419896; four different bytes, so every wrong order reads as another number
 _KNOWN_WORDS = (KNOWN_UINT32 >> 16, KNOWN_UINT32 & 0xFFFF)
 KNOWN_FLOAT32 = 123456.0  # 0x47F12000
@@ -189,6 +190,7 @@ REGISTERS: tuple[Register, ...] = (
              RELAY.read, bits=RELAY.names),
     shown(107, "rangers", UINT16, 1, "rangers.status", "of several rangers, one bit each; 0: one, or none is judged",
           bits=_RANGER_BITS),
+    *DRIVE,
 )  # fmt: skip
 
 RESERVED: tuple[Reserved, ...] = (Reserved(108, 2, "for later map versions"),)

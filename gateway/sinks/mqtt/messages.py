@@ -270,6 +270,28 @@ class RelayPayload(ShownModel):
     fault: bool
 
 
+class DrivePayload(ShownModel):
+    """For a drive that moves the vehicle."""
+
+    level = "drive."
+    enable: bool
+    state: str
+    speed_setpoint_mm_s: float
+    stopping_mm: float | None
+
+
+class PosePayload(ShownModel):
+    """The marker's centre against its taught place, with standard deviations."""
+
+    level = "pose."
+    x_mm: float
+    y_mm: float
+    z_mm: float
+    x_sd_mm: float
+    y_sd_mm: float
+    z_sd_mm: float
+
+
 class StatePayload(Measured):
     """`<root>/<site>/<bay>/state`, retained. Valid only while the status topic is online and it keeps arriving."""
 
@@ -297,6 +319,8 @@ class StatePayload(Measured):
     rangers: RangersPayload | None = Field(description="of a bay with several; null: one, or none can be judged")
     beacon: BeaconPayload | None = Field(None, description="null: none is configured")
     relay: RelayPayload | None = Field(None, description="null: none is configured, or the board does not report it")
+    drive: DrivePayload | None = Field(None, description="null: none is configured")
+    pose: PosePayload | None = Field(None, description="null: not configured, or a sensor is not GOOD")
     ne107: Ne107Payload
     guidance: GuidancePayload
     plc: PlcPayload

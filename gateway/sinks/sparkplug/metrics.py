@@ -19,6 +19,7 @@ BD_SEQ = "bdSeq"
 BAYS_ALIVE = "Bays/Alive"  # of the node: how many devices have a birth
 _DATATYPES = {bool: DataType.BOOLEAN, int: DataType.INT32, float: DataType.DOUBLE}
 _DIGITS = {"px": 1, "mm": 0, "mm/s": 0, "Hz": 0, "s": 1, "ms": 1, "": 2}  # a change smaller than their last one is none
+_OWN_DIGITS = {"Picture/Shift": 0, **{f"Pose/{axis}{of}": 1 for axis in "XYZ" for of in ("", " SD")}}
 
 DEVICE = {
     "Stop": "stop",
@@ -55,6 +56,16 @@ DEVICE = {
     "Guidance/Amount": "guidance.amount_mm",
     "Guidance/To Go": "guidance.to_go_mm",
     "Guidance/Closing Speed": "guidance.closing_mm_s",
+    "Drive/Enable": "drive.enable",
+    "Drive/State": "drive.state",
+    "Drive/Speed Setpoint": "drive.speed_setpoint_mm_s",
+    "Drive/Stopping Distance": "drive.stopping_mm",
+    "Pose/X": "pose.x_mm",
+    "Pose/Y": "pose.y_mm",
+    "Pose/Z": "pose.z_mm",
+    "Pose/X SD": "pose.x_sd_mm",
+    "Pose/Y SD": "pose.y_sd_mm",
+    "Pose/Z SD": "pose.z_sd_mm",
     "NE107/Code": "ne107.code",
     "NE107/Name": "ne107.name",
     "NE107/Active": "ne107.active",
@@ -165,7 +176,7 @@ def _reading(name: str, source: object, quality: QualityCode) -> Reading:
     elif isinstance(found, tuple):
         found = ", ".join(found)
     elif isinstance(found, float):
-        found = round(found, 0 if name == "Picture/Shift" else _DIGITS[row.unit]) if abs(found) < 1e300 else None
+        found = round(found, _OWN_DIGITS.get(name, _DIGITS[row.unit])) if abs(found) < 1e300 else None
     return found, QualityCode.BAD if found is None and quality is QualityCode.GOOD else quality
 
 

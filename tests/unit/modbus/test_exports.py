@@ -229,8 +229,10 @@ def test_kepware_shows_no_sentinel_as_a_quantity() -> None:
     read, rows = kepware_reads(Target(), empty())
     assert {row["Scaling"] for row in rows} == {""}
     with_unit = [row["Tag Name"] for row in rows if row["Eng Units"]]
-    assert with_unit == ["u_f32", "v_f32", "radius_f32", "distance_f32", "z_vision_f32"]
-    assert all(math.isnan(read[name]) for name in with_unit)
+    floats = ["u_f32", "v_f32", "radius_f32", "distance_f32", "z_vision_f32", "pose_x", "pose_y", "pose_z"]
+    assert [name for name in with_unit if name != "speed_setpoint"] == floats
+    assert all(math.isnan(read[name]) for name in floats)
+    assert read["speed_setpoint"] == 0
     descriptions = {row["Tag Name"]: row["Description"] for row in rows}
     assert descriptions["radius_raw"] == "counts of 0.1 px; 65535: no value. marker radius R"
     assert descriptions["u_raw"].startswith("counts of 0.1 px; -32768: no value. ")
@@ -284,7 +286,7 @@ def test_scl_calls_mb_client_for_every_bay_by_itself() -> None:
         parameters = [dict(re.findall(r"(\w+) := ([^,)]+)", call)) for call in calls]
         assert [(p["MB_MODE"], p["MB_DATA_ADDR"], p["MB_DATA_LEN"]) for p in parameters] == [
             ("116", "80", "3"),
-            ("103", "0", "110"),
+            ("103", "0", "123"),
         ]
         assert [p["MB_DATA_PTR"] for p in parameters] == [
             f'"LoadingGateway_IO".{bay}_Write',
@@ -388,7 +390,7 @@ def test_twincat_has_one_file_an_object_with_the_text_that_was_parsed_and_run() 
     code = ET.fromstring(files["LoadingGateways.TcPOU"]).findtext("POU/Implementation/ST") or ""
     for bay, unit_id in (("bay_2", 7), ("bay_3", 8)):
         where = f"sIPAddr := '10.1.2.3', nTCPPort := 5020, nUnitID := {unit_id}"
-        assert f"{bay}_Read({where}, nQuantity := 110, nMBAddr := 0," in code
+        assert f"{bay}_Read({where}, nQuantity := 123, nMBAddr := 0," in code
         assert f"{bay}_Send({where}, nQuantity := 3, nMBAddr := 80," in code
         known = f"UnitId := {unit_id}, BayIdentity := UDINT#{IDENTITY[bay]}"
         assert f"{bay}(PollOk := {bay}_PollOk, Words := {bay}_Words,\n  {known});" in code
@@ -414,7 +416,7 @@ def test_l5x_has_the_shape_that_studio_5000_imports() -> None:
     assert list(parameters)[:2] == ["EnableIn", "EnableOut"]
     assert {var.name for var in OUTPUTS} | set(openplc.INPUTS) <= set(parameters)
     assert {"Trigger", "Acknowledge", "Recipe", "HeartbeatTimeoutMs"} <= set(parameters)
-    assert parameters["Words"].get("Dimensions") == "110"
+    assert parameters["Words"].get("Dimensions") == "123"
     assert {name for name, p in parameters.items() if p.get("Usage") == "InOut"} == {"Words", "Data"}
     routines = [r.get("Name") for r in instruction.iterfind("Routines/Routine")]
     assert routines == ["EnableInFalse", "Logic", "Prescan"]
@@ -528,7 +530,7 @@ def test_openplc_reads_the_block_and_puts_each_word_in_its_place() -> None:
         inputs = dict(re.findall(rf"^  {bay}_(w\d+) AT %IW(\d+) : WORD;", program, re.MULTILINE))
         copies = re.findall(rf"^{bay}_Words\[(\d+)\] := {bay}_(w\d+);", program, re.MULTILINE)
         assert [int(place) for place, _ in copies] == list(range(BLOCK_WORDS))
-        assert [int(inputs[name]) - 100 - 110 * n for _, name in copies] == list(range(BLOCK_WORDS))
+        assert [int(inputs[name]) - 100 - 123 * n for _, name in copies] == list(range(BLOCK_WORDS))
         outputs = dict(re.findall(rf"^  {bay}_(\w+) AT %QX{n}\.(\d) : BOOL;", program, re.MULTILINE))
         assert outputs == dict(zip(openplc.OUTPUTS, "1234567", strict=True))
         assert list(outputs) == ["MustStop", "Alive", "MayMove", "InPlace", "Moved", "Held", "Rolling"]
@@ -586,7 +588,7 @@ def test_node_red_nodes_are_wired_to_each_other_and_to_the_bay() -> None:
     assert (by_type["modbus-client"]["tcpHost"], by_type["modbus-client"]["tcpPort"]) == ("10.1.2.3", "5020")
     assert by_type["function"]["func"] == node_red_function.code(TARGET)
     read = by_type["modbus-read"]
-    assert (read["unitid"], read["dataType"], read["adr"], read["quantity"]) == ("7", "HoldingRegister", "0", "110")
+    assert (read["unitid"], read["dataType"], read["adr"], read["quantity"]) == ("7", "HoldingRegister", "0", "123")
     assert (read["server"], read["wires"][0]) == (by_type["modbus-client"]["id"], [by_type["function"]["id"]])
     other = {node["id"] for node in json.loads(node_red.text(Target(bay="bay-3")))}
     assert not other & set(ids)  # two bays fit into one Node-RED

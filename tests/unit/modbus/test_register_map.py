@@ -9,8 +9,11 @@ from hypothesis import strategies as st
 from gateway.core import events, fusion
 from gateway.core.detection import Circle, Ellipse, Tracking
 from gateway.core.events import EventKind
+from gateway.core.fusion import forced_stop
+from gateway.core.pose import MetricPose
 from gateway.core.readings import AgeProof, PictureHealth, Quality, RangeReading, RangeStats, VisionReading, VisionStats
-from gateway.core.shown import withdrawn
+from gateway.core.setpoint import DriveState, Setpoint
+from gateway.core.shown import resumed, withdrawn
 from gateway.core.state import FusionMemory, Moved, Reason, StateVector, Visit, VisitPhase
 from gateway.errors import ProtocolError
 from gateway.modbus.registers.bay_identity import BayIdentity
@@ -64,13 +67,15 @@ STATE = StateVector(
     may_move=False,
     reason=Reason.TARGET_REACHED,
     z_vision_mm=301.5,
+    setpoint=Setpoint(DriveState.CREEP, enable=True, speed_mm_s=29.6, stopping_mm=41.2),
+    pose=MetricPose(-12.5, 3.25, 10.0, 0.52, 0.55, 1.94),
 )  # fmt: skip
 
 # address: word, high word first
 BAY = BayIdentity(9, 0x3456789A)
 EXPECTED: dict[int, int] = {
     0: 0x468A,  # 2 * 0x12345 modulo 65536
-    1: 7,
+    1: 8,
     2: 0xABCD,
     3: 0b0000_0000_0111_0101,  # healthy, range good, vision good, D, stop
     4: 1,
@@ -153,6 +158,19 @@ EXPECTED: dict[int, int] = {
     102: 0x3456,
     105: 0xFFFF,  # no beacon
     103: 0x789A,
+    110: 1,
+    111: 4,
+    112: 30,
+    113: 41,
+    114: 0xC148,
+    115: 0x0000,
+    116: 0x4050,
+    117: 0x0000,
+    118: 0x4120,
+    119: 0x0000,
+    120: 5,
+    121: 6,
+    122: 19,
 }
 
 
@@ -205,11 +223,25 @@ def test_what_is_not_known_of_a_picture_has_no_value() -> None:
 def test_little_word_order_swaps_words_and_nothing_else() -> None:
     little = encode(STATE, UNIX_NS, "little", BAY)
     swapped = dict(EXPECTED)
-    for first in (20, 40, 42, 44, 46, 48, 50, 52, 54, 56, 102):
+    for first in (20, 40, 42, 44, 46, 48, 50, 52, 54, 56, 102, 114, 116, 118):
         swapped[first], swapped[first + 1] = EXPECTED[first + 1], EXPECTED[first]
     for place in range(4):
         swapped[22 + place] = EXPECTED[25 - place]
     assert little == tuple(swapped.get(address, 0) for address in range(BLOCK_WORDS))
+
+
+def test_a_drive_that_may_not_run_reads_zero_and_an_unknown_way_or_pose_has_no_value() -> None:
+    known = ("drive_enable", "drive_state", "speed_setpoint")
+    unknown = ("stopping_distance", "pose_x", "pose_y", "pose_z", "pose_x_sd", "pose_y_sd", "pose_z_sd")
+    for state, code in (
+        (replace(STATE, setpoint=Setpoint(), pose=None), 0),
+        (replace(STATE, setpoint=Setpoint(DriveState.INHIBITED), pose=None), 1),
+        (forced_stop(STATE, Reason.GATEWAY_FAULT, STATE.t_ns), 1),
+        (resumed(replace(STATE, valid_until_ns=0), STATE.t_ns), 1),
+    ):
+        now = values(state)
+        assert [now[name] for name in known] == [0, code, 0]
+        assert [now[name] for name in unknown] == [None] * 7
 
 
 def test_the_table_covers_the_block_once_and_is_in_order() -> None:
@@ -441,7 +473,7 @@ def test_decode_gives_back_what_was_encoded(order: WordOrder) -> None:
 def test_decode_refuses_what_it_cannot_trust() -> None:
     image = encode(STATE, UNIX_NS, "big")
     for wrong, message in (
-        (image[:100], "110 words, not 100"),
+        (image[:100], "123 words, not 100"),
         ((*image[:40], 0, 0, *image[42:]), "registers 40 and 41 do not hold 0x12345678"),
         ((*image[:99], image[99] ^ 2, *image[100:]), "torn"),
         ((*image[:1], 0, *image[2:]), "map version 0"),

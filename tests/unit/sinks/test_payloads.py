@@ -11,9 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
+from gateway.core import fusion
 from gateway.core.detection import Circle, Ellipse, Tracking
 from gateway.core.events import Event, EventKind
 from gateway.core.marker_wear import MarkerWear, WearTrend
+from gateway.core.pose import MetricPose
 from gateway.core.readings import (
     QUALITY_MEANING,
     CameraExposure,
@@ -28,6 +30,7 @@ from gateway.core.readings import (
     VisionStats,
 )
 from gateway.core.scale import MarkerScale, ScaleSample
+from gateway.core.setpoint import DriveState, Setpoint
 from gateway.core.shown import shown, withdrawn
 from gateway.core.state import (
     GUIDANCE_MEANING,
@@ -81,6 +84,8 @@ GOOD = StateVector(
     stop=True,
     reason=Reason.TARGET_REACHED,
     z_vision_mm=301.004,
+    setpoint=Setpoint(DriveState.CREEP, enable=True, speed_mm_s=29.64, stopping_mm=41.234),
+    pose=MetricPose(-12.504, 3.25, 10.0, 0.521, 0.55, 1.94),
 )
 
 
@@ -105,6 +110,23 @@ def test_the_health_of_the_picture_is_published_with_fresh_frames_only() -> None
     }
     stale = replace(state, vision=replace(state.vision, quality=Quality.STALE, circle=None))
     assert sent(state_payload(stale, GATEWAY, OFFSET_NS, 2500))["picture"] is None
+
+
+@pytest.mark.parametrize(
+    ("state", "drive"),
+    [
+        (replace(GOOD, setpoint=Setpoint(), pose=None), None),
+        (
+            fusion.forced_stop(GOOD, Reason.SHUTDOWN, NOW_NS),
+            {"enable": False, "state": "INHIBITED", "speed_setpoint_mm_s": 0.0, "stopping_mm": None},
+        ),
+    ],
+)
+def test_without_a_drive_there_is_none_and_a_gateway_that_ends_withdraws_its_setpoint(
+    state: StateVector, drive: dict[str, Any] | None
+) -> None:
+    now = sent(state_payload(state, GATEWAY, OFFSET_NS, 2500))
+    assert (now["drive"], now["pose"]) == (drive, None)
 
 
 @pytest.mark.parametrize(
@@ -174,6 +196,8 @@ def test_a_good_state() -> None:
         "rangers": None,
         "beacon": None,
         "relay": None,
+        "drive": {"enable": True, "state": "CREEP", "speed_setpoint_mm_s": 29.6, "stopping_mm": 41.23},
+        "pose": {"x_mm": -12.5, "y_mm": 3.25, "z_mm": 10.0, "x_sd_mm": 0.52, "y_sd_mm": 0.55, "z_sd_mm": 1.94},
         "ne107": {"name": "GOOD", "code": 0, "active": []},
         "guidance": {
             "name": "WAIT",
