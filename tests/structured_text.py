@@ -6,16 +6,23 @@ do not fit their type, computes REAL in 32 bits, and raises on everything else.
 """
 
 import math
+import operator
 import struct
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from operator import itemgetter
 from typing import Any
 
 import blark.parse
 from blark import transform as tree
 
-Value = tuple[str, Any]
-"""(IEC type, value). The types INT_LITERAL and REAL_LITERAL take on the type of the other side."""
+Variables = dict[str, Any]
+Code = Callable[[Variables], Any]
+Typed = tuple[str, Code]
+"""(IEC type, what computes the value). The types INT_LITERAL and REAL_LITERAL take on the type of the other side, and
+their code needs no variables."""
+NOW_MS = "@now_ms"  # beside the variables, whose names have no @
 
 RANGES = {
     "UINT": (0, 0xFFFF),
@@ -80,9 +87,16 @@ class Program:
                     self.programs[str(item.name)] = item  # it calls the blocks; what it adds is compared as text
                 case _:
                     raise RefusedError(type(item).__name__)
+        self._units: dict[str, Unit] = {}
 
     def instance(self, name: str) -> "Instance":
-        return Instance(self, self.blocks[name])
+        return Instance(self.unit(name, self.blocks[name]))
+
+    def unit(self, name: str, declared: Any) -> "Unit":
+        """Translated once, and only where it is used."""
+        if name not in self._units:
+            self._units[name] = Unit(self, name, declared)
+        return self._units[name]
 
     def initial(self, kind: str) -> Any:
         """The value a variable of this type starts with."""
@@ -99,91 +113,47 @@ class Program:
 
 
 class Instance:
-    """One function block, or one call of a function, with its variables."""
+    """One function block with its variables."""
 
-    def __init__(self, program: Program, unit: Any) -> None:
-        self._program = program
-        self._body = unit.body
-        self.types: dict[str, str] = {}
-        self.values: dict[str, Any] = {}
-        for group in unit.declarations:
-            for name, (kind, start) in _members(group.items):
-                if name in self.types:
-                    raise RefusedError(f"{name} is declared twice")
-                self.types[name] = kind
-                self.values[name] = program.initial(kind) if start is None or kind not in DEFAULTS else start
-        self._now_ms = 0
+    def __init__(self, unit: "Unit") -> None:
+        self._unit = unit
+        self.values = unit.start()
 
     def call(self, now_ms: int, **inputs: Any) -> None:
         """One cycle."""
-        self._now_ms = now_ms
         for name, value in inputs.items():
-            if name not in self.types:
+            if name not in self._unit.types:
                 raise RefusedError(f"no input {name}")
             self.values[name] = value
-        self._run(self._body)
+        self.values[NOW_MS] = now_ms
+        self._unit.body(self.values)
 
     def __getitem__(self, name: str) -> Any:
         return self.values[name]
 
-    def _run(self, statements: Any) -> None:
-        for statement in statements.statements:
-            match statement:
-                case tree.AssignmentStatement(variables=[target]):
-                    self._assign(target, self._value(statement.expression))
-                case tree.IfStatement():
-                    self._if(statement)
-                case tree.WhileStatement():
-                    for _ in range(MAX_TURNS):
-                        if not self._bool(statement.expression):
-                            break
-                        self._run(statement.statements)
-                    else:
-                        raise RefusedError("a loop that does not end")
-                case tree.FunctionCallStatement():
-                    self._timer(statement)
-                case _:
-                    raise RefusedError(type(statement).__name__)
 
-    def _if(self, statement: Any) -> None:
-        if self._bool(statement.if_expression):
-            self._run(statement.statements)
-            return
-        for clause in statement.else_ifs:
-            if self._bool(clause.if_expression):
-                self._run(clause.statements)
-                return
-        if statement.else_clause is not None:
-            self._run(statement.else_clause.statements)
+class Unit:
+    """A function block or a function, translated to functions of its variables: types are compared here, once."""
 
-    def _timer(self, statement: Any) -> None:
-        timer = self.values[str(statement.name.name)]
-        given = {str(p.name.name): self._value(p.value) for p in statement.parameters}
-        if (
-            not isinstance(timer, Ton)
-            or set(given) != {"IN", "PT"}
-            or (given["IN"][0], given["PT"][0]) != ("BOOL", "TIME")
-        ):
-            raise RefusedError(f"call of {statement.name.name}")
-        timer.call(given["IN"][1], given["PT"][1], self._now_ms)
+    def __init__(self, program: Program, name: str, declared: Any) -> None:
+        self._program = program
+        self.types: dict[str, str] = {}
+        self._starts: dict[str, Any] = {}
+        for group in declared.declarations:
+            for variable, (kind, start) in _members(group.items):
+                if variable in self.types:
+                    raise RefusedError(f"{variable} is declared twice")
+                self.types[variable], self._starts[variable] = kind, start
+        if isinstance(declared, tree.Function):  # its name is the variable that it returns
+            self.types[name] = kind = str(declared.return_type.type.type)
+            self._starts[name] = DEFAULTS[kind]
+        self.body = self._block(declared.body)
 
-    def _bool(self, expression: Any) -> bool:
-        kind, value = self._value(expression)
-        if kind != "BOOL":
-            raise RefusedError(f"{kind} as a condition")
-        return bool(value)
-
-    def _assign(self, target: Any, given: Value) -> None:
-        match target:
-            case tree.SimpleVariable():
-                name = str(target.name)
-                self.values[name] = _fit(given, self._type_of(name))
-            case tree.MultiElementVariable(elements=[tree.FieldSelector(field=member)]):
-                struct_name = self._type_of(str(target.name.name))
-                kind, _ = self._program.structs[struct_name][str(member.name)]
-                self.values[str(target.name.name)][str(member.name)] = _fit(given, kind)
-            case _:
-                raise RefusedError(f"assignment to {target}")
+    def start(self) -> Variables:
+        return {
+            name: self._program.initial(kind) if kind not in DEFAULTS else self._starts[name]
+            for name, kind in self.types.items()
+        }
 
     def _type_of(self, name: str) -> str:
         try:
@@ -191,28 +161,107 @@ class Instance:
         except KeyError:
             raise RefusedError(f"{name} is not declared") from None
 
-    def _value(self, node: Any) -> Value:  # noqa: PLR0911, PLR0912  # one case a kind of expression
+    def _block(self, statements: Any) -> Code:
+        steps = [self._statement(statement) for statement in statements.statements]
+
+        def run(values: Variables) -> None:
+            for step in steps:
+                step(values)
+
+        return run
+
+    def _statement(self, statement: Any) -> Code:
+        match statement:
+            case tree.AssignmentStatement(variables=[target]):
+                return self._assignment(target, self._value(statement.expression))
+            case tree.IfStatement():
+                return self._if(statement)
+            case tree.WhileStatement():
+                return self._while(statement)
+            case tree.FunctionCallStatement():
+                return self._timer(statement)
+            case _:
+                raise RefusedError(type(statement).__name__)
+
+    def _if(self, statement: Any) -> Code:
+        clauses = (statement, *statement.else_ifs)
+        choices = [(self._bool(each.if_expression), self._block(each.statements)) for each in clauses]
+        if statement.else_clause is not None:
+            choices.append((lambda _: True, self._block(statement.else_clause.statements)))
+
+        def run(values: Variables) -> None:
+            for holds, block in choices:
+                if holds(values):
+                    block(values)
+                    return
+
+        return run
+
+    def _while(self, statement: Any) -> Code:
+        holds, block = self._bool(statement.expression), self._block(statement.statements)
+
+        def run(values: Variables) -> None:
+            for _ in range(MAX_TURNS):
+                if not holds(values):
+                    return
+                block(values)
+            raise RefusedError("a loop that does not end")
+
+        return run
+
+    def _timer(self, statement: Any) -> Code:
+        name = str(statement.name.name)
+        given = {str(p.name.name): self._value(p.value) for p in statement.parameters}
+        kinds = {key: kind for key, (kind, _) in given.items()}
+        if self._type_of(name) != "TON" or kinds != {"IN": "BOOL", "PT": "TIME"}:
+            raise RefusedError(f"call of {name}")
+        on, preset_ms = given["IN"][1], given["PT"][1]
+        return lambda values: values[name].call(on(values), preset_ms(values), values[NOW_MS])
+
+    def _bool(self, expression: Any) -> Code:
+        kind, code = self._value(expression)
+        if kind != "BOOL":
+            raise RefusedError(f"{kind} as a condition")
+        return code
+
+    def _assignment(self, target: Any, given: Typed) -> Code:
+        match target:
+            case tree.SimpleVariable():
+                name = str(target.name)
+                code = _fit(given, self._type_of(name))
+                if given[0] in self._program.structs:
+                    return lambda values: values.update({name: dict(code(values))})
+                return lambda values: values.update({name: code(values)})
+            case tree.MultiElementVariable(elements=[tree.FieldSelector(field=field)]):
+                whole, member = str(target.name.name), str(field.name)
+                code = _fit(given, self._program.structs[self._type_of(whole)][member][0])
+                return lambda values: values[whole].update({member: code(values)})
+            case _:
+                raise RefusedError(f"assignment to {target}")
+
+    def _value(self, node: Any) -> Typed:  # noqa: PLR0911, PLR0912  # one case a kind of expression
         match node:
             case tree.HexInteger():
-                return "INT_LITERAL", int(str(node.value), 16)
+                return "INT_LITERAL", _always(int(str(node.value), 16))
             case tree.Integer(type_name=None):
-                return "INT_LITERAL", int(node.value)
+                return "INT_LITERAL", _always(int(node.value))
             case tree.Integer():
-                return str(node.type_name), _fit(("INT_LITERAL", int(node.value)), str(node.type_name))
+                return str(node.type_name), _fit(("INT_LITERAL", _always(int(node.value))), str(node.type_name))
             case tree.Real(type_name=None):
-                return "REAL_LITERAL", _f32(float(node.value))
+                return "REAL_LITERAL", _always(_f32(float(node.value)))
             case tree.Boolean():
-                return "BOOL", str(node.value) == "TRUE"
+                return "BOOL", _always(str(node.value) == "TRUE")
             case tree.Duration(milliseconds=ms, seconds=None, minutes=None, hours=None, days=None):
-                return "TIME", int(ms)
+                return "TIME", _always(int(ms))
             case tree.ParenthesizedExpression():
                 return self._value(node.expr)
             case tree.SimpleVariable():
-                return self._type_of(str(node.name)), self.values[str(node.name)]
+                return self._type_of(str(node.name)), itemgetter(str(node.name))
             case tree.MultiElementVariable(elements=[element]):
                 return self._element(str(node.name.name), element)
             case tree.UnaryOperation(op="NOT"):
-                return "BOOL", not self._bool(node.expr)
+                code = self._bool(node.expr)
+                return "BOOL", lambda values: not code(values)
             case tree.FunctionCall():
                 return self._call(node)
             case tree.BinaryOperation():
@@ -220,36 +269,40 @@ class Instance:
             case _:
                 raise RefusedError(f"{type(node).__name__}: {node}")
 
-    def _element(self, name: str, element: Any) -> Value:
-        kind, whole = self._type_of(name), self.values[name]
+    def _element(self, name: str, element: Any) -> Typed:
+        kind = self._type_of(name)
         match element:
             case tree.FieldSelector() if kind == "TON" and str(element.field.name) == "Q":
-                return "BOOL", whole.Q
+                return "BOOL", lambda values: values[name].Q
             case tree.FieldSelector() if kind in self._program.structs:
                 member = str(element.field.name)
-                return self._program.structs[kind][member][0], whole[member]
+                return self._program.structs[kind][member][0], lambda values: values[name][member]
             case tree.SubscriptList(subscripts=[tree.Integer() as place]) if kind in self._program.arrays:
                 low, high, of = self._program.arrays[kind]
-                if not low <= int(place.value) <= high:
+                n = int(place.value) - low
+                if not 0 <= n <= high - low:
                     raise RefusedError(f"{name}[{place.value}] lies outside of {low}..{high}")
-                return of, whole[int(place.value) - low]
+                return of, lambda values: values[name][n]
             case _:
                 raise RefusedError(f"{name}{element}")
 
-    def _call(self, node: Any) -> Value:
+    def _call(self, node: Any) -> Typed:
         name = str(node.name.name)
-        if name in self._program.functions:
-            unit = self._program.functions[name]
-            made = Instance(self._program, unit)
-            kind = str(unit.return_type.type.type)
-            made.types[name], made.values[name] = kind, DEFAULTS[kind]
-            for parameter in node.parameters:
-                key = str(parameter.name.name)
-                made.values[key] = _fit(self._value(parameter.value), made._type_of(key))
-            made._run(made._body)
-            return kind, made.values[name]
-        (parameter,) = node.parameters
-        return _convert(name, self._value(parameter.value))
+        if name not in self._program.functions:
+            (parameter,) = node.parameters
+            return _convert(name, self._value(parameter.value))
+        unit = self._program.unit(name, self._program.functions[name])
+        given = {
+            (key := str(parameter.name.name)): _fit(self._value(parameter.value), unit._type_of(key))
+            for parameter in node.parameters
+        }
+
+        def run(values: Variables) -> Any:
+            made = unit.start() | {key: code(values) for key, code in given.items()}
+            unit.body(made)
+            return made[name]
+
+        return unit.types[name], run
 
 
 def _members(declarations: Any) -> Any:
@@ -272,6 +325,10 @@ def _members(declarations: Any) -> Any:
             yield str(getattr(declared, "variable", declared).name), (kind, start)
 
 
+def _always(value: Any) -> Code:
+    return lambda _: value
+
+
 def _f32(value: float) -> float:
     if math.isinf(value) or math.isnan(value):
         raise RefusedError(f"REAL {value}")
@@ -281,39 +338,50 @@ def _f32(value: float) -> float:
         raise RefusedError(f"REAL {value} is too large") from None
 
 
-def _fit(given: Value, kind: str) -> Any:
+def _ranged(value: int, kind: str) -> int:
+    low, high = RANGES[kind]
+    if not low <= value <= high:
+        raise RefusedError(f"{value} does not fit {kind}")
+    return value
+
+
+def _fit(given: Typed, kind: str) -> Code:
     """The value as a variable of `kind` holds it."""
-    have, value = given
+    have, code = given
     if have == "INT_LITERAL" and kind in RANGES:
-        low, high = RANGES[kind]
-        if not low <= value <= high:
-            raise RefusedError(f"{value} does not fit {kind}")
-        return value
-    if have == "REAL_LITERAL" and kind == "REAL":
-        return value
-    if have != kind:
+        return _always(_ranged(code({}), kind))
+    if have != kind and (have, kind) != ("REAL_LITERAL", "REAL"):
         raise RefusedError(f"{have} assigned to {kind}")
-    return dict(value) if isinstance(value, dict) else value
+    return code
 
 
-def _binary(op: str, left: Value, right: Value) -> Value:
+COMPARISONS = {
+    "=": operator.eq, "<>": operator.ne, "<": operator.lt, ">": operator.gt, "<=": operator.le, ">=": operator.ge,
+}  # fmt: skip
+BITWISE = {"AND": operator.and_, "OR": operator.or_, "XOR": operator.xor}
+ARITHMETIC: dict[str, Callable[[Any, Any], Any]] = {
+    "+": operator.add, "-": operator.sub, "*": operator.mul, "/": lambda a, b: math.trunc(a / b),
+}  # fmt: skip
+
+
+def _binary(op: str, left: Typed, right: Typed) -> Typed:
     kind = _common(left, right)
     a, b = _fit(left, kind), _fit(right, kind)
-    if op in ("=", "<>", "<", ">", "<=", ">="):
-        if kind in ("BOOL",):
-            raise RefusedError(f"{op} between BOOLs")
-        return "BOOL", {"=": a == b, "<>": a != b, "<": a < b, ">": a > b, "<=": a <= b, ">=": a >= b}[op]
-    if op in ("AND", "OR", "XOR") and kind in ("BOOL", "WORD"):
-        return kind, {"AND": a & b, "OR": a | b, "XOR": a ^ b}[op]
-    if op in ("+", "-", "*", "/") and kind in NUMBERS:
+    if op in COMPARISONS and kind != "BOOL":
+        compared = COMPARISONS[op]
+        return "BOOL", lambda values: compared(a(values), b(values))
+    if op in BITWISE and kind in ("BOOL", "WORD"):
+        joined = BITWISE[op]
+        return kind, lambda values: joined(a(values), b(values))
+    if op in ARITHMETIC and kind in NUMBERS and (kind, op) != ("REAL", "/"):
+        made = ARITHMETIC[op]
         if kind == "REAL":
-            return kind, _f32({"+": a + b, "-": a - b, "*": a * b}[op])
-        made = {"+": a + b, "-": a - b, "*": a * b, "/": math.trunc(a / b) if b else None}[op]
-        return kind, _fit(("INT_LITERAL", made), kind)
+            return kind, lambda values: _f32(made(a(values), b(values)))
+        return kind, lambda values: _ranged(made(a(values), b(values)), kind)
     raise RefusedError(f"{left[0]} {op} {right[0]}")
 
 
-def _common(left: Value, right: Value) -> str:
+def _common(left: Typed, right: Typed) -> str:
     kinds = {left[0], right[0]}
     for literal, default in (("INT_LITERAL", "DINT"), ("REAL_LITERAL", "REAL")):
         kinds = (kinds - {literal}) or {default}
@@ -322,14 +390,14 @@ def _common(left: Value, right: Value) -> str:
     return kinds.pop()
 
 
-def _convert(name: str, given: Value) -> Value:
+def _convert(name: str, given: Typed) -> Typed:
     """A_TO_B of the standard; from a bit string the bits are kept."""
     have, _, want = name.partition("_TO_")
     if want not in NUMBERS or have != given[0]:
         raise RefusedError(f"{name}({given[0]})")
-    value = given[1]
+    code = given[1]
     if want == "REAL":
-        return want, _f32(float(value))
-    if (have, want) == ("WORD", "INT") and value > 0x7FFF:
-        value -= 0x10000
-    return want, _fit(("INT_LITERAL", value), want)
+        return want, lambda values: _f32(float(code(values)))
+    if (have, want) == ("WORD", "INT"):
+        return want, lambda values: (word := code(values)) - (0x10000 if word > 0x7FFF else 0)
+    return want, lambda values: _ranged(code(values), want)
