@@ -119,8 +119,8 @@ def options(source: str) -> Iterator[tuple[str, object]]:
             for argument in node.args:
                 if isinstance(argument, ast.Constant) and isinstance(argument.value, str):
                     yield argument.value, "option"
-        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name) and node.targets[0].id == "NAME":
-            yield f"verb {ast.literal_eval(node.value)}", "verb"
+        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name) and node.targets[0].id == "VERBS":
+            yield from ((f"verb {name}", "verb") for name in ast.literal_eval(node.value))
 
 
 def contracts(commit: str | None) -> Contract:

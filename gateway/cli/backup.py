@@ -13,8 +13,9 @@ examples:
 import argparse
 from pathlib import Path
 
-NAME = "backup"
-HELP = "keep configuration, certificates, keys and state in one file"
+from gateway.backup import archive
+from gateway.errors import ConfigError
+
 CONFIG = Path("/etc/loading-gateway/gateway.toml")
 
 
@@ -27,8 +28,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    from gateway.backup import archive
-    from gateway.errors import ConfigError
 
     if args.archive.exists() and not args.overwrite:
         raise ConfigError(f"{args.archive}: exists, and was left as it is: name another file, or give --overwrite")

@@ -30,20 +30,27 @@ import os
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import cv2
 
 from gateway.cli import vision_args
+from gateway.cli.tables import console, show
+from gateway.clock import SystemClock
 from gateway.errors import ConfigError
+from gateway.modbus.exports.tables import markdown_table
+from gateway.sim.benchmark import plain
+from gateway.sim.benchmark.compare import compare
+from gateway.sim.benchmark.conditions import Condition, chosen, frame
+from gateway.sim.benchmark.sheets import Sheets
+from gateway.vision.detect.method import Detector
+from gateway.vision.offline.evaluation import summary, tables
+from gateway.vision.offline.evaluation.labels import FILE_NAME
+from gateway.vision.offline.evaluation.scoring import ScoredPicture
+from gateway.vision.offline.evaluation.summary import Summary
+from gateway.vision.offline.reports.page import write
+from gateway.vision.pixels import Image
+from gateway.vision.view import drawing
 
-if TYPE_CHECKING:
-    from gateway.sim.benchmark.conditions import Condition
-    from gateway.vision.detect.method import Detector
-    from gateway.vision.offline.evaluation.scoring import ScoredPicture
-    from gateway.vision.offline.evaluation.summary import Summary
-    from gateway.vision.pixels import Image
-
-NAME = "benchmark"
-HELP = "compare detection methods on rendered bays"
 HOUGH = "hough-circles"
 _LEAST_PX, _MOST_PX = (160, 120), (1920, 1440)
 
@@ -69,11 +76,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Raises ConfigError for arguments that must be edited."""
-    vision_args.quiet_opencv()
-    import cv2
-
-    from gateway.sim.benchmark.conditions import chosen
-
     if not 1 <= args.count <= 10_000:
         raise ConfigError(f"--count {args.count}: must be 1 to 10000")
     if not 0 <= args.seed < 1 << 31:
@@ -95,16 +97,13 @@ def main(args: argparse.Namespace) -> int:
     return 0
 
 
-def _compare(args: argparse.Namespace, conditions: "Sequence[Condition]") -> "list[Summary]":
-    from gateway.clock import SystemClock
-    from gateway.sim.benchmark.compare import compare
-    from gateway.sim.benchmark.sheets import Sheets
+def _compare(args: argparse.Namespace, conditions: Sequence[Condition]) -> list[Summary]:
 
     detectors = _detectors(args)
     sheets = None if args.out is None else Sheets(args.out)
     with vision_args.progress("benchmark", args.count * len(conditions)) as advance:
 
-        def see(condition: "Condition", image: "Image", given: "Mapping[str, ScoredPicture]") -> None:
+        def see(condition: Condition, image: Image, given: Mapping[str, ScoredPicture]) -> None:
             if sheets is not None:
                 sheets.add(condition.name, image, given)
             advance()
@@ -117,9 +116,8 @@ def _compare(args: argparse.Namespace, conditions: "Sequence[Condition]") -> "li
     return results
 
 
-def _detectors(args: argparse.Namespace) -> "dict[str, Detector]":
+def _detectors(args: argparse.Namespace) -> dict[str, Detector]:
     """Of methods of the gateway and other distributions, and of functions, by the names given."""
-    from gateway.sim.benchmark import plain
 
     params = vision_args.bay_vision(args.config, args.bay)
     found: dict[str, Detector] = {}
@@ -134,11 +132,7 @@ def _detectors(args: argparse.Namespace) -> "dict[str, Detector]":
     return found
 
 
-def _write_frames(args: argparse.Namespace, conditions: "Sequence[Condition]") -> None:
-    from gateway.sim.benchmark.conditions import frame
-    from gateway.vision.offline.evaluation.labels import FILE_NAME
-    from gateway.vision.offline.reports.page import write
-    from gateway.vision.view import drawing
+def _write_frames(args: argparse.Namespace, conditions: Sequence[Condition]) -> None:
 
     lines = []
     labels = drawing.made(args.frames) / FILE_NAME
@@ -155,10 +149,7 @@ def _write_frames(args: argparse.Namespace, conditions: "Sequence[Condition]") -
     print(f"{len(lines)} frames: gateway evaluate {args.frames} --method all")
 
 
-def _show(results: "Sequence[Summary]", *, markdown: bool) -> None:
-    from gateway.cli.tables import console, show
-    from gateway.modbus.exports.tables import markdown_table
-    from gateway.vision.offline.evaluation import tables
+def _show(results: Sequence[Summary], *, markdown: bool) -> None:
 
     out, table = console(), tables.side_by_side(results)
     if markdown:
@@ -172,8 +163,7 @@ def _show(results: "Sequence[Summary]", *, markdown: bool) -> None:
         out.print(f"{result.method}: {found}{f.false} false in {f.without} frames without a marker")
 
 
-def _print_json(args: argparse.Namespace, results: "Sequence[Summary]") -> None:
-    from gateway.vision.offline.evaluation import summary
+def _print_json(args: argparse.Namespace, results: Sequence[Summary]) -> None:
 
     document = {"seed": args.seed, "count": args.count, "size": args.size}
     methods = [summary.as_json(result, summary.series_by(None)) for result in results]

@@ -12,10 +12,10 @@ import argparse
 from datetime import datetime
 from pathlib import Path
 
+from gateway import config
 from gateway.cli.doctor import add_seconds, seconds_of
-
-NAME = "bundle"
-HELP = "collect what support needs into one zip file, without passwords"
+from gateway.doctor import bundle
+from gateway.errors import ConfigError
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -26,9 +26,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    from gateway import config
-    from gateway.doctor import bundle
-    from gateway.errors import ConfigError
 
     seconds = seconds_of(args)
     out = args.out or Path(f"loading-gateway-{datetime.now():%Y%m%dT%H%M%S}.zip")

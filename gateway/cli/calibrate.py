@@ -31,18 +31,19 @@ import sys
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from gateway.cli import vision_args
+from gateway.cli.tables import console, show
 from gateway.errors import ConfigError
+from gateway.vision.offline import inputs
+from gateway.vision.offline.calibration import boards, plots, report, solve
+from gateway.vision.offline.calibration.boards import Board, find, other_size
+from gateway.vision.offline.calibration.plots import coverage_text
+from gateway.vision.offline.calibration.report import views
+from gateway.vision.offline.calibration.solve import BoardView, Calibration
+from gateway.vision.offline.reports.page import write
+from gateway.vision.pixels import Image
 
-if TYPE_CHECKING:
-    from gateway.vision.offline.calibration.boards import Board
-    from gateway.vision.offline.calibration.solve import BoardView, Calibration
-    from gateway.vision.pixels import Image
-
-NAME = "calibrate"
-HELP = "camera intrinsics from pictures of a board"
 _HINTS = 3  # pictures checked for a board of another size
 
 
@@ -64,10 +65,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Raises ConfigError for arguments and pictures that must be changed."""
-    vision_args.quiet_opencv()
-    from gateway.vision.offline.calibration import boards, plots, report, solve
-    from gateway.vision.offline.reports.page import write
-
     board = boards.parse(args.board)
     radius_mm = args.marker_radius_mm
     if radius_mm is not None and not 0 < radius_mm <= 10_000:
@@ -101,11 +98,8 @@ def main(args: argparse.Namespace) -> int:
     return 0
 
 
-def _views(board: "Board", names: Sequence[str]) -> tuple[list["BoardView"], tuple[int, int], list[str]]:
+def _views(board: Board, names: Sequence[str]) -> tuple[list[BoardView], tuple[int, int], list[str]]:
     """The board's points in every picture of the most frequent size, that size, and where there was no board."""
-    from gateway.vision.offline import inputs
-    from gateway.vision.offline.calibration.boards import find
-    from gateway.vision.offline.calibration.solve import BoardView
 
     paths = inputs.expand(names)
     seen: list[tuple[BoardView | None, str, tuple[int, int]]] = []
@@ -138,8 +132,7 @@ def _views(board: "Board", names: Sequence[str]) -> tuple[list["BoardView"], tup
     return views, size_px, [name for view, name, _ in seen if view is None]
 
 
-def _no_board(board: "Board", checked: int, kept: Sequence["Image"]) -> str:
-    from gateway.vision.offline.calibration.boards import other_size
+def _no_board(board: Board, checked: int, kept: Sequence[Image]) -> str:
 
     text = f"gateway calibrate: no {board} in any of {checked} pictures; the whole board must be seen, with a light rim"
     if not checked:
@@ -158,10 +151,7 @@ def _names(names: Sequence[str], most: int = 5) -> str:
     return ", ".join(names[:most]) + more
 
 
-def _show(found: "Calibration", without: Sequence[str]) -> None:
-    from gateway.cli.tables import console, show
-    from gateway.vision.offline.calibration.plots import coverage_text
-    from gateway.vision.offline.calibration.report import views
+def _show(found: Calibration, without: Sequence[str]) -> None:
 
     show(console(), views(found, without))
     print(f"reprojection error: rms {found.rms_px:.3f} px over {len(found.views)} views")
@@ -177,7 +167,7 @@ def _explain(focal_px: float, radius_mm: float) -> None:
     )
 
 
-def _document(found: "Calibration", without: Sequence[str]) -> dict[str, object]:
+def _document(found: Calibration, without: Sequence[str]) -> dict[str, object]:
     return {
         "width": found.size_px[0],
         "height": found.size_px[1],

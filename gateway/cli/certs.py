@@ -16,19 +16,16 @@ Nothing is overwritten but by renew and revoke. ca.key signs any certificate: ke
 
 import argparse
 import socket
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from gateway.certs import issue
+from gateway.certs.client_certificate import role_of
+from gateway.certs.folder import CA, Folder, days_left
+from gateway.clock import SystemClock
 from gateway.durations import NS_PER_S
 from gateway.errors import ConfigError
 
-if TYPE_CHECKING:
-    from datetime import datetime
-
-    from gateway.certs.folder import Folder
-
-NAME = "certs"
-HELP = "make certificates for Modbus/TCP Security"
 CA_DAYS = 3650
 DAYS = 825
 SOON_DAYS = 60
@@ -67,19 +64,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Writes files, and prints what to copy where."""
-    from datetime import UTC, datetime
-
-    from gateway.certs.folder import Folder
-    from gateway.clock import SystemClock
 
     now = datetime.fromtimestamp(SystemClock().wall_ns() // NS_PER_S, UTC)
     acts = {"init": _init, "server": _server, "client": _client, "list": _list, "renew": _renew, "revoke": _revoke}
     return acts[args.act](args, Folder(args.dir), now)
 
 
-def _init(args: argparse.Namespace, folder: "Folder", now: "datetime") -> int:
-    from gateway.certs import issue
-    from gateway.certs.folder import CA
+def _init(args: argparse.Namespace, folder: Folder, now: datetime) -> int:
 
     folder.create()
     key = issue.new_key("rsa" if args.rsa else "ec")
@@ -95,8 +86,7 @@ def _init(args: argparse.Namespace, folder: "Folder", now: "datetime") -> int:
     return 0
 
 
-def _server(args: argparse.Namespace, folder: "Folder", now: "datetime") -> int:
-    from gateway.certs import issue
+def _server(args: argparse.Namespace, folder: Folder, now: datetime) -> int:
 
     by = folder.authority()
     hosts = args.host or [socket.gethostname(), "localhost", "127.0.0.1", "::1"]
@@ -121,8 +111,7 @@ def _server(args: argparse.Namespace, folder: "Folder", now: "datetime") -> int:
     return 0
 
 
-def _client(args: argparse.Namespace, folder: "Folder", now: "datetime") -> int:
-    from gateway.certs import issue
+def _client(args: argparse.Namespace, folder: Folder, now: datetime) -> int:
 
     by = folder.authority()
     key = issue.new_key("rsa" if args.rsa else "ec")
@@ -138,9 +127,7 @@ def _client(args: argparse.Namespace, folder: "Folder", now: "datetime") -> int:
     return 0
 
 
-def _list(_: argparse.Namespace, folder: "Folder", now: "datetime") -> int:
-    from gateway.certs.client_certificate import role_of
-    from gateway.certs.folder import days_left
+def _list(_: argparse.Namespace, folder: Folder, now: datetime) -> int:
 
     folder.authority()
     crl = folder.crl()
@@ -155,8 +142,7 @@ def _list(_: argparse.Namespace, folder: "Folder", now: "datetime") -> int:
     return 0
 
 
-def _renew(args: argparse.Namespace, folder: "Folder", now: "datetime") -> int:
-    from gateway.certs import issue
+def _renew(args: argparse.Namespace, folder: Folder, now: datetime) -> int:
 
     if args.name == "ca":
         raise ConfigError("renew: an authority is not renewed; make a new one in another folder, and all certificates")
@@ -169,8 +155,7 @@ def _renew(args: argparse.Namespace, folder: "Folder", now: "datetime") -> int:
     return 0
 
 
-def _revoke(args: argparse.Namespace, folder: "Folder", now: "datetime") -> int:
-    from gateway.certs import issue
+def _revoke(args: argparse.Namespace, folder: Folder, now: datetime) -> int:
 
     by, found = folder.authority(), folder.certificate(args.name)
     folder.replace_crl(issue.revocations(by, folder.crl(), found.serial_number, now, args.days))
@@ -178,8 +163,7 @@ def _revoke(args: argparse.Namespace, folder: "Folder", now: "datetime") -> int:
     return 0
 
 
-def _end(folder: "Folder", name: str, now: "datetime") -> None:
-    from gateway.certs.folder import days_left
+def _end(folder: Folder, name: str, now: datetime) -> None:
 
     found = folder.certificate(name)
     print(f"{name}: good until {found.not_valid_after_utc:%Y-%m-%d}, {days_left(found, now)} days")

@@ -10,13 +10,18 @@ examples:
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from gateway.config import GatewayConfig, HmiConfig
-
-NAME = "check"
-HELP = "check a configuration file"
+from gateway import config, config_check
+from gateway.clock import SystemClock
+from gateway.config import GatewayConfig, HmiConfig, reference
+from gateway.config.sections.ranger_profiles import PROFILES
+from gateway.config.strict.errors import without_password
+from gateway.config.strict.toml_file import read_toml
+from gateway.errors import ConfigError
+from gateway.net import tls
+from gateway.sinks import registry as sink_registry
+from gateway.vision.detect import registry
+from gateway.web.host import releases
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -25,7 +30,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--keys", action="store_true", help="print the table of all keys instead")
 
 
-def _access(hmi: "HmiConfig") -> str:
+def _access(hmi: HmiConfig) -> str:
     """Who may do what on the pages, in words."""
     everybody = {
         "none": "nothing without a login",
@@ -38,13 +43,11 @@ def _access(hmi: "HmiConfig") -> str:
     return f"{everybody[hmi.without_login]}; {f'users: {names}' if names else nobody}"
 
 
-def warnings(settings: "GatewayConfig") -> list[str]:
+def warnings(settings: GatewayConfig) -> list[str]:
     """What is legal in the settings, and no good idea; one line each. Reads the pages' certificate and
     what was signed of the bays."""
-    from gateway.clock import SystemClock
-    from gateway.doctor import settings as doctor_settings
-    from gateway.net import tls
-    from gateway.web.host import releases
+
+    from gateway.doctor import settings as doctor_settings  # noqa: PLC0415 - and with it NumPy: `gateway run` has none
 
     hmi = settings.hmi
     files = None if hmi.own_certificate else tls.TlsFiles.of_pages(settings)
@@ -54,14 +57,6 @@ def warnings(settings: "GatewayConfig") -> list[str]:
 
 
 def main(args: argparse.Namespace) -> int:
-    from gateway import config, config_check
-    from gateway.config import reference
-    from gateway.config.sections.ranger_profiles import PROFILES
-    from gateway.config.strict.errors import without_password
-    from gateway.config.strict.toml_file import read_toml
-    from gateway.errors import ConfigError
-    from gateway.sinks import registry as sink_registry
-    from gateway.vision.detect import registry
 
     if args.keys:
         print(reference.markdown(sink_registry.sections()), end="")

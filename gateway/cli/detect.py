@@ -27,17 +27,15 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+from pydantic import ValidationError
 
 from gateway.cli import vision_args
+from gateway.cli.detect_pictures import DetectionRun, Row
+from gateway.config import VisionConfig
+from gateway.config.strict.errors import explain
 from gateway.errors import ConfigError
-
-if TYPE_CHECKING:
-    from gateway.cli.detect_pictures import Row
-    from gateway.config import VisionConfig
-
-NAME = "detect"
-HELP = "find the marker in pictures and videos"
+from gateway.vision.offline import inputs
 
 _LONG_BATCH = 8  # inputs; a progress bar for fewer is only flicker
 
@@ -72,10 +70,6 @@ def _frame_rate(text: str) -> float:
 
 def main(args: argparse.Namespace) -> int:
     """Prints a line for each picture as soon as it is known. Raises ConfigError for wrong arguments."""
-    vision_args.quiet_opencv()
-    from gateway.cli.detect_pictures import DetectionRun
-    from gateway.vision.offline import inputs
-
     params = _params(args)
     paths = inputs.expand(_names(args.inputs))
     run = DetectionRun(params, args)
@@ -96,12 +90,8 @@ def main(args: argparse.Namespace) -> int:
     return 1 if failed else 0
 
 
-def _params(args: argparse.Namespace) -> "VisionConfig":
+def _params(args: argparse.Namespace) -> VisionConfig:
     """The bay's settings, or the defaults, with the command line's over them."""
-    from pydantic import ValidationError
-
-    from gateway.config import VisionConfig
-    from gateway.config.strict.errors import explain
 
     params = vision_args.bay_vision(args.config, args.bay)
     gates = {"min_area_px2": args.min_area, "min_circularity": args.min_circularity, "min_fill": args.min_fill}
@@ -128,17 +118,17 @@ def _names(arguments: Sequence[str]) -> list[str]:
     return names
 
 
-def _show_json(row: "Row") -> None:
+def _show_json(row: Row) -> None:
     print(json.dumps(row, allow_nan=False), flush=True)
 
 
-def _table(paths: Sequence[Path]) -> "Callable[[Row], None]":
+def _table(paths: Sequence[Path]) -> Callable[[Row], None]:
     """Prints the header, and returns what prints a row under it."""
     wide = min(60, max(len(_printable(str(path))) for path in paths) + 7)
     heads = f"{'area px2':>11} {'circ.':>6} {'fill':>6} {'conf.':>6} {'seen':>6} {'ms':>8}"
     print(f"{'file':{wide}} {'u px':>9} {'v px':>9} {'r px':>9} {heads}")
 
-    def show(row: "Row") -> None:
+    def show(row: Row) -> None:
         name = _printable(row["file"]) + (f" #{row['frame']}" if "frame" in row else "")
         if "error" in row:
             print(f"{name:{wide}} error: {row['error']}", flush=True)

@@ -16,10 +16,12 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
+from gateway import config, config_check
+from gateway.config.strict.toml_file import read_toml
+from gateway.doctor import rights
+from gateway.doctor.examine import findings
+from gateway.doctor.finding import Verdict
 from gateway.errors import ConfigError
-
-NAME = "doctor"
-HELP = "examine cameras, rangers, ports, certificates, clock and disk"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -43,11 +45,6 @@ def seconds_of(args: argparse.Namespace) -> float:
 
 
 def main(args: argparse.Namespace) -> int:
-    from gateway import config, config_check
-    from gateway.config.strict.toml_file import read_toml
-    from gateway.doctor import rights
-    from gateway.doctor.examine import findings
-    from gateway.doctor.finding import Verdict
 
     seconds = seconds_of(args)
     if user := rights.of_service(args.config):

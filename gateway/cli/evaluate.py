@@ -47,19 +47,20 @@ import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from gateway.cli import vision_args
+from gateway.cli.tables import console, show
+from gateway.clock import SystemClock
 from gateway.errors import ConfigError
+from gateway.vision.detect.registry import rejection_meanings
+from gateway.vision.offline.evaluation import labels, report, requirements, runner, stress, summary, tables
+from gateway.vision.offline.evaluation.labels import Label, Labels
+from gateway.vision.offline.evaluation.report import About
+from gateway.vision.offline.evaluation.stress import Stressed
+from gateway.vision.offline.evaluation.summary import SeriesOf, Summary, series_by
+from gateway.vision.offline.reports.page import write
 
-if TYPE_CHECKING:
-    from gateway.vision.offline.evaluation.labels import Label, Labels
-    from gateway.vision.offline.evaluation.report import About
-    from gateway.vision.offline.evaluation.stress import Stressed
-    from gateway.vision.offline.evaluation.summary import SeriesOf, Summary
-
-NAME = "evaluate"
-HELP = "measure detection on labelled pictures"
 _ONE_TABLE = 122  # characters; a narrower terminal gets two
 _WIDEST = 22  # characters of a name
 
@@ -94,10 +95,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Raises ConfigError for labels, pictures and arguments that must be edited."""
-    vision_args.quiet_opencv()
-    from gateway.clock import SystemClock
-    from gateway.vision.offline.evaluation import labels, requirements, runner, stress, summary
-
     if not 0.01 <= args.fps <= 1000:
         raise ConfigError(f"--fps {args.fps:g}: must be 0.01 to 1000")
     if not 0 <= args.worst <= 500:
@@ -148,10 +145,8 @@ def main(args: argparse.Namespace) -> int:
     return 1 if unmet else 0
 
 
-def _show(results: "Sequence[Summary]", stressed: "Sequence[Stressed]" = (), width: int | None = None) -> None:
+def _show(results: Sequence[Summary], stressed: Sequence[Stressed] = (), width: int | None = None) -> None:
     """Everything that was measured of every method; a narrow terminal gets two tables of the parts."""
-    from gateway.cli.tables import console, show
-    from gateway.vision.offline.evaluation import stress, tables
 
     out = console(width)
     rates, errors = slice(1, 1 + tables.RATES), slice(1 + tables.RATES, None)
@@ -171,8 +166,7 @@ def _show(results: "Sequence[Summary]", stressed: "Sequence[Stressed]" = (), wid
     out.print("centre and radius: median, p95 and bias of the answers on the target", style="dim")
 
 
-def _series(pattern: str | None) -> "SeriesOf":
-    from gateway.vision.offline.evaluation.summary import series_by
+def _series(pattern: str | None) -> SeriesOf:
 
     try:
         return series_by(pattern)
@@ -180,7 +174,7 @@ def _series(pattern: str | None) -> "SeriesOf":
         raise ConfigError(f"--series {pattern}: not a regular expression: {error}") from error
 
 
-def _half(found: "Labels", split: str | None) -> Sequence["Label"]:
+def _half(found: Labels, split: str | None) -> Sequence[Label]:
     if split in (None, "both"):
         return found.labels
     chosen = [label for label in found.labels if label.tuning_half is (split == "tuning")]
@@ -191,15 +185,12 @@ def _half(found: "Labels", split: str | None) -> Sequence["Label"]:
 
 def _report(
     args: argparse.Namespace,
-    results: "list[Summary]",
-    stressed: "Sequence[Stressed]",
-    found: "Labels",
-    series: "SeriesOf",
+    results: list[Summary],
+    stressed: Sequence[Stressed],
+    found: Labels,
+    series: SeriesOf,
     unmet: tuple[str, ...] | None,
 ) -> None:
-    from gateway.vision.detect.registry import rejection_meanings
-    from gateway.vision.offline.evaluation import report, runner
-    from gateway.vision.offline.reports.page import write
 
     about = _about(args, results, unmet)
     drawn = sum(len(report.worst_of(r.outcomes, args.worst)) for r in results)
@@ -218,8 +209,7 @@ def _report(
     print(f"report: {args.report}", file=sys.stderr)
 
 
-def _about(args: argparse.Namespace, results: "list[Summary]", unmet: tuple[str, ...] | None) -> "About":
-    from gateway.vision.offline.evaluation.report import About
+def _about(args: argparse.Namespace, results: list[Summary], unmet: tuple[str, ...] | None) -> About:
 
     whole = results[0].total
     settings = f"settings: {args.config or 'defaults'}{f', bay {args.bay}' if args.bay else ''}"

@@ -18,15 +18,11 @@ import argparse
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from gateway.cli.vision_args import made_now
 from gateway.errors import ConfigError
-
-if TYPE_CHECKING:
-    from gateway.records.excerpt import Excerpt
-
-NAME = "export"
-HELP = "write a recording as CSV, MCAP, labelled pictures or evidence"
+from gateway.records import csv_files, evidence, labelled_pictures, mcap_file
+from gateway.records.excerpt import Excerpt
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -44,10 +40,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """0: written; 1: something is missing in the recording, or this version decides otherwise. Raises ConfigError."""
-    from gateway.cli import vision_args
-
-    vision_args.quiet_opencv()
-    from gateway.records.excerpt import Excerpt
 
     if args.csv is args.mcap is args.pictures is args.evidence is None:
         raise ConfigError("nothing to write: add --csv DIR, --mcap FILE, --pictures DIR or --evidence FILE")
@@ -63,27 +55,18 @@ def main(args: argparse.Namespace) -> int:
     return int(bool(excerpt.missing or excerpt.differing))
 
 
-def _written(args: argparse.Namespace, excerpt: "Excerpt") -> Iterator[str]:
+def _written(args: argparse.Namespace, excerpt: Excerpt) -> Iterator[str]:
     try:
         if args.csv is not None:
-            from gateway.records import csv_files
-
             states, events, visits = csv_files.write(args.csv, excerpt)
             yield f"{args.csv}: {states} states, {events} events, {visits} visits"
         if args.mcap is not None:
-            from gateway.records import mcap_file
-
             states, events, pictures = mcap_file.write(args.mcap, excerpt)
             yield f"{args.mcap}: {states} states, {events} events, {pictures} pictures"
         if args.pictures is not None:
-            from gateway.records import labelled_pictures
-
             pictures, labels = labelled_pictures.write(args.pictures, excerpt)
             yield f"{args.pictures}: {pictures} pictures, {labels} with a label from the recorded detection: check them"
         if args.evidence is not None:
-            from gateway.cli.vision_args import made_now
-            from gateway.records import evidence
-
             with ExitStack() as undone:
                 out = undone.enter_context(args.evidence.open("xb"))
                 undone.callback(args.evidence.unlink)

@@ -10,8 +10,8 @@ example:
 import argparse
 import sys
 
-NAME = "firmware"
-HELP = "put the ranger's firmware on an Arduino Uno"
+from gateway.clock import SystemClock
+from gateway.ranger import flashing
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -20,8 +20,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    from gateway.clock import SystemClock
-    from gateway.ranger import flashing
 
     def progress(done: float) -> None:
         print(f"\r{done:4.0%}", end="", file=sys.stderr, flush=True)

@@ -1,7 +1,8 @@
-"""`gateway VERB`: one module a verb, each with NAME, HELP, `configure(parser)` and `main(args) -> exit code`."""
+"""`gateway VERB`: one module a verb, each with `configure(parser)` and `main(args) -> exit code`."""
 
 import argparse
 import errno
+import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -10,31 +11,39 @@ from gateway import __version__
 from gateway.cli.output import flushed
 from gateway.errors import ConfigError, GatewayError
 
-VERBS = (
-    "run",
-    "simulate",
-    "check",
-    "doctor",
-    "firmware",
-    "bundle",
-    "backup",
-    "restore",
-    "update",
-    "detect",
-    "evaluate",
-    "benchmark",
-    "tune",
-    "calibrate",
-    "replay",
-    "why",
-    "export",
-    "records",
-    "registers",
-    "state",
-    "certs",
-    "mqtt",
-    "password",
-)
+VERBS = {
+    "run": "serve the loading bays of a configuration file",
+    "simulate": "run a simulated loading bay",
+    "check": "check a configuration file",
+    "doctor": "examine cameras, rangers, ports, certificates, clock and disk",
+    "firmware": "put the ranger's firmware on an Arduino Uno",
+    "bundle": "collect what support needs into one zip file, without passwords",
+    "backup": "keep configuration, certificates, keys and state in one file",
+    "restore": "put the files of a backup onto this machine",
+    "update": "put another version into service, or go back to the one before",
+    "detect": "find the marker in pictures and videos",
+    "evaluate": "measure detection on labelled pictures",
+    "benchmark": "compare detection methods on rendered bays",
+    "tune": "propose thresholds and exposure from examples",
+    "calibrate": "camera intrinsics from pictures of a board",
+    "replay": "take the decisions of a recording again, by the same settings or by others",
+    "why": "say why the outputs were as they were at a moment",
+    "export": "write a recording as CSV, MCAP, labelled pictures or evidence",
+    "records": "list what is recorded, search visits, prove that it is complete, or make its index anew",
+    "registers": "print the Modbus register table, or export it for PLC and SCADA tools",
+    "state": "print the shared state vector of a running gateway",
+    "certs": "make certificates for Modbus/TCP Security",
+    "mqtt": "list and clear what bays that are gone have left at the broker",
+    "password": "make a user of the pages",
+}
+PICTURES = ("detect", "evaluate", "benchmark", "tune", "calibrate", "replay", "why", "export")  # verbs that decode some
+# Read by OpenCV when it is loaded, so set before; the user's settings are kept. The pixel limit keeps a few bytes of
+# hostile or broken file from requesting gigabytes; the decoders' own output would be mixed with ours.
+_OPENCV = {
+    "OPENCV_IO_MAX_IMAGE_PIXELS": str(1 << 28),
+    "OPENCV_LOG_LEVEL": "SILENT",
+    "OPENCV_FFMPEG_LOGLEVEL": "-8",
+}
 
 EPILOG = """\
 first steps:
@@ -71,6 +80,16 @@ def _output_lost(known: OSError | None = None) -> bool:
     return bool(errors)
 
 
+def _configure(name: str, verb: argparse.ArgumentParser) -> None:
+    if name in PICTURES:
+        for variable, value in _OPENCV.items():
+            os.environ.setdefault(variable, value)
+    module = import_module(f"gateway.cli.{name}")
+    verb.description = module.__doc__
+    module.configure(verb)
+    verb.set_defaults(main=module.main)
+
+
 def _run_verb(argv: Sequence[str] | None) -> int:
     parser = argparse.ArgumentParser(
         prog="gateway",
@@ -80,18 +99,13 @@ def _run_verb(argv: Sequence[str] | None) -> int:
     )
     parser.add_argument("--version", action="version", version=f"gateway {__version__}")
     verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
-    for name in VERBS:
-        # OpenCV takes a while to load: each verb module keeps its heavy imports inside `main`.
-        module = import_module(f"gateway.cli.{name}")
-        verb = verbs.add_parser(
-            module.NAME,
-            help=module.HELP,
-            description=module.__doc__,
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-        )
-        module.configure(verb)
-        verb.set_defaults(main=module.main)
-    args = parser.parse_args(argv)
+    words = sys.argv[1:] if argv is None else list(argv)
+    asked = next((word for word in words if not word.startswith("-")), "")
+    for name, summary in VERBS.items():
+        verb = verbs.add_parser(name, help=summary, formatter_class=argparse.RawDescriptionHelpFormatter)
+        if name == asked:  # only its module is loaded: OpenCV takes a while
+            _configure(name, verb)
+    args = parser.parse_args(words)
     try:
         return int(args.main(args))
     except ConfigError as error:

@@ -13,10 +13,9 @@ import argparse
 import asyncio
 from pathlib import Path
 
+from gateway import config
 from gateway.errors import ConfigError
-
-NAME = "mqtt"
-HELP = "list and clear what bays that are gone have left at the broker"
+from gateway.sinks.mqtt.ghosts import ghosts
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -28,8 +27,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    from gateway import config
-    from gateway.sinks.mqtt.ghosts import ghosts
 
     settings = config.load(args.config)
     if settings.mqtt is None:

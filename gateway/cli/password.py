@@ -17,10 +17,10 @@ import getpass
 import sys
 import warnings
 
+from gateway.config.sections.hmi import USER_NAME
 from gateway.errors import ConfigError
+from gateway.web.auth.passwords import hashed, weakness
 
-NAME = "password"
-HELP = "make a user of the pages"
 MAX_LINE = 4096
 
 
@@ -33,8 +33,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Prints TOML on stdout, questions on the terminal or stderr. Raises ConfigError for a name or password."""
-    from gateway.config.sections.hmi import USER_NAME
-    from gateway.web.auth.passwords import hashed, weakness
 
     if not USER_NAME.fullmatch(args.name):
         raise ConfigError(f"gateway password: {args.name!r}: 1 to 64 letters (A to Z), digits, '.', '_' or '-'")

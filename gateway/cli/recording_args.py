@@ -4,7 +4,10 @@ import argparse
 from collections.abc import Iterable
 from pathlib import Path
 
+from gateway import config
 from gateway.errors import ConfigError
+from gateway.records.recorder_service import folder_of
+from gateway.systemd import default_folder
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -42,9 +45,6 @@ def folders_of(paths: Iterable[Path]) -> list[Path]:
 
 
 def _root(args: argparse.Namespace) -> Path:
-    from gateway import config
-    from gateway.records.recorder_service import folder_of
-    from gateway.systemd import default_folder
 
     if args.records is not None:
         if not args.records.is_dir():

@@ -24,16 +24,18 @@ import sqlite3
 from datetime import UTC, datetime
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from gateway.cli import records_search
+from gateway.cli.vision_args import progress
 from gateway.errors import ConfigError, LinkError
+from gateway.records import recording
+from gateway.records.completeness import verified
+from gateway.records.files import files_in
+from gateway.records.index import Index
+from gateway.records.names import PICTURES, SEGMENT
+from gateway.records.retention import StoredFile
+from gateway.records.visit_search import VisitKind
 
-if TYPE_CHECKING:
-    from gateway.records.retention import StoredFile
-
-NAME = "records"
-HELP = "list what is recorded, search visits, prove that it is complete, or make its index anew"
-KINDS = ("faults", "odd", "moved", "dust", "never", "corrected", "interrupted")  # VisitKind, whose module loads late
 GAP_S = 1800  # a segment is a quarter of an hour; where the next begins later, something is missing
 
 
@@ -41,7 +43,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("verb", choices=("list", "search", "verify", "rebuild"))
     parser.add_argument("folder", type=Path, metavar="FOLDER", help="of a gateway's recordings")
     of = parser.add_argument_group("search")
-    of.add_argument("--what", action="append", default=[], choices=KINDS, help="all of these apply")
+    of.add_argument(
+        "--what", action="append", default=[], choices=[kind.value for kind in VisitKind], help="all of these apply"
+    )
     of.add_argument("--alarm", action="append", default=[], metavar="NAME", help="one of these was active")
     of.add_argument("--from", dest="begin", metavar="TIME", help="as for `gateway why`; default: the beginning")
     of.add_argument("--to", dest="end", metavar="TIME", help="default: the end")
@@ -52,7 +56,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    from gateway.records.files import files_in
 
     if not args.folder.is_dir():
         raise ConfigError(f"{args.folder}: no such folder")
@@ -62,8 +65,6 @@ def main(args: argparse.Namespace) -> int:
     if args.verb == "rebuild":
         return _rebuild(args.folder)
     if args.verb == "search":
-        from gateway.cli import records_search
-
         return records_search.run(args, list(bays))
     show = _list if args.verb == "list" else _verify
     try:
@@ -72,9 +73,7 @@ def main(args: argparse.Namespace) -> int:
         raise LinkError(f"{error.filename or args.folder}: {error.strerror}") from None
 
 
-def _list(bay: Path, files: "list[StoredFile]") -> int:
-    from gateway.records import recording
-    from gateway.records.names import PICTURES, SEGMENT
+def _list(bay: Path, files: list[StoredFile]) -> int:
 
     size = sum(file.size_bytes for file in files)
     pins = [str(file.name) for file in files if file.pinned]
@@ -99,10 +98,7 @@ def _list(bay: Path, files: "list[StoredFile]") -> int:
     return 0
 
 
-def _verify(bay: Path, files: "list[StoredFile]") -> int:
-    from gateway.cli.vision_args import progress
-    from gateway.records.completeness import verified
-    from gateway.records.names import SEGMENT
+def _verify(bay: Path, files: list[StoredFile]) -> int:
 
     paths = [bay / str(file.name) for file in files if file.name.kind == SEGMENT]
     with progress(bay.name, len(paths)) as advance:
@@ -118,7 +114,6 @@ def _day(unix_s: int) -> str:
 
 
 def _rebuild(folder: Path) -> int:
-    from gateway.records.index import Index
 
     index = Index(folder)
     try:

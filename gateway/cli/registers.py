@@ -15,22 +15,17 @@ the program reports the wrong bay (Diagnostic 13). docs/plc-integration.md descr
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from gateway import config
 from gateway.errors import ConfigError
+from gateway.modbus.exports.registry import SUMMARY, export
+from gateway.modbus.exports.target import Target, distinct
 
-if TYPE_CHECKING:
-    from gateway.modbus.exports.target import Target
-
-NAME = "registers"
-HELP = "print the Modbus register table, or export it for PLC and SCADA tools"
 TEXT_FORMS = ("markdown", "csv", "json")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Adds this verb's arguments."""
-    from gateway.modbus.exports.registry import SUMMARY
-    from gateway.modbus.exports.target import Target
 
     default = Target()
     form = parser.add_mutually_exclusive_group()
@@ -75,7 +70,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Prints to stdout, or writes files and names them."""
-    from gateway.modbus.exports.registry import export
 
     files = export(args.format, _targets(args))
     if args.out is not None:
@@ -87,11 +81,9 @@ def main(args: argparse.Namespace) -> int:
     return 0
 
 
-def _targets(args: argparse.Namespace) -> "tuple[Target, ...]":
+def _targets(args: argparse.Namespace) -> tuple[Target, ...]:
     """One target a bay. ConfigError for what no PLC could use, for two that are alike, and for a --bay that the
     configuration does not have."""
-    from gateway import config
-    from gateway.modbus.exports.target import Target, distinct
 
     settings = config.GatewayConfig() if args.config is None else config.load(args.config)
     known = {bay.name: bay.unit_id for bay in settings.bays}

@@ -16,11 +16,11 @@ exit code 1 when anything differs or is missing
 import argparse
 from pathlib import Path
 
+from gateway import config
+from gateway.cli import replay_decisions
 from gateway.errors import ConfigError
 
-NAME = "replay"
 MOST_JOBS = 256
-HELP = "take the decisions of a recording again, by the same settings or by others"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -35,9 +35,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    from gateway import config
-    from gateway.cli import replay_decisions, replay_frames, vision_args
-
     if args.bay is not None and args.against is None:
         raise ConfigError("--bay names a bay of the configuration that --against gives: add --against TOML")
     if args.frames and (args.begin is not None or args.end is not None):
@@ -46,6 +43,7 @@ def main(args: argparse.Namespace) -> int:
         raise ConfigError(f"--jobs {args.jobs}: must be 1 to {MOST_JOBS}")
     other = None if args.against is None else config.load(args.against)
     if args.frames:
-        vision_args.quiet_opencv()
+        from gateway.cli import replay_frames  # noqa: PLC0415 - and with it OpenCV, which decisions do not need
+
         return replay_frames.run(args, other)
     return replay_decisions.run(args, other)

@@ -3,33 +3,33 @@
 import argparse
 import json
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from gateway.cli import tables, vision_args
+from gateway.cli.recording_args import folders_of
+from gateway.config import GatewayConfig, VisionConfig
+from gateway.core.detection import Circle
 from gateway.errors import ConfigError
-
-if TYPE_CHECKING:
-    from gateway.config import GatewayConfig, VisionConfig
-    from gateway.core.detection import Circle
-    from gateway.records.frames_again import FrameAgain
-    from gateway.records.segment import Head
+from gateway.records import frames_again, recording
+from gateway.records.excerpt import Excerpt
+from gateway.records.frames_again import TOLERANCE, FrameAgain
+from gateway.records.moment import shown
+from gateway.records.recording import MissingItem
+from gateway.records.segment import Head
+from gateway.vision.offline.reports.tables import ReportTable
 
 MOST_SHOWN = 20
 WHY_NOT_EXACT = "a full search of one picture is not the tracked one of the recording"
 
 
-def run(args: argparse.Namespace, other: "GatewayConfig | None") -> int:
+def run(args: argparse.Namespace, other: GatewayConfig | None) -> int:
     """0: all the same; 1: any differs, is missing, or there is none. Raises ConfigError."""
-    from gateway.cli import vision_args
-    from gateway.cli.recording_args import folders_of
-    from gateway.records import frames_again, recording
-    from gateway.records.excerpt import Excerpt
-    from gateway.records.recording import MissingItem
 
     found: list[FrameAgain] = []
     missing: list[str] = []
     settings: dict[str, VisionConfig] = {}
 
-    def params(head: "Head") -> "VisionConfig":
+    def params(head: Head) -> VisionConfig:
         if other is not None and head.bay not in settings:
             settings[head.bay] = frames_again.vision_of(other, args.bay or head.bay)
         return settings[head.bay]
@@ -56,16 +56,15 @@ def run(args: argparse.Namespace, other: "GatewayConfig | None") -> int:
     return int(same < len(found) or bool(missing))
 
 
-def _importance(frame: "FrameAgain") -> tuple[bool, float]:
+def _importance(frame: FrameAgain) -> tuple[bool, float]:
     """Seen only once before the largest difference."""
     off_px = frame.off_px
     return (not frame.same and off_px is None, off_px or 0.0)
 
 
 def _document(
-    found: "Sequence[FrameAgain]", known: "Sequence[FrameAgain]", same: int, rows: "Sequence[FrameAgain]"
+    found: Sequence[FrameAgain], known: Sequence[FrameAgain], same: int, rows: Sequence[FrameAgain]
 ) -> dict[str, Any]:
-    from gateway.records.frames_again import TOLERANCE
 
     return {
         "pictures": len(found),
@@ -77,11 +76,8 @@ def _document(
 
 
 def _print(
-    found: "Sequence[FrameAgain]", known: "Sequence[FrameAgain]", same: int, differing: "Sequence[FrameAgain]"
+    found: Sequence[FrameAgain], known: Sequence[FrameAgain], same: int, differing: Sequence[FrameAgain]
 ) -> None:
-    from gateway.cli import tables
-    from gateway.records.frames_again import TOLERANCE
-    from gateway.vision.offline.reports.tables import ReportTable
 
     print(f"{len(found)} pictures, {len(known)} with a recorded result: {same} the same ({TOLERANCE})")
     if not differing:
@@ -94,14 +90,13 @@ def _print(
     print(f"{WHY_NOT_EXACT}: it follows no marker, coasts over nothing, and has no limits of R by the ranger")
 
 
-def _cells(frame: "FrameAgain") -> list[str]:
+def _cells(frame: FrameAgain) -> list[str]:
     row = _row(frame)
     off = "-" if row["off_px"] is None else f"{row['off_px']:.1f}"
     return [row["time"], str(row["frame_id"]), row["was"], row["now"], off, row["file"]]
 
 
-def _row(frame: "FrameAgain") -> dict[str, Any]:
-    from gateway.records.moment import shown
+def _row(frame: FrameAgain) -> dict[str, Any]:
 
     was = frame.was
     then = "not recorded" if was is None else was.quality.name.lower()
@@ -119,5 +114,5 @@ def _row(frame: "FrameAgain") -> dict[str, Any]:
     }
 
 
-def _place(circle: "Circle") -> str:
+def _place(circle: Circle) -> str:
     return f"R {circle.radius_px:.1f} at ({circle.u_px:.1f}, {circle.v_px:.1f})"

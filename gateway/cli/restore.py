@@ -12,8 +12,10 @@ examples:
 import argparse
 from pathlib import Path
 
-NAME = "restore"
-HELP = "put the files of a backup onto this machine"
+from gateway import config_check
+from gateway.backup import restore
+from gateway.config import GatewayConfig
+from gateway.errors import ConfigError
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -26,10 +28,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    from gateway import config_check
-    from gateway.backup import restore
-    from gateway.config import GatewayConfig
-    from gateway.errors import ConfigError
 
     def check(config: GatewayConfig, name: str, text: str) -> None:
         config_check.check(config, source=name, text=text)

@@ -12,8 +12,20 @@ import sys
 from pathlib import Path
 from typing import Any
 
-NAME = "run"
-HELP = "serve the loading bays of a configuration file"
+from gateway import app, config, config_check, event_loop
+from gateway.cli import awaited_config, check, run_loop
+from gateway.cli.in_place_restart import InPlaceRestart
+from gateway.cli.output import LossyOutput
+from gateway.clock import SystemClock
+from gateway.config import GatewayConfig
+from gateway.config.strict.toml_file import read_toml
+from gateway.errors import ConfigError
+from gateway.hub import Hub
+from gateway.parts import Ports
+from gateway.reload import ReloadRequests
+from gateway.supervisor import Task
+from gateway.systemd import notify_address
+from gateway.web.host.startup import Startup
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -37,20 +49,6 @@ def overrides(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def main(args: argparse.Namespace) -> int:
-    from gateway import app, config, config_check, event_loop
-    from gateway.cli import awaited_config, check, run_loop
-    from gateway.cli.in_place_restart import InPlaceRestart
-    from gateway.cli.output import LossyOutput
-    from gateway.clock import SystemClock
-    from gateway.config import GatewayConfig
-    from gateway.config.strict.toml_file import read_toml
-    from gateway.errors import ConfigError
-    from gateway.hub import Hub
-    from gateway.parts import Ports
-    from gateway.reload import ReloadRequests
-    from gateway.supervisor import Task
-    from gateway.systemd import notify_address
-    from gateway.web.host.startup import Startup
 
     if args.duration is not None and not args.duration > 0:
         raise ConfigError(f"--duration {args.duration:g}: must be above 0")
@@ -82,7 +80,7 @@ def main(args: argparse.Namespace) -> int:
     def extra_tasks(hub: Hub) -> list[Task]:
         if not args.view:
             return []
-        from gateway.cli import view  # and with it rich: seldom shown, and not loaded otherwise
+        from gateway.cli import view  # noqa: PLC0415 - and with it rich: seldom shown
 
         return [Task("view", view.TerminalView(settings, hub, clock, view.console(out, live=True), lambda: where).run)]
 

@@ -20,8 +20,7 @@ poll it:
 import argparse
 from pathlib import Path
 
-NAME = "simulate"
-HELP = "run a simulated loading bay"
+from gateway.cli import simulation
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -88,7 +87,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    from gateway.cli import simulation
 
     if args.list:
         simulation.print_scenarios()

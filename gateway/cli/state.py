@@ -19,9 +19,6 @@ from gateway.durations import NS_PER_MS
 from gateway.errors import ConfigError, LinkError
 from gateway.shared_state import SharedStateReader, SharedVector, attachable
 
-NAME = "state"
-HELP = "print the shared state vector of a running gateway"
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--instance", metavar="NAME", help="which gateway, where several run on this machine")

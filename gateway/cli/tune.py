@@ -25,19 +25,20 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from gateway.cli import vision_args
+from gateway.cli.tables import console, show
+from gateway.config import VisionConfig
 from gateway.errors import ConfigError, GatewayError
+from gateway.vision.detect import registry
+from gateway.vision.offline import inputs
+from gateway.vision.offline.evaluation import labels, runner
+from gateway.vision.offline.evaluation.labels import Label, outside
+from gateway.vision.offline.reports.page import write
+from gateway.vision.offline.tuning import exposure, histograms, proposal, report, thresholds
+from gateway.vision.offline.tuning.study import Study, study
+from gateway.vision.pixels import Image
 
-if TYPE_CHECKING:
-    from gateway.config import VisionConfig
-    from gateway.vision.offline.evaluation.labels import Label
-    from gateway.vision.offline.tuning.study import Study
-    from gateway.vision.pixels import Image
-
-NAME = "tune"
-HELP = "propose thresholds and exposure from examples"
 CONFIDENT = 0.5
 _NO_PROPOSAL = "# Nothing is proposed: with no thresholds is a marker found where the examples have one.\n"
 
@@ -58,11 +59,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Raises ConfigError for arguments, labels and pictures that must be changed, GatewayError without a proposal."""
-    vision_args.quiet_opencv()
-    from gateway.vision.offline.reports.page import write
-    from gateway.vision.offline.tuning import proposal, report
-    from gateway.vision.offline.tuning.study import study
-
     params = vision_args.bay_vision(args.config, args.bay)
     examples = _Examples(args, params)
     with vision_args.progress("tune", 3 * len(examples.labels)) as advance:
@@ -94,7 +90,7 @@ def main(args: argparse.Namespace) -> int:
 class _Examples:
     """Labels from any source, and their pictures. Raises ConfigError."""
 
-    def __init__(self, args: argparse.Namespace, params: "VisionConfig") -> None:
+    def __init__(self, args: argparse.Namespace, params: VisionConfig) -> None:
         self.notes: list[str] = []
         self._paths: dict[str, Path] = {}
         self.labels: list[Label] = []
@@ -112,11 +108,10 @@ class _Examples:
         if not any(label.found for label in self.labels):
             raise ConfigError("gateway tune: no example with a marker; name pictures with --labels or --at")
 
-    def read(self, label: "Label") -> "Image":
+    def read(self, label: Label) -> Image:
         return self._decode(self._paths[label.file])
 
     def _from_file(self, path: Path) -> None:
-        from gateway.vision.offline.evaluation import labels, runner
 
         found = labels.load_file(path)
         for label in found.labels:
@@ -124,8 +119,7 @@ class _Examples:
             self.labels.append(label)
             self._paths[label.file] = found.path(label)
 
-    def _from_answers(self, paths: Sequence[Path], params: "VisionConfig") -> None:
-        from gateway.vision.detect import registry
+    def _from_answers(self, paths: Sequence[Path], params: VisionConfig) -> None:
 
         find = registry.detector(params.model_copy(update={"method": "robust", "tracking": False}))
         with vision_args.progress("search for markers", len(paths)) as advance:
@@ -148,7 +142,6 @@ class _Examples:
         )
 
     def _add(self, data: dict[str, object], path: Path) -> None:
-        from gateway.vision.offline.evaluation.labels import Label, outside
 
         label = Label.model_validate(data)
         image = self._decode(path)
@@ -158,8 +151,7 @@ class _Examples:
         self._paths[label.file] = path
 
     @staticmethod
-    def _decode(path: Path) -> "Image":
-        from gateway.vision.offline import inputs
+    def _decode(path: Path) -> Image:
 
         try:
             return next(inputs.read(path)).image
@@ -168,7 +160,6 @@ class _Examples:
 
 
 def _expand(names: Sequence[str]) -> list[Path]:
-    from gateway.vision.offline import inputs
 
     return inputs.expand(names) if names else []
 
@@ -195,9 +186,7 @@ def _clicks(texts: Sequence[str], names: Sequence[str]) -> dict[str, dict[str, f
     return found
 
 
-def _show(study: "Study", notes: Sequence[str]) -> None:
-    from gateway.cli.tables import console, show
-    from gateway.vision.offline.tuning import exposure, histograms, report, thresholds
+def _show(study: Study, notes: Sequence[str]) -> None:
 
     for note in notes:
         print(f"note: {note}")

@@ -18,17 +18,18 @@ import os
 import sys
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from gateway.errors import ConfigError
+from gateway.config.strict.toml_file import read_toml
+from gateway.errors import ConfigError, LinkError
+from gateway.systemd import Notifier
+from gateway.update import prepare, proof, requested, watcher
+from gateway.update import state as states
+from gateway.update.finish import log_to
+from gateway.update.machine import Machine, UpdateError
+from gateway.update.migrations import migrated
+from gateway.update.prepare import UpdateOptions
+from gateway.update.state import STAGE_MEANING, Outcome, Report, Stage, UpdateState
 
-if TYPE_CHECKING:
-    from gateway.update.machine import Machine
-    from gateway.update.prepare import UpdateOptions
-    from gateway.update.state import Report, UpdateState
-
-NAME = "update"
-HELP = "put another version into service, or go back to the one before"
 FOLLOW_S = 0.5
 LOCK_TRIES = 50  # whoever looks whether a process works on the update holds the lock for a moment
 LOST_S = 60.0  # without a process that works on the update
@@ -58,16 +59,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    from gateway.update.machine import Machine
 
     if args.migrate is not None:
         return _migrate(*args.migrate)
     return run(args, Machine())
 
 
-def run(args: argparse.Namespace, machine: "Machine") -> int:
+def run(args: argparse.Namespace, machine: Machine) -> int:
     """`main` on a given machine. Raises ConfigError, UpdateError."""
-    from gateway.update.finish import log_to
 
     if os.geteuid() != 0 and machine.paths.root == Path("/"):
         raise ConfigError("gateway update: only root can do this: use sudo")
@@ -81,8 +80,7 @@ def run(args: argparse.Namespace, machine: "Machine") -> int:
     return _update(machine, _options(args), report, accept=args.yes)
 
 
-def _options(args: argparse.Namespace) -> "UpdateOptions":
-    from gateway.update.prepare import UpdateOptions
+def _options(args: argparse.Namespace) -> UpdateOptions:
 
     for name, low, high in (("replay", 0, 24 * 31), ("wait", 0, 86_400), ("within", 10, 3600), ("steady", 5, 3600)):
         if not low <= getattr(args, name) <= high:
@@ -101,13 +99,7 @@ def _options(args: argparse.Namespace) -> "UpdateOptions":
     )
 
 
-def _update(
-    machine: "Machine", options: "UpdateOptions", report: "Report", *, accept: bool, follow: bool = True
-) -> int:
-    from gateway.update import prepare, watcher
-    from gateway.update import state as states
-    from gateway.update.machine import UpdateError
-    from gateway.update.state import Stage
+def _update(machine: Machine, options: UpdateOptions, report: Report, *, accept: bool, follow: bool = True) -> int:
 
     def confirm(question: str) -> bool:
         if accept or not sys.stdin.isatty():
@@ -140,12 +132,8 @@ def _update(
     return _follow(machine, read_from, returning=state.stage is Stage.RETURNING)
 
 
-def _requested(machine: "Machine", report: "Report") -> int:
+def _requested(machine: Machine, report: Report) -> int:
     """What the page asks for; the watcher goes on alone. Its refusal stands in the log, which the page shows."""
-    from gateway.update import requested
-    from gateway.update import state as states
-    from gateway.update.machine import UpdateError
-    from gateway.update.state import Outcome
 
     try:
         options = requested.taken(machine)
@@ -158,16 +146,13 @@ def _requested(machine: "Machine", report: "Report") -> int:
     return code
 
 
-def _under_way(state: "UpdateState | None") -> bool:
-    from gateway.update.state import Stage
+def _under_way(state: UpdateState | None) -> bool:
 
     return state is not None and state.stage is not Stage.ENDED
 
 
-def _follow(machine: "Machine", read_from: int, *, returning: bool) -> int:
+def _follow(machine: Machine, read_from: int, *, returning: bool) -> int:
     """Show what the watcher says until it has ended; it does not need anybody to look on."""
-    from gateway.update import state as states
-    from gateway.update.state import Outcome
 
     lost_since_s: float | None = None
     try:
@@ -190,7 +175,7 @@ def _follow(machine: "Machine", read_from: int, *, returning: bool) -> int:
     return 0 if state is not None and state.outcome is good else 1
 
 
-def _logged(machine: "Machine", read_from: int) -> tuple[str, int]:
+def _logged(machine: Machine, read_from: int) -> tuple[str, int]:
     """What the log has from there on, and where it ends. A log that can't be read ends nothing."""
     try:
         with machine.paths.log.open(encoding="utf-8", errors="replace") as log:
@@ -200,10 +185,7 @@ def _logged(machine: "Machine", read_from: int) -> tuple[str, int]:
         return "", read_from
 
 
-def _resume(machine: "Machine", report: "Report") -> int:
-    from gateway.systemd import Notifier
-    from gateway.update import watcher
-    from gateway.update.machine import UpdateError
+def _resume(machine: Machine, report: Report) -> int:
 
     with Notifier.of_environment() as notifier, machine.lock(LOCK_TRIES) as ours:
         if not ours:
@@ -212,11 +194,7 @@ def _resume(machine: "Machine", report: "Report") -> int:
     return 0
 
 
-def _show_status(machine: "Machine") -> int:
-    from gateway.errors import LinkError
-    from gateway.update import proof
-    from gateway.update import state as states
-    from gateway.update.state import STAGE_MEANING, Stage
+def _show_status(machine: Machine) -> int:
 
     print(f"in use:    {machine.version()}")
     print(f"installed: {', '.join(machine.installed())}")
@@ -251,8 +229,6 @@ def _show_status(machine: "Machine") -> int:
 
 def _migrate(old: Path, new: Path) -> int:
     """Nothing is written where nothing is to be changed."""
-    from gateway.config.strict.toml_file import read_toml
-    from gateway.update.migrations import migrated
 
     _, text = read_toml(old)
     changed, lines = migrated(text, source=str(old))

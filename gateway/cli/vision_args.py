@@ -1,39 +1,29 @@
-"""Shared by the verbs that process pictures: the decoders' limits, a bay's settings, a progress bar."""
+"""Shared by the verbs that process pictures: a bay's settings, a progress bar."""
 
-import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from gateway import __version__
+from gateway.clock import SystemClock
+from gateway.config import VisionConfig, load
+from gateway.config.sections.vision import DETECTION_METHODS
 from gateway.errors import ConfigError
-
-if TYPE_CHECKING:
-    from gateway.config import VisionConfig
-    from gateway.vision.offline.evaluation.runner import MakeDetector
-
-# Read by OpenCV when it is loaded, so set before; the user's settings are kept. The pixel limit keeps a few bytes of
-# hostile or broken file from requesting gigabytes; the decoders' own output would be mixed with ours.
-_OPENCV = {
-    "OPENCV_IO_MAX_IMAGE_PIXELS": str(1 << 28),
-    "OPENCV_LOG_LEVEL": "SILENT",
-    "OPENCV_FFMPEG_LOGLEVEL": "-8",
-}
+from gateway.vision.detect import registry
+from gateway.vision.offline.evaluation.runner import MakeDetector
 
 
-def quiet_opencv() -> None:
-    """Call before the first import of OpenCV."""
-    for name, value in _OPENCV.items():
-        os.environ.setdefault(name, value)
-
-
-def bay_vision(config: Path | None, bay: str | None) -> "VisionConfig":
+def bay_vision(config: Path | None, bay: str | None) -> VisionConfig:
     """`[vision]` of a bay of a configuration file (the first, where none is named); without a file, the defaults.
 
     Raises ConfigError.
     """
-    from gateway.config import VisionConfig, load
 
     if config is None:
         if bay is not None:
@@ -46,18 +36,15 @@ def bay_vision(config: Path | None, bay: str | None) -> "VisionConfig":
     return bays[name].vision
 
 
-def methods(params: "VisionConfig", asked: str | None) -> dict[str, "MakeDetector"]:
+def methods(params: VisionConfig, asked: str | None) -> dict[str, MakeDetector]:
     """A maker of detectors for the method asked for, all of them, or the configuration's. Raises ConfigError."""
-    from gateway.clock import SystemClock
-    from gateway.config.sections.vision import DETECTION_METHODS
-    from gateway.vision.detect import registry
 
     known = DETECTION_METHODS.names()
     if asked is not None and asked != "all" and asked not in known:
         raise ConfigError(f"--method {asked}: there is: {', '.join(known)}, all")
     now_ns = SystemClock().now_ns
 
-    def maker(name: str) -> "MakeDetector":
+    def maker(name: str) -> MakeDetector:
         def make(follow: bool) -> Any:
             return registry.detector(params.model_copy(update={"method": name, "tracking": follow}), now_ns)
 
@@ -69,10 +56,6 @@ def methods(params: "VisionConfig", asked: str | None) -> dict[str, "MakeDetecto
 
 def made_now() -> str:
     """For a report: the time, and the program that made it."""
-    from datetime import UTC, datetime
-
-    from gateway import __version__
-    from gateway.clock import SystemClock
 
     when = datetime.fromtimestamp(SystemClock().wall_ns() / 1e9, UTC)
     return f"{when:%Y-%m-%d %H:%M} UTC, gateway {__version__}"
@@ -84,8 +67,6 @@ def progress(what: str, total: int) -> Iterator[Callable[[], None]]:
     if total < 2 or not sys.stderr.isatty():
         yield lambda: None
         return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=False) as bar:

@@ -13,18 +13,17 @@ examples:
 import argparse
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from gateway.cli import recording_args
+from gateway.cli import recording_args, vision_args
 from gateway.durations import NS_PER_S
+from gateway.records import account, moment, page
+from gateway.records.chain import Link
+from gateway.records.inquiry import Answer, Inquiry
+from gateway.records.moment import clock, shown
+from gateway.records.picture_search import pictures_near
+from gateway.records.segment import RecordedPicture
+from gateway.vision.offline.reports.page import write
 
-if TYPE_CHECKING:
-    from gateway.records.chain import Link
-    from gateway.records.inquiry import Answer
-    from gateway.records.segment import RecordedPicture
-
-NAME = "why"
-HELP = "say why the outputs were as they were at a moment"
 MOST_LINKS = 16  # shown on a terminal before the moment, and behind it
 
 
@@ -37,12 +36,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """0: answered; 1: nothing was decided at that moment. Raises ConfigError."""
-    from gateway.cli import vision_args
-
-    vision_args.quiet_opencv()
-    from gateway.records import account, moment
-    from gateway.records.inquiry import Inquiry
-    from gateway.records.picture_search import pictures_near
 
     asked = moment.parsed(" ".join(args.time))
     folder = recording_args.folder(args)
@@ -52,9 +45,6 @@ def main(args: argparse.Namespace) -> int:
     answer = inquiry.at(at_ns, at_ns + round(asked.length_s * NS_PER_S))
     pictures = list(pictures_near(folder, answer.begin_ns, answer.end_ns))
     if args.html is not None:
-        from gateway.records import page
-        from gateway.vision.offline.reports.page import write
-
         write(args.html, page.html(answer, pictures, vision_args.made_now()))
     if args.json:
         print(json.dumps(account.as_json(answer, pictures), allow_nan=False, default=str))
@@ -65,9 +55,7 @@ def main(args: argparse.Namespace) -> int:
     return int(bool(answer.silence))
 
 
-def _print(answer: "Answer", pictures: "list[RecordedPicture]") -> None:
-    from gateway.records import account
-    from gateway.records.moment import clock, shown
+def _print(answer: Answer, pictures: list[RecordedPicture]) -> None:
 
     head = answer.head
     print(f"{head.bay}, {shown(answer.at_ns)} ({head.site}.{head.instance}, gateway {head.gateway_version})")
@@ -94,8 +82,7 @@ def _print(answer: "Answer", pictures: "list[RecordedPicture]") -> None:
         print(f"\npictures: {len(pictures)}, {begin} to {end}; --html FILE shows them")
 
 
-def _links(links: "tuple[Link, ...]") -> list[tuple[str, str]]:
-    from gateway.records.moment import clock
+def _links(links: tuple[Link, ...]) -> list[tuple[str, str]]:
 
     return [
         (clock(link.unix_ns), f"  {link.why}" if not link.what else f"{link.what}: {_by(link)}{link.why}")
@@ -103,7 +90,7 @@ def _links(links: "tuple[Link, ...]") -> list[tuple[str, str]]:
     ]
 
 
-def _by(link: "Link") -> str:
+def _by(link: Link) -> str:
     return f"[{link.by}] " if link.by else ""
 
 
