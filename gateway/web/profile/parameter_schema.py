@@ -5,10 +5,9 @@ Unit, range and meaning are defined once, in gateway/config/sections/vision.py; 
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, Literal, get_origin
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic.fields import FieldInfo
 
 from gateway.config import VisionConfig
@@ -32,20 +31,20 @@ Kind = Literal["choice", "flag", "whole", "number", "colour", "rgb"]
 _UNITS = {"px": "px", "px2": "px²", "s": "s", "share": "of the diagonal"}
 
 
-@dataclass(frozen=True, slots=True)
-class ParameterControl:
-    """One control of the page."""
+class ParameterView(BaseModel):
+    """One key of [vision] that may be tuned."""
 
+    model_config = ConfigDict(frozen=True)
     name: str
-    belongs: str  # to which method, or "both"; keys of the other one have no effect
-    kind: Kind
+    belongs: str = Field(description="to which method; `both`: to all; keys of another method have no effect")
+    kind: Kind = Field(description="`colour`: H, S, V on OpenCV's scale; `rgb`: `#rrggbb`, or null")
     meaning: str
     unit: str
     default: Any
-    low: float | None = None
-    high: float | None = None
-    step: int | None = None  # integers only: 2 where the value must be odd
-    choices: tuple[str, ...] = ()
+    low: float | None
+    high: float | None
+    step: int | None = Field(description="of whole numbers: 2 where the value must be odd")
+    choices: tuple[str, ...]
 
 
 class ProfileFile(Section):
@@ -54,8 +53,8 @@ class ProfileFile(Section):
     vision: VisionConfig = VisionConfig()
 
 
-def schema() -> tuple[ParameterControl, ...]:
-    return tuple(_key(name, VisionConfig.model_fields[name]) for name in TUNED)
+def schema() -> list[ParameterView]:
+    return [_key(name, VisionConfig.model_fields[name]) for name in TUNED]
 
 
 def values(settings: VisionConfig) -> dict[str, Any]:
@@ -86,11 +85,11 @@ def changes(old: VisionConfig, new: VisionConfig) -> dict[str, Any]:
     return {key: getattr(new, key) for key in TUNED if getattr(old, key) != getattr(new, key)}
 
 
-def _key(name: str, info: FieldInfo) -> ParameterControl:
+def _key(name: str, info: FieldInfo) -> ParameterView:
     belongs, meaning = _meaning(info)
     kind, choices = _kind(info)
     low, high = _bounds(info)
-    return ParameterControl(
+    return ParameterView(
         name=name,
         belongs=belongs,
         kind=kind,

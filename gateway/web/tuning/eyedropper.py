@@ -4,7 +4,6 @@ Colours are those that the thresholds see: after the Gaussian, on OpenCV's HSV s
 Table I's two ranges are one: 0 is red, positive towards orange, negative towards violet.
 """
 
-from dataclasses import dataclass
 from typing import Literal
 
 import cv2
@@ -16,6 +15,7 @@ from gateway.vision.detect.paper import stages
 from gateway.vision.detect.paper.stages import Corner, Mask
 from gateway.vision.offline.tuning.thresholds import MOST_HUE
 from gateway.vision.pixels import Image
+from gateway.web.tuning.response_models import ColourPickView, PatchView
 
 MARGIN = (4, 30, 30)  # H, S, V: the light changes
 MANY = 0.2  # of the picture: more is not a marker
@@ -26,38 +26,9 @@ CLOSED = 180  # a hue that never occurs: a range that begins there admits nothin
 Mode = Literal["replace", "widen"]
 
 
-@dataclass(frozen=True, slots=True)
-class Patch:
-    """Medians, and the 5th and 95th percentiles, of the pixels round the click. Hue signed about red."""
-
-    h: int
-    s: int
-    v: int
-    low: tuple[int, int, int]
-    high: tuple[int, int, int]
-    pixels: int
-
-    @property
-    def hue(self) -> int:
-        """On the file's scale, 0 to 179."""
-        return self.h % 180
-
-
-@dataclass(frozen=True, slots=True)
-class ColourPick:
-    """What a click proposes: the four corners as keys of `[vision]`, and what they would admit of this picture."""
-
-    patch: Patch
-    keys: dict[str, Corner]
-    admitted_px: int
-    picture_px: int
-    hanging_px: int  # of these, what is connected with the patch
-    warnings: tuple[str, ...]
-
-
 def pick(
     image: Image, u_px: float, v_px: float, size_px: int, params: VisionConfig, mode: Mode = "replace"
-) -> ColourPick:
+) -> ColourPickView:
     """A square of side `size_px` round (u, v), as far as it is in the picture.
 
     "replace": ranges for this patch only; "widen": the present ranges, widened as far as needed. Raises ValueError for
@@ -70,7 +41,14 @@ def pick(
     mask = stages.red_mask(hsv, (keys["red_low_1"], keys["red_high_1"]), (keys["red_low_2"], keys["red_high_2"]))
     admitted = int(np.count_nonzero(mask))
     hanging = _hanging(mask, near)
-    return ColourPick(patch, keys, admitted, mask.size, hanging, _warnings(patch, admitted, mask.size, hanging))
+    return ColourPickView(
+        patch=patch,
+        keys=keys,
+        admitted_px=admitted,
+        admitted_share=admitted / mask.size,
+        hanging_px=hanging,
+        warnings=_warnings(patch, admitted, mask.size, hanging),
+    )
 
 
 def window(image: Image, u_px: float, v_px: float, size_px: int) -> tuple[slice, slice]:
@@ -82,15 +60,17 @@ def window(image: Image, u_px: float, v_px: float, size_px: int) -> tuple[slice,
     return slice(max(0, v - half), v + half + 1), slice(max(0, u - half), u + half + 1)
 
 
-def _patch(colours: NDArray[np.uint8]) -> Patch:
+def _patch(colours: NDArray[np.uint8]) -> PatchView:
     """The hue's middle is that of its direction, so that 179 and 1 meet at 0 and not at 90."""
     h, s, v = colours.astype(np.int16).T
     turn = np.exp(2j * np.pi * h / 180).mean()
     middle = round(float(np.angle(turn)) / np.pi * 90)
     off = (h - middle + 90) % 180 - 90
     low, high = (np.percentile(np.stack([off, s, v]), share, axis=1) for share in (5, 95))
-    return Patch(
-        h=_signed(middle + round(float(np.median(off)))),
+    signed = _signed(middle + round(float(np.median(off))))
+    return PatchView(
+        h=signed,
+        hue=signed % 180,
         s=round(float(np.median(s))),
         v=round(float(np.median(v))),
         low=(middle + int(np.floor(low[0])), int(low[1]), int(low[2])),
@@ -103,7 +83,7 @@ def _signed(hue: int) -> int:
     return (hue + 90) % 180 - 90
 
 
-def _ranges(patch: Patch) -> dict[str, Corner]:
+def _ranges(patch: PatchView) -> dict[str, Corner]:
     """Hues below red go into the second range, those from red on into the first; S and V have no upper limit."""
     lo, hi = max(-90, patch.low[0] - MARGIN[0]), min(90, patch.high[0] + MARGIN[0])
     s, v = (max(0, patch.low[n] - MARGIN[n]) for n in (1, 2))
@@ -117,7 +97,7 @@ def _ranges(patch: Patch) -> dict[str, Corner]:
     }
 
 
-def _widened(params: VisionConfig, patch: Patch) -> dict[str, Corner]:
+def _widened(params: VisionConfig, patch: PatchView) -> dict[str, Corner]:
     """Each present range and the patch's part of it in one box; a closed one adds nothing."""
     fresh = _ranges(patch)
     present: dict[str, Corner] = {key: getattr(params, key) for key in fresh}
@@ -137,7 +117,7 @@ def _hanging(mask: Mask, near: tuple[slice, slice]) -> int:
     return int(np.asarray(stats)[touched[touched > 0], cv2.CC_STAT_AREA].sum())
 
 
-def _warnings(patch: Patch, admitted: int, picture: int, hanging: int) -> tuple[str, ...]:
+def _warnings(patch: PatchView, admitted: int, picture: int, hanging: int) -> list[str]:
     warnings = []
     if patch.s < PALE:
         warnings.append(f"nearly grey (S {patch.s}): its hue is noise; choose a clearer spot")
@@ -154,4 +134,4 @@ def _warnings(patch: Patch, admitted: int, picture: int, hanging: int) -> tuple[
         warnings.append(
             f"would admit as much elsewhere: {admitted - hanging} px, against {hanging} px that are connected here"
         )
-    return tuple(warnings)
+    return warnings

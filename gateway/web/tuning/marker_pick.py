@@ -21,26 +21,12 @@ from gateway.vision.detect.robust.marker_colour import (
 from gateway.vision.detect.robust.redness import redness
 from gateway.vision.pixels import Image
 from gateway.web.tuning.eyedropper import window
+from gateway.web.tuning.response_models import MarkerPickView
 
 SMOOTH_PX = 5  # side of the Gaussian: single pixels' noise is no spread of the paint
 MOST_SPREAD_DEG = 3 * NEAR_DEG  # of hue: noise and the light on a ball reach two thirds of it
 LEAST_CHROMA = 0.5  # of the median: where a part of the patch has less, not all of it is paint
 FARTHEST = 10.0  # of a distance, which may be infinite
-
-
-@dataclass(frozen=True, slots=True)
-class MarkerPick:
-    """Medians, and the 5th and 95th percentiles, of the patch. `distance`: from the present marker's colour, 1 at the
-    gate; `keys`: of `[vision]`, None where the paper's red takes it in; empty with `warnings`, and at distance 0."""
-
-    colour: str  # "#rrggbb"
-    hue_deg: float
-    hues_deg: tuple[float, float]
-    chroma: float  # log units; the method's redness, in the channels in which this colour is red
-    chromas: tuple[float, float]
-    distance: float
-    keys: dict[str, str | None]
-    warnings: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +39,7 @@ class _Paint:
     veil: float = 0.0
 
 
-def pick(image: Image, u_px: float, v_px: float, size_px: int, present: str | None) -> MarkerPick:
+def pick(image: Image, u_px: float, v_px: float, size_px: int, present: str | None) -> MarkerPickView:
     """A square of side `size_px` round (u, v), as far as it is in the picture. `present`: `vision.marker_colour`.
 
     Raises ValueError for a click beside the picture.
@@ -68,11 +54,11 @@ def pick(image: Image, u_px: float, v_px: float, size_px: int, present: str | No
     low, high = (float(off_deg) + hue_deg for off_deg in np.percentile(_off_deg(bgr, hue_deg), (5, 95)))
     chromas = redness(_seen(bgr, own))
     weakest, strongest = map(float, np.percentile(chromas, (5, 95)))
-    warnings = tuple(_warnings(bgr, middle, own, (low, high), weakest))
+    warnings = list(_warnings(bgr, middle, own, (low, high), weakest))
     off = distance(_paint(bgr, marker_of(present)), marker_of(present))
     red = distance(_paint(bgr, PAPER_RED), PAPER_RED) == 0
     keys: dict[str, str | None] = {"marker_colour": None if red else colour}
-    return MarkerPick(
+    return MarkerPickView(
         colour=colour,
         hue_deg=round(hue_deg, 1),
         hues_deg=(round(low, 1), round(high, 1)),

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from gateway.core.detection import Circle, Detection
 from gateway.durations import NS_PER_MS, NS_PER_S
 from gateway.vision.detect.stage_timer import total_ns
+from gateway.web.tuning.response_models import DeviationView
 
 FEWEST = 5  # frames that can be judged, for a spread
 _SIGMA = 1.4826  # from the median of absolute values to sigma, for a Gaussian
@@ -21,17 +22,6 @@ class Jitter:
     u_px: float
     v_px: float
     radius_px: float
-
-
-@dataclass(frozen=True, slots=True)
-class Deviation:
-    """Of the frames in which both found something: median and largest distance of the centres, median of R less R."""
-
-    frames: int
-    centre_px: float
-    centre_largest_px: float
-    radius_px: float  # signed
-    radius_largest_px: float  # of the absolute values
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,14 +63,14 @@ def _cubic_at_0(t_s: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([np.prod(np.delete(t_s, n) / (np.delete(t_s, n) - t_s[n])) for n in range(4)])
 
 
-def deviation(found: Sequence[Detection], other: Sequence[Detection]) -> Deviation | None:
+def deviation(found: Sequence[Detection], other: Sequence[Detection]) -> DeviationView | None:
     """How far `found` lies from `other`, frame by frame. None: never both."""
     pairs = [(a.circle, b.circle) for a, b in zip(found, other, strict=True)]
     both = np.array([_numbers(a) - _numbers(b) for a, b in pairs if a is not None and b is not None])
     if not len(both):
         return None
     centres = np.hypot(both[:, 0], both[:, 1])
-    return Deviation(
+    return DeviationView(
         frames=len(both),
         centre_px=float(np.median(centres)),
         centre_largest_px=float(centres.max()),

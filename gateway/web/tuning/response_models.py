@@ -5,6 +5,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
+from gateway.web.profile.parameter_schema import ParameterView
 from gateway.web.server.models import View
 from gateway.web.setup.models import SettingChangeBody
 
@@ -176,23 +177,6 @@ class MarkerPickView(View):
     distance: float = Field(description="from the marker's colour: 0: it is that; 1: the gate; at most 10")
     keys: dict[str, str | None] = Field(description="by key of [vision]; empty: nothing is proposed; null: the red")
     warnings: list[str] = Field(description="why nothing is proposed")
-
-
-class ParameterView(View):
-    """One key of [vision] that may be tuned."""
-
-    name: str
-    belongs: str = Field(description="to which method; `both`: to all; keys of another method have no effect")
-    kind: Literal["choice", "flag", "whole", "number", "colour", "rgb"] = Field(
-        description="`colour`: H, S, V on OpenCV's scale; `rgb`: `#rrggbb`, or null"
-    )
-    meaning: str
-    unit: str
-    default: Any
-    low: float | None
-    high: float | None
-    step: int | None = Field(description="of whole numbers: 2 where the value must be odd")
-    choices: list[str]
 
 
 class ProfileFileView(View):

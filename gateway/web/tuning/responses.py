@@ -6,15 +6,11 @@ from gateway.core.detection import Detection
 from gateway.vision.offline.tuning import exposure
 from gateway.web.profile import parameter_schema
 from gateway.web.server.models import view_of
-from gateway.web.tuning.eyedropper import ColourPick
-from gateway.web.tuning.marker_pick import MarkerPick
 from gateway.web.tuning.response_models import (
     CaptureView,
-    ColourPickView,
     DetectionView,
     ExposureView,
     LightView,
-    MarkerPickView,
     PanelView,
     SideView,
     SizeView,
@@ -96,9 +92,3 @@ def _detection(found: Detection) -> DetectionView:
         confidence=found.confidence,
         candidates=found.candidates,
     )
-
-
-def picked(one: ColourPick | MarkerPick) -> ColourPickView | MarkerPickView:
-    if isinstance(one, MarkerPick):
-        return view_of(MarkerPickView, one)
-    return view_of(ColourPickView, one, admitted_share=one.admitted_px / one.picture_px)

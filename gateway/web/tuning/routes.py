@@ -53,7 +53,6 @@ from gateway.web.tuning.response_models import (
     ColourPickView,
     ImportedView,
     MarkerPickView,
-    ParameterView,
     ProfileDiffView,
     ProfileFileView,
     ProfileSavedView,
@@ -256,19 +255,17 @@ async def _eyedropper(request: Tuning, body: EyedropperBody) -> ColourPickView |
         return Response(status_code=204)
     settings = await request.settings(body.vision)
     try:
-        made = await request.service.pick(
+        return await request.service.pick(
             request.who(body.tab), frames[at], (body.u_px, body.v_px), body.size_px, settings, body.mode
         )
     except ValueError as error:
         raise RefusalError(422, "beside", str(error)) from None
-    return responses.picked(made)
 
 
 @ADDRESSES.get("/profile", "profile", "the settings in force, and what may be set")
 async def _profile(request: Tuning) -> ProfileView:
     file = await _file(request, await request.service.in_force(request.bay))
-    schema = [ParameterView.model_validate(key) for key in parameter_schema.schema()]
-    return ProfileView(**await _settings(request), schema=schema, file=file)
+    return ProfileView(**await _settings(request), schema=parameter_schema.schema(), file=file)
 
 
 async def _file(request: TuningRequest, in_force: VisionConfig) -> ProfileFileView:

@@ -17,7 +17,8 @@ from gateway.vision.detect.method import NowNs
 from gateway.vision.pixels import Image
 from gateway.vision.transport.ring import Snapshot
 from gateway.web.tuning import measures
-from gateway.web.tuning.measures import Deviation, Jitter, StageTimes
+from gateway.web.tuning.measures import Jitter, StageTimes
+from gateway.web.tuning.response_models import DeviationView
 
 REPEATS = 9  # of a single frame, where the time is requested
 LIMIT_S = 12.0
@@ -46,8 +47,8 @@ class PictureTrialResult:
     tried: SideResult
     in_force: SideResult
     reference: tuple[Detection, ...]
-    from_in_force: Deviation | None
-    from_reference: Deviation | None
+    from_in_force: DeviationView | None
+    from_reference: DeviationView | None
     time_ratio: float  # of the tried to those in force
     timed: bool  # often enough for times to be worth a look
     cut_short: bool

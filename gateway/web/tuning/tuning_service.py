@@ -25,9 +25,9 @@ from gateway.web.profile import parameter_schema, profile
 from gateway.web.server.gateway_client import GatewayClient
 from gateway.web.server.pictures import encoded as jpeg
 from gateway.web.tuning import eyedropper, marker_pick, stages, trial, uploads
-from gateway.web.tuning.eyedropper import ColourPick, Mode
-from gateway.web.tuning.marker_pick import MarkerPick
+from gateway.web.tuning.eyedropper import Mode
 from gateway.web.tuning.remarks import remarks
+from gateway.web.tuning.response_models import ColourPickView, MarkerPickView
 from gateway.web.tuning.snapshots import Capture, CaptureStore, SnapshotRecorder
 from gateway.web.tuning.standing_warnings import LIVE, StandingWarning, WarningStore
 from gateway.web.tuning.trial import DetectionCache, PictureTrialResult
@@ -225,12 +225,12 @@ class TuningService:
 
     async def pick(
         self, who: str, frame: Snapshot, at: tuple[float, float], size_px: int, settings: VisionConfig, mode: Mode
-    ) -> ColourPick | MarkerPick:
+    ) -> ColourPickView | MarkerPickView:
         """For the method of `settings`; `mode`: of the paper's. Takes back a trial that `who` has under way: settings
         change now. Raises ValueError beside the picture."""
         self.trial_thread.withdraw(who)
 
-        def work(_: Callable[[], bool]) -> ColourPick | MarkerPick:
+        def work(_: Callable[[], bool]) -> ColourPickView | MarkerPickView:
             if settings.method == "robust":
                 return marker_pick.pick(frame.image, *at, size_px, settings.marker_colour)
             return eyedropper.pick(frame.image, *at, size_px, settings, mode)

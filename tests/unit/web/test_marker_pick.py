@@ -8,7 +8,8 @@ import pytest
 from gateway.config import VisionConfig
 from gateway.vision.detect import registry
 from gateway.vision.pixels import Image
-from gateway.web.tuning.marker_pick import MarkerPick, pick
+from gateway.web.tuning.marker_pick import pick
+from gateway.web.tuning.response_models import MarkerPickView
 from tests import decoys
 
 ORANGE, AMBER, RED, GREEN = (18, 91, 231), (30, 140, 255), (45, 35, 190), (60, 140, 30)  # BGR
@@ -20,7 +21,7 @@ def flat(bgr: tuple[int, int, int], noise: float = 0.0) -> Image:
     return np.asarray(np.clip(np.rint(image), 0, 255), np.uint8)
 
 
-def at_the_middle(image: Image, present: str | None = None, size_px: int = 15) -> MarkerPick:
+def at_the_middle(image: Image, present: str | None = None, size_px: int = 15) -> MarkerPickView:
     return pick(image, image.shape[1] / 2, image.shape[0] / 2, size_px, present)
 
 
@@ -33,14 +34,14 @@ def test_of_another_colour_that_one_is_proposed_with_its_hue_and_chroma() -> Non
     assert found.chroma == pytest.approx(math.log(239 / 26), abs=0.01)  # beyond 20 degrees against blue, the least
     assert found.distance == pytest.approx(2.94, abs=0.02)  # (20.6 - 0.3 - 10) / 3.5
     assert found.keys == {"marker_colour": "#e75b12"}
-    assert found.warnings == ()
+    assert found.warnings == []
 
 
 @pytest.mark.parametrize("present", [None, "#e75b12"])
 def test_of_the_present_colour_nothing_is_proposed(present: str | None) -> None:
     found = at_the_middle(flat(RED if present is None else ORANGE), present)
 
-    assert (found.distance, found.keys, found.warnings) == (0, {}, ())
+    assert (found.distance, found.keys, found.warnings) == (0, {}, [])
 
 
 def test_a_red_marker_needs_no_colour_of_its_own() -> None:
@@ -83,7 +84,7 @@ def test_a_noisy_and_a_dim_patch_are_fine(dim: float) -> None:
     blue, green, red = (round(dim * level) for level in ORANGE)
     found = at_the_middle(flat((blue, green, red), noise=6.0))
 
-    assert found.warnings == ()
+    assert found.warnings == []
     assert found.hue_deg == pytest.approx(20.6, abs=2)
 
 

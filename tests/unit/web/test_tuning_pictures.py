@@ -144,7 +144,7 @@ def test_the_ranges_admit_the_clicked_patch_whatever_its_hue(hue: int) -> None:
     assert abs(found.patch.s - 200) <= 3
     assert admitted(image, PAPER, found.keys)[26:35, 36:45].all()
     VisionConfig.model_validate(found.keys)
-    assert found.admitted_px == found.hanging_px == found.picture_px == 60 * 80
+    assert (found.admitted_px, found.hanging_px, found.admitted_share) == (60 * 80, 60 * 80, 1.0)
 
 
 def test_the_hues_of_a_red_patch_run_over_zero() -> None:
@@ -186,7 +186,7 @@ def test_the_marker_of_a_picture_is_taken_and_its_surroundings_are_not() -> None
     found = eyedropper.pick(image, MARKER[0], MARKER[1], 15, PAPER)
 
     mask = admitted(image, PAPER, found.keys)
-    assert found.warnings == ()
+    assert found.warnings == []
     assert found.admitted_px == np.count_nonzero(mask)
     assert found.admitted_px == pytest.approx(math.pi * MARKER[2] ** 2, rel=0.15)
     assert found.hanging_px == found.admitted_px

@@ -16,6 +16,7 @@ from gateway.vision.pixels import Image
 from gateway.vision.transport.ring import Snapshot
 from gateway.web.tuning import measures, trial
 from gateway.web.tuning.remarks import remarks
+from gateway.web.tuning.response_models import DeviationView
 from gateway.web.tuning.trial import DetectionCache, EndedError, PictureTrialResult
 from tests.unit.web.tuning import MARKER, Ticks, empty, frame
 
@@ -77,7 +78,9 @@ def test_how_far_two_settings_are_apart() -> None:
     ours = [at(3, 4, 12), at(0, 1, 8), NOTHING, at(9, 9)]
     theirs = [at(0, 0, 10), at(0, 0, 10), at(1, 1), NOTHING]
 
-    assert measures.deviation(ours, theirs) == measures.Deviation(2, 3.0, 5.0, 0.0, 2.0)
+    assert measures.deviation(ours, theirs) == DeviationView(
+        frames=2, centre_px=3.0, centre_largest_px=5.0, radius_px=0.0, radius_largest_px=2.0
+    )
     assert measures.deviation([NOTHING], [at(1)]) is None
     assert measures.found_share(ours) == 0.75
 
