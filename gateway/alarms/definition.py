@@ -27,13 +27,6 @@ class Suppression(StrEnum):
     SHUTDOWN = "shutdown"
 
 
-SUPPRESSION_MEANING: dict[Suppression, str] = {
-    Suppression.FUNCTION_CHECK: "a technician works on the bay and may_move is off",
-    Suppression.NOT_COMPUTED: "the control task is dead, so nothing is known of the sensors; control_dead reports it",
-    Suppression.SHUTDOWN: "the gateway is shutting down",
-}
-
-
 @dataclass(frozen=True, slots=True)
 class BayInputs:
     """The input of the alarms of one bay."""

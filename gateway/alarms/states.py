@@ -23,19 +23,6 @@ class AlarmState(StrEnum):
     OUT_OF_SERVICE = "out_of_service"
 
 
-STATE_MEANING: dict[AlarmState, tuple[str, str]] = {
-    AlarmState.NORMAL: ("A", "its cause is not active, and no operator action is needed"),
-    AlarmState.UNACKNOWLEDGED: ("B", "its cause is active, and no operator has acknowledged it yet"),
-    AlarmState.ACKNOWLEDGED: ("C", "its cause is active, and an operator has acknowledged it"),
-    AlarmState.RETURNED: ("D", "its cause is no longer active, and no operator has acknowledged it yet"),
-    AlarmState.LATCHED_UNACKNOWLEDGED: ("E", "its cause came and went; it must be acknowledged, then reset"),
-    AlarmState.LATCHED_ACKNOWLEDGED: ("F", "its cause is no longer active; it stays until an operator resets it"),
-    AlarmState.SHELVED: ("G", "put aside by a person for a limited time"),
-    AlarmState.SUPPRESSED: ("H", "meaningless for the moment, by design: its row defines when"),
-    AlarmState.OUT_OF_SERVICE: ("I", "taken out of service by a person, until they put it back"),
-}
-
-
 class AlarmEvent(StrEnum):
     """What makes an alarm change its state. The names are on the wire."""
 
@@ -50,19 +37,6 @@ class AlarmEvent(StrEnum):
     REMOVE = "remove"
     RESTORE = "restore"
 
-
-EVENT_MEANING: dict[AlarmEvent, str] = {
-    AlarmEvent.OCCURS: "its cause holds for its on-delay",
-    AlarmEvent.RETURNS: "its cause has not been active for its off-delay",
-    AlarmEvent.ACKNOWLEDGE: "a person takes notice; changes nothing but the alarm",
-    AlarmEvent.RESET: "an operator ends a latched alarm whose cause is no longer active",
-    AlarmEvent.SHELVE: "a person puts it aside for a while",
-    AlarmEvent.UNSHELVE: "that while is over, or a person takes it back",
-    AlarmEvent.SUPPRESS: "it means nothing for the moment, by design",
-    AlarmEvent.UNSUPPRESS: "it means something again; a cause that holds is announced after the on-delay",
-    AlarmEvent.REMOVE: "a person takes it out of service",
-    AlarmEvent.RESTORE: "a person puts it back into service",
-}
 
 A, B, C = AlarmState.NORMAL, AlarmState.UNACKNOWLEDGED, AlarmState.ACKNOWLEDGED
 D = AlarmState.RETURNED

@@ -129,7 +129,6 @@ BENCHMARKS: tuple[Benchmark, ...] = (
     Benchmark("chattering", "chattering alarms", 0, 0),
     Benchmark("stale_most", "alarms active for more than 24 h, on any day", 5, 5, below=True),
 )
-PRIORITY_BENCHMARK = {"low": 0.80, "medium": 0.15, "high": 0.05}
 SOURCE = "ANSI/ISA-18.2-2016, 16.4; the same in IEC 62682:2014"
 
 

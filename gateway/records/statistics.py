@@ -28,11 +28,6 @@ class CauseKind(StrEnum):
     FAULT = "fault"
 
 
-CAUSE_KIND_MEANING: dict[CauseKind, str] = {
-    CauseKind.AT_MARK: "a truck has reached the mark, or has left it without release: the stop that is wanted",
-    CauseKind.NO_MEASUREMENT: "no truck, or a marker that is covered: nothing to allow a truck to move by",
-    CauseKind.FAULT: "a fault of a sensor, of the gateway or of the PLC's heartbeat",
-}
 _AT_MARK = frozenset({Reason.TARGET_REACHED, Reason.STOP_LATCHED, Reason.MOVED})
 _KINDS: dict[str, CauseKind] = {
     reason.name.lower(): CauseKind.FAULT

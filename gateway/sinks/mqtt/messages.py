@@ -15,38 +15,6 @@ from gateway.sinks.mqtt.visit_payload import VisitPayload
 from gateway.values.models import ShownModel
 
 SCHEMA_VERSION = 1
-EVENT_MEANING: dict[EventKind, str] = {
-    EventKind.START: "the gateway has begun to serve this bay; `stop` is on",
-    EventKind.SHUTDOWN: "the gateway ends as requested; `stop` stays on",
-    EventKind.OUTPUTS_WITHDRAWN: "the control task did not run: since then every output has shown `stop`, no values",
-    EventKind.OUTPUTS_RETURNED: "the control task runs again; `detail` has for how long it did not",
-    EventKind.STOP_RAISED: "`stop` changed from off to on; `reason` has the reason",
-    EventKind.STOP_CLEARED: "`stop` went from on to off",
-    EventKind.TARGET_FOUND: "the marker came into sight",
-    EventKind.TARGET_LOST: "the marker went out of sight",
-    EventKind.IN_PLACE: "the truck is now in place; `detail` has the position",
-    EventKind.IN_PLACE_ENDED: "the truck is not in place any more, or it can't be confirmed; `detail` has the reason",
-    EventKind.MOVED: "a truck that was in place has moved without release; `detail` has the values before and after",
-    EventKind.ROLLING: "a truck that is in place begins to move without release; `detail`: sensor, before, now",
-    EventKind.RELEASED: "the PLC has released the truck: loading is over",
-    EventKind.VISIT_ENDED: "the truck that was in place has left the bay",
-    EventKind.VISIT: "the visit of a truck is over; `visit` has its times, position and faults",
-    EventKind.SENSOR_FAULT: "`sensor` became unusable, or its fault changed; `quality` and `detail` describe it",
-    EventKind.SENSOR_RECOVERED: "`sensor` can be used again",
-    EventKind.PLC_LOST: "the PLC's heartbeat has not changed for longer than its deadline",
-    EventKind.PLC_RETURNED: "the PLC's heartbeat arrived for the first time, or again",
-    EventKind.PLC_WRITE: "the PLC changed a register of the handshake block; `write` has the writer and both values",
-    EventKind.WRITE_REFUSED: "a write had no effect; `detail` has the reason",
-    EventKind.OWNER_CHANGED: "another PLC writes the handshake block from now on; `detail` names it",
-    EventKind.LATCH_RELEASED: "the latched stop was ended; `detail` has the cause",
-    EventKind.RECIPE_CHANGED: "another recipe is in force",
-    EventKind.FUNCTION_CHECK_BEGUN: "a technician works on the bay",
-    EventKind.FUNCTION_CHECK_ENDED: "the technician has finished",
-    EventKind.SETTINGS_CHANGED: "other settings are in force; `detail` has the user and the changes",
-    EventKind.OPERATOR_MARK: "a person wants this moment to be looked at later; `detail` has who, and the note",
-    EventKind.OPERATION_RELEASED: "a technician has signed the checklist of the bay; `detail` has who",
-    EventKind.OPERATION_RELEASE_VOID: "the bay is not released for operation any more; `detail` has the changed keys",
-}
 SENSORS = ("vision", "range", "cross_check")
 
 # Stated in the schema, not checked here: a miscounting sensor must not silence the gateway.

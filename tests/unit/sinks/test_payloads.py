@@ -471,7 +471,7 @@ def test_any_event_becomes_a_valid_message(
 def test_every_quality_reason_and_event_has_its_text() -> None:
     assert set(QUALITY_MEANING) == set(Quality)
     assert set(REASON_MEANING) == set(Reason)
-    assert set(messages.EVENT_MEANING) == set(EventKind)
+    assert set(mqtt.EVENT_MEANING) == set(EventKind)
 
 
 @pytest.mark.parametrize("name", sorted(mqtt.schemas()))
