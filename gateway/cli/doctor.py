@@ -20,8 +20,8 @@ from gateway import config, config_check
 from gateway.config.strict.toml_file import read_toml
 from gateway.doctor import rights
 from gateway.doctor.examine import findings
-from gateway.doctor.finding import Verdict
 from gateway.errors import ConfigError
+from gateway.web.ipc.devices import Verdict
 
 
 def configure(parser: argparse.ArgumentParser) -> None:

@@ -5,9 +5,9 @@ from collections.abc import Coroutine, Iterator
 
 from gateway.config import GatewayConfig
 from gateway.config.strict.errors import without_password
-from gateway.doctor.finding import Finding, Verdict
 from gateway.errors import GatewayError
 from gateway.sinks.mqtt.probe import probe
+from gateway.web.ipc.devices import Finding, Verdict
 
 LIMIT_S = 30.0  # all tries of one broker
 

@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from gateway.config import GatewayConfig
 from gateway.config.strict.errors import without_password
 from gateway.doctor.brokers import in_time
-from gateway.doctor.finding import Finding, Verdict
 from gateway.errors import GatewayError, SettingError
 from gateway.sinks import registry
 from gateway.sinks.postgresql.probe import probe
 from gateway.sinks.postgresql.settings import PostgresqlConfig
 from gateway.sinks.postgresql.sink import driver
+from gateway.web.ipc.devices import Finding, Verdict
 
 # The first whose word is in what the server or the driver said.
 REMEDIES = (

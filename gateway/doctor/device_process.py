@@ -12,7 +12,6 @@ from pathlib import Path
 from gateway.clock import SystemClock
 from gateway.config import CameraConfig, MqttConfig
 from gateway.doctor import brokers, devices, network_cameras, plc
-from gateway.doctor.finding import Verdict
 from gateway.errors import ConfigError, GatewayError
 from gateway.net.own_host import own_addresses
 from gateway.processes import sandbox, seccomp
@@ -30,16 +29,17 @@ from gateway.web.ipc.devices import (
     DeviceQuestion,
     DevicesSetup,
     Examine,
+    Finding,
     FlashRanger,
     ListDevices,
     ListStreams,
     LookAtCamera,
     LookAtRanger,
     SearchNetwork,
-    Tried,
     TriedParts,
     TryBroker,
     TryPlc,
+    Verdict,
 )
 
 CODEC = DEVICES_SETUP
@@ -88,7 +88,7 @@ def _confine(question: DeviceQuestion) -> None:
 
 def answer(setup: DevicesSetup, question: DeviceQuestion, send: Callable[[DeviceAnswer], None]) -> None:
     """Raises GatewayError, OSError."""
-    from gateway.doctor import examine, look  # noqa: PLC0415 - OpenCV is loaded where it is needed, and by no process that forks
+    from gateway.doctor import examine  # noqa: PLC0415 - OpenCV is loaded where it is needed, and by no process that forks
 
     config, clock = setup.config, SystemClock()
     match question:
@@ -102,14 +102,14 @@ def answer(setup: DevicesSetup, question: DeviceQuestion, send: Callable[[Device
         case LookAtCamera() | LookAtRanger() | FlashRanger():
             _look(setup, question, clock, send)
         case TryPlc(port):
-            send(TriedParts(tuple(map(look.as_tried, plc.findings(config, port, clock)))))
+            send(TriedParts(tuple(plc.findings(config, port, clock))))
         case TryBroker(mqtt):
             _refuse_stored("mqtt", mqtt)
             asked = config if mqtt is None else config.model_copy(update={"mqtt": mqtt})
-            send(TriedParts(tuple(map(look.as_tried, brokers.brokers(asked)))))
+            send(TriedParts(tuple(brokers.brokers(asked))))
         case Examine():
             for finding in examine.findings(config, 0.0, beside=True):
-                send(TriedParts((look.as_tried(finding),)))
+                send(TriedParts((finding,)))
 
 
 def _look(
@@ -150,4 +150,4 @@ def _refuse_stored(name: str, section: MqttConfig | CameraConfig | None) -> None
 
 def _taken(part: str, what: str, user: str) -> TriedParts:
     result, remedy = f"bay {user} uses it", f"take another one, or set up {user}, which has it"
-    return TriedParts((Tried(part, "", Verdict.FAULT, f"open {what}", result, remedy),))
+    return TriedParts((Finding(part, "", Verdict.FAULT, f"open {what}", result, remedy),))

@@ -9,11 +9,11 @@ from gateway.doctor import machine, network, plc, sensors, settings
 from gateway.doctor.brokers import brokers
 from gateway.doctor.databases import databases
 from gateway.doctor.exposure import exposure
-from gateway.doctor.finding import Finding, Verdict
 from gateway.doctor.permissions import permissions
 from gateway.errors import LinkError
 from gateway.shared_state import SharedStateReader, SharedVector, attachable
 from gateway.web.host import releases
+from gateway.web.ipc.devices import Finding, Verdict
 
 
 def findings(config: GatewayConfig, seconds: float, *, beside: bool = False) -> Iterator[Finding]:

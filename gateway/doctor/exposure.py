@@ -8,7 +8,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing
 
 from gateway.config import BayConfig, CameraConfig
-from gateway.doctor.finding import Finding, Verdict
 from gateway.errors import ConfigError
 from gateway.vision.source.specs import CameraSpec, source_spec
 from gateway.vision.source.v4l2_controls import ControlSetting, offered_by, problem, range_text, shown
@@ -22,6 +21,7 @@ from gateway.vision.source.v4l2_device import (
     device_path,
 )
 from gateway.vision.source.v4l2_exposure import UNIT_US
+from gateway.web.ipc.devices import Finding, Verdict
 
 UNIT_MS = UNIT_US / 1000
 

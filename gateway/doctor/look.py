@@ -7,12 +7,10 @@ distances. Nothing happens to a device but that it is opened, as a bay would.
 import statistics
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import asdict
 
 from gateway.clock import Clock
 from gateway.config import BayConfig, CameraConfig, RangerConfig
 from gateway.doctor import sensors
-from gateway.doctor.finding import Finding, Verdict
 from gateway.doctor.sensors import CameraLook, RangerLook
 from gateway.durations import NS_PER_S
 from gateway.errors import ConfigError, GatewayError
@@ -21,7 +19,7 @@ from gateway.vision.detect import registry
 from gateway.vision.source.contract import Frame
 from gateway.vision.source.specs import source_spec
 from gateway.vision.transport.messages import DetectorSpec
-from gateway.web.ipc.devices import CameraSeen, FlashSeen, RangerSeen, Tried, TriedParts
+from gateway.web.ipc.devices import CameraSeen, Finding, FlashSeen, RangerSeen, TriedParts, Verdict
 from gateway.web.server.pictures import encoded
 
 LOOK_S = 120.0  # then it ends, whoever still watches
@@ -29,14 +27,9 @@ PICTURE_S, FIGURES_S = 1.0, 0.5
 PICTURE_PX = 640  # width of the picture
 RECENT = 90  # frames that rate and lateness are of
 READINGS = 30  # distances that rate and noise are of: two seconds of a healthy board
-WAITING = "waiting"  # in the place of a verdict: the board has not said yet who it is
 
 SendCamera = Callable[[CameraSeen | TriedParts], None]
 SendRanger = Callable[[RangerSeen | TriedParts], None]
-
-
-def as_tried(finding: Finding) -> Tried:
-    return Tried(**asdict(finding))
 
 
 class _CameraFigures:
@@ -69,7 +62,7 @@ class _CameraFigures:
         problem, remedy = sensors.frames_advice(look, self._bay.camera.fps) if len(look.arrived_ns) > 1 else ("", "")
         verdict = Verdict.WARNING if problem else Verdict.OK
         return CameraSeen(
-            line=Tried("camera", "", verdict, f"open {self._label}, read it", problem or "it gives pictures", remedy),
+            line=Finding("camera", "", verdict, f"open {self._label}, read it", problem or "it gives pictures", remedy),
             width_px=width_px,
             height_px=height_px,
             rate_hz=look.rate_hz,
@@ -97,10 +90,12 @@ def camera(config: CameraConfig, clock: Clock, send: SendCamera, seconds: float 
     except GatewayError as error:
         result = str(error).removeprefix(f"{label}: ")
         if figures is not None and figures.look.finite and figures.look.fresh:
-            send(TriedParts((Tried("camera", "", Verdict.OK, f"look at {label}", "the film has ended", "look again"),)))
+            send(
+                TriedParts((Finding("camera", "", Verdict.OK, f"look at {label}", "the film has ended", "look again"),))
+            )
             return
         remedy = "correct it" if isinstance(error, ConfigError) else sensors.camera_remedy(result)
-        send(TriedParts((Tried("camera", "", Verdict.FAULT, f"open {label}, read it", result, remedy),)))
+        send(TriedParts((Finding("camera", "", Verdict.FAULT, f"open {label}, read it", result, remedy),)))
     else:
         send(_ended("camera", label, seconds))
 
@@ -123,12 +118,12 @@ class _RangerFigures:
 
     def _seen(self, after_s: float) -> RangerSeen:
         look = self.look
-        line = as_tried(sensors.ranger_judged("", look, f"open {self._port}, listen", max(after_s, FIGURES_S)))
+        line = sensors.ranger_judged("", look, f"open {self._port}, listen", max(after_s, FIGURES_S))
         if not look.identity and after_s < sensors.HELLO_S:
             text = (
                 f"nothing yet; a board starts when its port is opened, and says who it is within {sensors.HELLO_S:g} s"
             )
-            line = Tried(line.part, "", WAITING, line.tried, text)
+            line = Finding(line.part, "", Verdict.WAITING, line.tried, text)
         last, good = look.readings[-1], [r for r in look.readings if r.distance_mm is not None]
         distances_mm = [r.distance_mm for r in good if r.distance_mm is not None]
         span_s = (good[-1].t_ns - good[0].t_ns) / NS_PER_S if len(good) > 1 else 0.0
@@ -151,7 +146,7 @@ def ranger(config: RangerConfig, clock: Clock, send: SendRanger, seconds: float 
     except GatewayError as error:
         result = str(error).removeprefix(f"ranger port {config.port}: ")
         remedy = "correct it" if isinstance(error, ConfigError) else sensors.port_remedy(result)
-        send(TriedParts((Tried("ranger", "", Verdict.FAULT, f"open {config.port}, listen", result, remedy),)))
+        send(TriedParts((Finding("ranger", "", Verdict.FAULT, f"open {config.port}, listen", result, remedy),)))
     else:
         send(_ended("ranger", config.port, seconds))
 
@@ -166,16 +161,16 @@ def flash(port: str, clock: Clock, send: Callable[[FlashSeen | TriedParts], None
 
     def progress(done: float) -> None:
         doing = "writes" if done < 0.5 else "reads it back"
-        tell(FlashSeen(Tried("firmware", "", WAITING, tried, doing), done))
+        tell(FlashSeen(Finding("firmware", "", Verdict.WAITING, tried, doing), done))
 
-    line = Tried("firmware", "", Verdict.OK, tried, "written, and read back equal", "look at the board")
+    line = Finding("firmware", "", Verdict.OK, tried, "written, and read back equal", "look at the board")
     try:
         flashing.flash(port, flashing.image(), clock, progress)
     except GatewayError as error:
         result = str(error).removeprefix(f"ranger port {port}: ")
-        line = Tried("firmware", "", Verdict.FAULT, tried, result, sensors.port_remedy(result))
+        line = Finding("firmware", "", Verdict.FAULT, tried, result, sensors.port_remedy(result))
     tell(TriedParts((line,)))
 
 
 def _ended(part: str, what: str, seconds: float) -> TriedParts:
-    return TriedParts((Tried(part, "", Verdict.OK, f"look at {what}", f"ended after {seconds:g} s", "look again"),))
+    return TriedParts((Finding(part, "", Verdict.OK, f"look at {what}", f"ended after {seconds:g} s", "look again"),))

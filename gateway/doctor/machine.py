@@ -17,8 +17,8 @@ import psutil
 
 from gateway import __version__, bay_file
 from gateway.config import GatewayConfig
-from gateway.doctor.finding import Finding, Verdict
 from gateway.records import recorder_service as records
+from gateway.web.ipc.devices import Finding, Verdict
 
 GB = 1e9
 STA_UNSYNC = 0x0040  # adjtimex(2): nobody keeps this clock right

@@ -8,7 +8,6 @@ from contextlib import closing
 
 from gateway.clock import Clock
 from gateway.config import GatewayConfig
-from gateway.doctor.finding import Finding, Verdict
 from gateway.errors import GatewayError
 from gateway.net import tls
 from gateway.net.certificate_ends import CertificateEnds
@@ -16,6 +15,7 @@ from gateway.net.listener import bound_sockets, from_here
 from gateway.net.own_host import own_addresses, page_urls
 from gateway.net.tls import TlsFiles
 from gateway.sinks.mqtt.broker import brokers_of, certificates_of
+from gateway.web.ipc.devices import Finding, Verdict
 
 CONNECT_S = 3.0
 ANY = ("0.0.0.0", "::", "")  # hosts that are all addresses of this machine

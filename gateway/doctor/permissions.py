@@ -8,8 +8,8 @@ from pathlib import Path
 
 from gateway.config import GatewayConfig
 from gateway.config.named_files import named_files
-from gateway.doctor.finding import Finding, Verdict
 from gateway.files import device_at
+from gateway.web.ipc.devices import Finding, Verdict
 
 
 def permissions(config: GatewayConfig) -> Iterator[Finding]:

@@ -10,12 +10,12 @@ from gateway.core.beacon import BEACON_MEANING, BeaconStatus
 from gateway.core.readings import DEAD, QUALITY_MEANING, Quality
 from gateway.core.state import REASON_MEANING, Reason
 from gateway.doctor import network
-from gateway.doctor.finding import Finding, Verdict
 from gateway.errors import ProtocolError
 from gateway.modbus import client
 from gateway.modbus.registers.register import Value
 from gateway.modbus.registers.register_map import BLOCK_WORDS, RELAY, decode
 from gateway.net.listener import from_here
+from gateway.web.ipc.devices import Finding, Verdict
 
 Judgement = tuple[Verdict, str, str]  # and result, what to do
 Judge = Callable[[dict[str, Value]], Judgement]

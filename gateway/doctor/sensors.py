@@ -22,7 +22,6 @@ from gateway.core.readings import (
     RangeReading,
 )
 from gateway.doctor import settings
-from gateway.doctor.finding import Finding, Verdict
 from gateway.durations import NS_PER_MS, NS_PER_S
 from gateway.errors import ConfigError, GatewayError, LinkError
 from gateway.ranger.ranger_service import RangerService
@@ -34,6 +33,7 @@ from gateway.vision.source.contract import Frame, Source
 from gateway.vision.source.framing import Framing
 from gateway.vision.source.specs import source_spec
 from gateway.vision.transport.messages import DetectorSpec
+from gateway.web.ipc.devices import Finding, Verdict
 
 HANG_S = 5.0  # beyond its own deadlines: whatever was tried does not come back
 HELLO_S = 6.0  # an Uno resets when its port is opened, and says who it is every 5 s

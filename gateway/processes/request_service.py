@@ -37,7 +37,7 @@ class RequestService:
     async def run(self) -> None:
         """Until cancelled. Raises LinkError when the process fails."""
         while True:
-            await _readable(self._requests)
+            await readable(self._requests)
             await self._serve()
 
     async def _serve(self) -> None:
@@ -56,14 +56,16 @@ class RequestService:
                             raise LinkError(f"the process {self._name} {how}")
 
 
-async def _readable(sock: socket.socket) -> None:
-    """Waits for a request, and leaves it to the process to take it."""
+async def readable(*sockets: socket.socket) -> None:
+    """Waits until a request or a connection has arrived at one of them, and leaves it to a process to take it."""
     loop = asyncio.get_running_loop()
     arrived = asyncio.Event()
-    fd = os.dup(sock.fileno())  # an event loop must own its descriptor
+    copies = [os.dup(sock.fileno()) for sock in sockets]  # an event loop must own its descriptor
     try:
-        loop.add_reader(fd, arrived.set)
+        for fd in copies:
+            loop.add_reader(fd, arrived.set)
         await arrived.wait()
     finally:
-        loop.remove_reader(fd)
-        os.close(fd)
+        for fd in copies:
+            loop.remove_reader(fd)
+            os.close(fd)

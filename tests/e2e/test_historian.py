@@ -20,11 +20,11 @@ from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import Moved, Reason, VisitPhase
 from gateway.core.visit_summary import VisitEnd, VisitSummary
 from gateway.doctor.databases import databases
-from gateway.doctor.finding import Finding, Verdict
 from gateway.sinks.contract import ALARM_PRIORITIES, AlarmStep
 from gateway.sinks.postgresql import tables
 from gateway.sinks.postgresql.settings import PostgresqlConfig
 from gateway.sinks.postgresql.sink import PostgresqlSink
+from gateway.web.ipc.devices import Finding, Verdict
 from tests.e2e import historian_kills
 from tests.e2e.brokers import Mosquitto, Subscriber
 from tests.e2e.mqtt_plant import ComputedBays

@@ -19,6 +19,7 @@ from gateway.net import own_certificate, own_host, tls
 from gateway.net.listener import listening
 from gateway.processes.channel import Failed, Gone
 from gateway.processes.deadlines import LOOK_S, SignsOfLife, StartDeadline
+from gateway.processes.request_service import readable
 from gateway.processes.slot import ProcessSlot
 from gateway.processes.start import Role
 from gateway.web.host.config_file_requests import ConfigFileRequests
@@ -100,7 +101,7 @@ class WebProcessService:
 
     async def _serve(self, sockets: tuple[socket.socket, ...], own: ExitStack) -> None:
         """Until the configuration has changed."""
-        await _first_connection(sockets)
+        await readable(*sockets)
         self._outdated = False
         await asyncio.to_thread(self._check_certificate, sockets)
         role = self._role(sockets, own)
@@ -198,18 +199,3 @@ class WebProcessService:
 
     def _forget_slot(self) -> None:
         self._slot = None
-
-
-async def _first_connection(sockets: tuple[socket.socket, ...]) -> None:
-    """Waits for a connection, and leaves it to the web process to take it."""
-    loop = asyncio.get_running_loop()
-    called = asyncio.Event()
-    copies = [os.dup(sock.fileno()) for sock in sockets]  # an event loop must own its descriptor
-    try:
-        for fd in copies:
-            loop.add_reader(fd, called.set)
-        await called.wait()
-    finally:
-        for fd in copies:
-            loop.remove_reader(fd)
-            os.close(fd)

@@ -4,6 +4,7 @@ The web process may open no device and no connection: a helper process does (gat
 """
 
 from dataclasses import dataclass
+from enum import StrEnum
 
 from gateway.config import CameraConfig, GatewayConfig, MqttConfig, RangerConfig
 from gateway.processes.codec import Codec, Message
@@ -154,28 +155,42 @@ class NetworkStreams(Message, frozen=True):
     why: str
 
 
+class Verdict(StrEnum):
+    OK = "ok"
+    WARNING = "warning"
+    FAULT = "fault"
+    WAITING = "waiting"  # of a look: nothing is known yet
+
+
 @dataclass(frozen=True, slots=True)
-class Tried:
-    """One line of an examination, as the doctor's: `verdict` is ok, warning or fault."""
+class Finding:
+    """One line of an examination: what was tried, what came back, what to do. `part`: what kind of thing, as `camera`;
+    `name`: which one, empty where there is one. `remedy`: empty if OK."""
 
     part: str
     name: str
-    verdict: str
+    verdict: Verdict
     tried: str
     result: str
     remedy: str = ""
+
+    @property
+    def line(self) -> str:
+        subject = f"{self.part} {self.name}".rstrip()
+        remedy = f" -> {self.remedy}" if self.remedy else ""
+        return f"{self.verdict:8} {subject}: {self.tried}: {self.result}{remedy}"
 
 
 class TriedParts(Message, frozen=True):
     """To `TryPlc`, `TryBroker` and `Examine`; a look that could not be begun, or has ended, ends with one."""
 
-    lines: tuple[Tried, ...]
+    lines: tuple[Finding, ...]
 
 
 class CameraSeen(Message, frozen=True):
     """To `LookAtCamera`. `jpeg`: the newest frame; `marker`: u, v and R in it, px, in a picture of this size."""
 
-    line: Tried
+    line: Finding
     width_px: int
     height_px: int
     rate_hz: float
@@ -190,7 +205,7 @@ class RangerSeen(Message, frozen=True):
     """To `LookAtRanger`. `identity`: what the board says it is; empty: nothing yet. `noise_mm`: standard deviation of
     the newest distances."""
 
-    line: Tried
+    line: Finding
     identity: str
     distance_mm: float | None
     noise_mm: float | None
@@ -202,7 +217,7 @@ class RangerSeen(Message, frozen=True):
 class FlashSeen(Message, frozen=True):
     """To `FlashRanger`. `done`: 0 to 1, writing and reading back."""
 
-    line: Tried
+    line: Finding
     done: float
 
 

@@ -19,13 +19,14 @@ from gateway.web.ipc.devices import (
     DeviceAnswer,
     DeviceQuestion,
     Examine,
+    Finding,
     FlashRanger,
     FlashSeen,
     LookAtCamera,
     LookAtRanger,
     RangerSeen,
-    Tried,
     TriedParts,
+    Verdict,
 )
 
 EXAMINED_S = 55.0  # the process gives it 60
@@ -48,7 +49,7 @@ class DevicePreview:
     watched_s: float
     pieces: int = 0
     seen: CameraSeen | RangerSeen | FlashSeen | None = None
-    end: Tried | None = None
+    end: Finding | None = None
     changed: asyncio.Event = field(default_factory=asyncio.Event)
     task: asyncio.Task[None] | None = None
 
@@ -63,7 +64,7 @@ class DevicePreview:
         self.news()
 
     def finish(self, why: str, remedy: str = "check cable, power and address") -> None:
-        self.end = self.end or Tried("device", "", "fault", "look at it", why, remedy)
+        self.end = self.end or Finding("device", "", Verdict.FAULT, "look at it", why, remedy)
         self.news()
 
     def news(self) -> None:
@@ -80,7 +81,7 @@ class DeviceClient:
         self._numbers = itertools.count(1)
         self._look: DevicePreview | None = None
         self._examining = asyncio.Lock()
-        self._examined: tuple[float | None, list[Tried], bool] = None, [], False
+        self._examined: tuple[float | None, list[Finding], bool] = None, [], False
 
     def close(self) -> None:
         if self._look is not None and self._look.task is not None:
@@ -97,7 +98,7 @@ class DeviceClient:
             raise RefusalError(503, DEVICES.code, "another answer")
         return answer
 
-    async def examined(self) -> tuple[list[Tried], bool]:
+    async def examined(self) -> tuple[list[Finding], bool]:
         """What the doctor finds beside the running gateway, and whether that is all of it: a part may take too long.
         Who asks again within KEPT_S gets the same. Raises RefusalError."""
         async with self._examining:

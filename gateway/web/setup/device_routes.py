@@ -12,6 +12,7 @@ from gateway.web.auth.addresses import Addresses, whole_number
 from gateway.web.auth.refusals import RefusalError
 from gateway.web.ipc.devices import (
     CameraSeen,
+    Finding,
     FlashRanger,
     FlashSeen,
     FoundDevices,
@@ -21,7 +22,6 @@ from gateway.web.ipc.devices import (
     NetworkStreams,
     RangerSeen,
     SearchNetwork,
-    Tried,
     TriedParts,
     TryBroker,
     TryPlc,
@@ -110,7 +110,7 @@ async def _broker(services: WebServices, body: BrokerBody) -> JSONResponse:
     return JSONResponse({"lines": _lines(found.lines)})
 
 
-def _lines(lines: Iterable[Tried]) -> list[dict[str, Any]]:
+def _lines(lines: Iterable[Finding]) -> list[dict[str, Any]]:
     return [asdict(line) for line in lines]
 
 

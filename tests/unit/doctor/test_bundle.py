@@ -10,8 +10,8 @@ import pytest
 from gateway.cli.main import main
 from gateway.config import load, parse
 from gateway.doctor import bundle
-from gateway.doctor.finding import Finding, Verdict
 from gateway.records.segment import Block, BlockKind, blocks
+from gateway.web.ipc.devices import Finding, Verdict
 from tests.recorded_bay import Recorded
 
 SECRETS = (

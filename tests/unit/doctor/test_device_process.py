@@ -21,6 +21,7 @@ from gateway.web.ipc.devices import (
     DeviceQuestion,
     DevicesSetup,
     Examine,
+    Finding,
     FlashRanger,
     FoundNetworkCameras,
     ListDevices,
@@ -28,7 +29,6 @@ from gateway.web.ipc.devices import (
     LookAtCamera,
     NetworkStreams,
     SearchNetwork,
-    Tried,
     TriedParts,
     TryBroker,
 )
@@ -123,7 +123,7 @@ def test_what_an_address_sends_is_decoded_with_few_rights(
 def test_an_examination_beside_a_running_gateway_opens_no_sensor() -> None:
     """Its state can't be read here; that is a finding, and no reason to open the camera of a bay at work."""
     config = parse({"instance": "nobody-runs-this", "state_dir": "", "camera": {"url": "/dev/video0"}})
-    lines: list[Tried] = []
+    lines: list[Finding] = []
 
     def take(piece: DeviceAnswer) -> None:
         assert isinstance(piece, TriedParts)

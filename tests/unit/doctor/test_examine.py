@@ -4,7 +4,7 @@ import pytest
 
 from gateway.config import parse
 from gateway.doctor import examine, machine
-from gateway.doctor.finding import Finding, Verdict
+from gateway.web.ipc.devices import Finding, Verdict
 
 
 def refused() -> Finding:

@@ -4,8 +4,8 @@ import pytest
 
 from gateway.config import BayConfig, CameraConfig
 from gateway.doctor.exposure import exposure
-from gateway.doctor.finding import Finding, Verdict
 from gateway.vision.source.v4l2_device import EXPOSURE_ABSOLUTE, EXPOSURE_AUTO, GAIN
+from gateway.web.ipc.devices import Finding, Verdict
 from tests.unit.vision.test_v4l2_exposure import Driver, device, driver
 
 __all__ = ["device", "driver"]  # fixtures

@@ -14,7 +14,7 @@ import pytest
 
 from gateway.config import GatewayConfig
 from gateway.doctor import machine
-from gateway.doctor.finding import Finding, Verdict
+from gateway.web.ipc.devices import Finding, Verdict
 
 OK, WARNING, FAULT = Verdict.OK, Verdict.WARNING, Verdict.FAULT
 Usage = namedtuple("Usage", "total used free")

@@ -8,7 +8,7 @@ import pytest
 
 from gateway.config import GatewayConfig
 from gateway.doctor import network
-from gateway.doctor.finding import Verdict
+from gateway.web.ipc.devices import Verdict
 from tests.plant_certs import DAYS, LaterClock, Plant
 
 OK, WARNING, FAULT = Verdict.OK, Verdict.WARNING, Verdict.FAULT

@@ -12,7 +12,7 @@ import pytest
 from gateway.cli.main import main
 from gateway.config import GatewayConfig
 from gateway.doctor import permissions, rights
-from gateway.doctor.finding import Verdict
+from gateway.web.ipc.devices import Verdict
 
 OTHER = "nobody"
 PROBE = f"""

@@ -15,9 +15,9 @@ from gateway.config import GatewayConfig, parse
 from gateway.core.readings import Quality
 from gateway.core.state import Moved, Reason
 from gateway.doctor import examine, plc
-from gateway.doctor.finding import Finding, Verdict
 from gateway.modbus.registers.register_map import BLOCK_WORDS, MAP_VERSION, REGISTERS
 from gateway.shared_state import SharedVector
+from gateway.web.ipc.devices import Finding, Verdict
 from tests.virtual_time import BlockingClock
 
 ADDRESS = {register.name: register.address for register in REGISTERS}

@@ -13,7 +13,6 @@ from gateway.config import BayConfig, RangerConfig
 from gateway.core.readings import AgeProof, Quality, RangeReading, RelayOutput, RelayStatus
 from gateway.core.state import Moved, Reason
 from gateway.doctor import sensors
-from gateway.doctor.finding import Finding, Verdict
 from gateway.durations import NS_PER_MS
 from gateway.errors import LinkError
 from gateway.ranger.hcsr04.protocol import (
@@ -29,6 +28,7 @@ from gateway.ranger.hcsr04.protocol import (
 from gateway.ranger.ranger_service import RangerService
 from gateway.shared_state import SharedVector
 from gateway.vision.source.contract import Frame, Source
+from gateway.web.ipc.devices import Finding, Verdict
 
 OK, WARNING, FAULT = Verdict.OK, Verdict.WARNING, Verdict.FAULT
 SECONDS = 0.5

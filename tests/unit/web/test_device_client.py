@@ -21,6 +21,7 @@ from gateway.web.ipc.devices import (
     CameraSeen,
     DeviceAnswer,
     Examine,
+    Finding,
     FlashRanger,
     FlashSeen,
     FoundDevices,
@@ -31,9 +32,9 @@ from gateway.web.ipc.devices import (
     NetworkStream,
     NetworkStreams,
     RangerSeen,
-    Tried,
     TriedParts,
     TryBroker,
+    Verdict,
 )
 from gateway.web.setup import device_client as module
 from gateway.web.setup.device_bodies import BrokerBody, LookBody
@@ -45,10 +46,10 @@ from tests.unit.web.helper_stand_in import send as send_pieces
 from tests.unit.web.programs import api_client, fits
 from tests.virtual_time import in_virtual_time
 
-LINE = Tried("camera", "", "ok", "open it", "it gives pictures")
+LINE = Finding("camera", "", Verdict.OK, "open it", "it gives pictures")
 SEEN = CameraSeen(LINE, 640, 480, 30.0, 12.0, 60, 59, (1.0, 2.0, 3.0), b"jpeg")
-HEARD = RangerSeen(Tried("ranger", "", "ok", "listen", "Z"), "hcsr04 1", 620.0, 1.5, 16.7, 16.6, 0)
-FAULT = TriedParts((Tried("camera", "", "fault", "open it", "cannot be opened", "plug it in"),))
+HEARD = RangerSeen(Finding("ranger", "", Verdict.OK, "listen", "Z"), "hcsr04 1", 620.0, 1.5, 16.7, 16.6, 0)
+FAULT = TriedParts((Finding("camera", "", Verdict.FAULT, "open it", "cannot be opened", "plug it in"),))
 LOOK = LookAtCamera(CameraConfig(url="/dev/video5"))
 FOUND = FoundDevices((), (FoundPort("/dev/a", "/dev/b", "board"),))
 
@@ -193,7 +194,7 @@ async def test_a_board_is_given_its_firmware_and_a_bays_board_only_when_it_is_re
         await settled()
         question, fd = other.take()
         assert question == FlashRanger("/dev/ttyACM5", "")
-        send(fd, FlashSeen(Tried("firmware", "", "waiting", "write it", "writes"), 0.25))
+        send(fd, FlashSeen(Finding("firmware", "", Verdict.WAITING, "write it", "writes"), 0.25))
         seen = (await api.get(f"/api/setup/look/{begun.json['look']}?after=0")).json
         assert (seen["figures"], seen["line"]["result"]) == ({"done": 0.25}, "writes")
         send(fd, FAULT)
@@ -263,7 +264,7 @@ async def test_an_examination_is_collected_kept_for_ten_seconds_and_cut_off_wher
 
 @in_virtual_time
 async def test_the_doctor_answers_programs(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def examined(self: DeviceClient) -> tuple[list[Tried], bool]:
+    async def examined(self: DeviceClient) -> tuple[list[Finding], bool]:
         return list(FAULT.lines), False
 
     monkeypatch.setattr(DeviceClient, "examined", examined)
