@@ -174,7 +174,7 @@ def test_where_the_number_of_registers_is_known_function_23_reads_one_image_afte
     assert answer(unit, pdu(23, 98, 2, 80, 1) + b"\x02\x00\x01", ANYBODY)[:2] == b"\x17\x04"
     assert done == ["write", "read"]
     assert answer(unit, pdu(23, 122, 2, 80, 1) + b"\x02\x00\x01", ANYBODY) == b"\x97\x02"
-    assert answer(unit, pdu(23, 0, 2, 109, 2) + b"\x04\x00\x01\x00\x01", ANYBODY) == b"\x97\x02"
+    assert answer(unit, pdu(23, 0, 2, 122, 2) + b"\x04\x00\x01\x00\x01", ANYBODY) == b"\x97\x02"
     assert answer(unit, pdu(6, 123, 1), ANYBODY) == b"\x86\x02"
     assert done == ["write", "read"]
 
