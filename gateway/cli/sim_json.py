@@ -1,8 +1,9 @@
 """`gateway simulate --json`: one JSON object a line, for programs and tests.
 
-started   once, when a PLC could poll: modbus_host, modbus_port, modbus_tls_port, mqtt, hmi, instance, speed, seed,
-          bays, world_start_ns: when world time is 0, on the gateway's clock (CLOCK_BOOTTIME at speed 1), ns. With it
-          and the scenario, another program can compute the truth by itself, whatever happens to this one
+started   once, when a PLC could poll: modbus_host, modbus_port, modbus_tls_port, mqtt, hmi, instance, speed,
+          drive_port (with --vehicle), seed, bays, world_start_ns: when world time is 0, on the gateway's clock
+          (CLOCK_BOOTTIME at speed 1), ns. With it and the scenario, another program can compute the truth by itself,
+          whatever happens to this one
 state     every 50 ms and at each change of stop, may_move or reason: the gateway's state, with the truth beside it
 event     each event, as it happens
 summary   once, at the end: per bay, counters and how often stop was raised
@@ -22,6 +23,7 @@ from gateway.core.state import StateVector
 from gateway.durations import NS_PER_MS, NS_PER_S
 from gateway.hub import EventQueue, Hub
 from gateway.sim.scenario import Scenario
+from gateway.sim.track import Track
 from gateway.sim.world import TruckHold, Truth, World
 from gateway.supervisor import Task
 from gateway.values.bay_values import BAY_VALUES
@@ -42,6 +44,7 @@ class Bay:
         thresholds: FusionConfig,
         origin_ns: int,
         hold: TruckHold | None = None,
+        track: Track | None = None,
     ) -> None:
         self.name = name
         self.unit_id = unit_id
@@ -49,11 +52,13 @@ class Bay:
         self.origin_ns = origin_ns
         self.thresholds = thresholds
         self.hold = hold
+        self.track = track
         self.world = World(
             scenario,
             radius_threshold_px=thresholds.radius_threshold_px,
             distance_threshold_mm=thresholds.distance_threshold_mm,
             hold=hold,
+            track=track,
         )
 
     def t_s(self, t_ns: int) -> float:

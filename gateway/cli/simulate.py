@@ -12,6 +12,7 @@ examples:
   gateway simulate --trials 10                        the paper's Table II, its figures beside ours
   gateway simulate --bays 4 --modbus-port 0 --json    four bays, a free port, JSON lines for programs
   gateway simulate --rangers 3 --scenario rangers     one of three is missing or off, then two contradict each other
+  gateway simulate --vehicle shunter                  a PLC program moves the vehicle, by a simulated drive's registers
   gateway simulate --ranger firmware                  the Arduino's compiled firmware in an emulated Uno
 poll it:
   mbpoll -0 -B -a 1 -r 0 -c 8 -p 5020 127.0.0.1       (gateway registers lists their meanings)
@@ -69,6 +70,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--exposure",
         choices=("camera", "marker"),
         help="who sets the simulated camera's exposure; marker: the gateway (default: as in the settings, camera)",
+    )
+    parser.add_argument(
+        "--vehicle",
+        choices=("shunter", "winch", "tractor"),
+        help="instead of the scenario's truck, from its start: what a PLC program moves through a simulated drive, a "
+        "Modbus server on a free port of loopback that is printed; nobody writes: it stands",
     )
     parser.add_argument("--trials", type=int, metavar="N", help="run N alignment trials and print Table II (paper: 10)")
     parser.add_argument(

@@ -32,10 +32,13 @@ from gateway.shared_state import attachable
 from gateway.sim import scenario as scenarios
 from gateway.sim import trials
 from gateway.sim.camera import SimCameraSpec
+from gateway.sim.drive import SimulatedDrive
 from gateway.sim.emulator import EmulatedRanger, check_built
 from gateway.sim.led import Led
 from gateway.sim.ranger import SimulatedRanger, options_of
 from gateway.sim.scenario import Scenario
+from gateway.sim.track import Track
+from gateway.sim.vehicles import Kind, typical
 from gateway.sim.world import TruckHold
 from gateway.supervisor import Task
 from gateway.vision.source.v4l2_controls import settings_of
@@ -74,12 +77,14 @@ def simulate(args: argparse.Namespace) -> int:
 def _simulate(args: argparse.Namespace, in_place_restart: InPlaceRestart, *, first: bool) -> int:
     scenario = _scenario(args)
     settings = _at_speed(_settings(args, first=first), args.speed)
+    if args.vehicle and len(settings.bays) > 1:
+        raise ConfigError(f"--vehicle: one drive moves one vehicle, the settings have {len(settings.bays)} bays")
     clock = SystemClock(speed=args.speed)
     origin_ns = clock.now_ns() + int(LEAD_S * args.speed * NS_PER_S)
     if args.world_start_ns is not None:
         origin_ns = args.world_start_ns
     with contextlib.ExitStack() as stack:
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="trials-"))) if args.trials else None
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="simulation-")))
         bays = []
         for number, bay in enumerate(settings.bays):
             show = _variant(scenario, bay.name, number, len(settings.bays))
@@ -88,8 +93,9 @@ def _simulate(args: argparse.Namespace, in_place_restart: InPlaceRestart, *, fir
                 raise ConfigError(
                     f"the scenario has a fault of ranger {hit}, bay {bay.name} has {rangers}: --rangers {hit}"
                 )
-            hold = _hold(show, folder / bay.name, args.speed) if folder else None
-            bays.append(Bay(bay.name, bay.unit_id, show, bay.fusion, origin_ns, hold))
+            hold = _hold(show, folder / bay.name, args.speed) if args.trials else None
+            track = Track(str(folder / "track")) if args.vehicle else None
+            bays.append(Bay(bay.name, bay.unit_id, show, bay.fusion, origin_ns, hold, track))
         live = not (args.json or args.quiet or args.trials) and sys.stdout is not None and sys.stdout.isatty()
         run_loop.setup_logging("error" if live else settings.log_level)
         return event_loop.run(_Simulation(args, scenario, settings, clock, bays, live, in_place_restart).run())
@@ -117,6 +123,8 @@ def _check(args: argparse.Namespace) -> None:
         raise ConfigError(f"--seed {args.seed}: must lie in 0 to {2**31}")
     if args.trials and args.scenario:
         raise ConfigError("--trials brings its own scenario: leave out --scenario")
+    if args.vehicle and args.trials:
+        raise ConfigError("--vehicle: the trials' truck drives by itself: leave out --trials")
     if args.ranger == "firmware":
         check_built()
     elif args.ranger_log:
@@ -265,6 +273,8 @@ class _Simulation:
             rangers = {bay.name: [self._ranger(bay, n) for n, _ in enumerate(sensors[bay.name])] for bay in self._bays}
             for ranger in chain(*rangers.values()):
                 await stack.enter_async_context(ranger)
+            drive = await stack.enter_async_context(self._drive()) if self._args.vehicle else None
+            self._drive_port = drive.port if drive else None
             cameras = {bay.name: bay.camera for bay in self._settings.bays}
             ports = Ports(
                 camera={
@@ -273,6 +283,7 @@ class _Simulation:
                         bay.origin_ns,
                         f"simulated camera of {bay.name}",
                         bay.hold,
+                        bay.track,
                         settings_of(cameras[bay.name].controls),
                         Led.of(
                             cameras[bay.name],
@@ -291,6 +302,8 @@ class _Simulation:
                     for name, several in rangers.items()
                     for n, ranger in enumerate(several, 1)
                 ]
+                if drive:
+                    far_ends.append(Task("simulated-drive", drive.run))
                 return [*far_ends, *self._watchers(hub)]
 
             await run_loop.serve(
@@ -327,6 +340,17 @@ class _Simulation:
         log = log.with_name(f"{log.name}.{n + 1}") if log and n else log
         return EmulatedRanger(clock=self._clock, log=log, **options)
 
+    def _drive(self) -> SimulatedDrive:
+        (bay,) = self._bays
+        assert bay.track is not None
+        return SimulatedDrive(
+            typical(Kind(self._args.vehicle)),
+            10.0 * bay.scenario.start.distance_cm,
+            bay.track.path,
+            self._clock,
+            lambda: bay.t_s(self._clock.now_ns()),
+        )
+
     def _watchers(self, hub: Hub) -> list[Task]:
         tasks: list[Task] = []
         if self._trials:
@@ -362,6 +386,7 @@ class _Simulation:
                 hmi=now.hmi_url,
                 instance=self._settings.instance,
                 speed=self._args.speed,
+                drive_port=self._drive_port,
                 seed=self._scenario.seed,
                 world_start_ns=self._bays[0].origin_ns,
             )
@@ -375,6 +400,7 @@ class _Simulation:
             f"{pages}simulated bay: {name}, seed {self._scenario.seed}, speed {self._args.speed:g}\n"
             f"Modbus TCP on {now.modbus_host}:{now.modbus_port}{taken}, {units}; "
             + (f"MQTT {broker}" if broker else "no broker given (--mqtt-url), so none is used")
+            + f"\nthe {self._args.vehicle}'s drive: Modbus TCP on 127.0.0.1:{self._drive_port}" * bool(self._drive_port)
             + "\nCtrl-C ends"
         )
         if self._trials:

@@ -15,6 +15,7 @@ from gateway.errors import LinkError
 from gateway.sim.controls import SimControls
 from gateway.sim.led import Led
 from gateway.sim.scenario import DEFAULT_EXPOSURE_MS, Camera, FaultKind, Scenario
+from gateway.sim.track import Track
 from gateway.sim.world import TruckHold, World
 from gateway.vision.exposure.settings import Exposure, ExposureLimits, ExposureRules
 from gateway.vision.source.contract import Frame, Needs, Source
@@ -35,6 +36,7 @@ class SimCameraSpec:
     origin_ns: int
     label: str = "simulated camera"
     hold: TruckHold | None = None
+    track: Track | None = None
     controls: tuple[ControlSetting, ...] = ()  # of those that it has not, nothing is simulated
     led: Led | None = None  # of the beacon, in its view
 
@@ -80,7 +82,7 @@ class SimCamera(Source):
         self.may_repeat = not spec.scenario.camera.noise  # drawn without noise, a still scene is always the same
         self._spec = spec
         self._clock = clock
-        self._world = World(spec.scenario, hold=spec.hold)
+        self._world = World(spec.scenario, hold=spec.hold, track=spec.track)
         self._painter: Painter | None = painter
         self._period_ns = round(NS_PER_S / spec.scenario.camera.fps)
         self._exposure: SimExposure | None = None

@@ -1,6 +1,7 @@
 """Where the truck is and what an ideal camera and ranger would measure: a pure function of scenario and time.
 
-In trials also of what `TruckHold` was given: how long the truck is at rest at the end of some legs.
+In trials also of what `TruckHold` was given: how long the truck is at rest at the end of some legs; and of a `Track`,
+where a PLC moves the vehicle: then it has no plan.
 
 Axes as the camera's: X right, Y down, Z along the optical axis, mm. The marker is a disc facing the camera, so its
 picture is a circle: u = cx + f X/Z, v = cy + f Y/Z, R = f r/Z. With the defaults (f = 600 px, r = 90 mm) R = 180 px at
@@ -17,11 +18,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 from gateway.sim.scenario import Camera, FaultKind, Leg, Scenario, Vibration
+from gateway.sim.track import Track
 
 SPOUT_S = 2.0  # the spout needs this long to move down, and to move up
 SPOUT_MM = 200.0  # from the ranger to the spout, which hangs on the camera's axis: nearer than any truck in place
 SPOUT_HALF_MM = 75.0
 SINES = 4  # per axis of the vibration
+LOUD_MM_S = 200.0  # a driven vehicle shakes as much as it can from this speed on
 DELTA_S = 1e-4  # for the image speed; vibration is slow against it
 
 
@@ -56,7 +59,7 @@ class Truth:
     phase: Motion
     leg: int  # index of the current leg; -1 before world time 0 and where the scenario has none
     leg_name: str
-    speed_mm_s: float = 0.0  # of the truck along its leg, vibration left out; never negative
+    speed_mm_s: float = 0.0  # of the truck along its way, vibration left out; never negative
     truck: int = 0  # which truck it is, counted from 0
     spout: float = 0.0  # how far the loading spout is down: 0 above the picture, 1 all the way
     lamp: bool = False  # the red lamp on the spout is lit
@@ -150,9 +153,11 @@ class World:
         radius_threshold_px: float = 180.0,
         distance_threshold_mm: float = 300.0,
         hold: TruckHold | None = None,
+        track: Track | None = None,
     ) -> None:
         self.scenario = scenario
         self._hold = hold
+        self._track = track
         self._radius_threshold_px = radius_threshold_px
         self._distance_threshold_mm = distance_threshold_mm
         start = scenario.start
@@ -206,7 +211,7 @@ class World:
             phase=self._phase(speed, leg),
             leg=leg,
             leg_name=self.scenario.legs[leg].name if leg >= 0 else "",
-            speed_mm_s=speed,
+            speed_mm_s=abs(speed),
             truck=self._truck(t_s, leg),
             spout=down,
             lamp=self.scenario.active(FaultKind.RED_LAMP, t_s),
@@ -230,6 +235,8 @@ class World:
         return edge > v - radius and left < u + radius and right > u - radius
 
     def _phase(self, speed: float, leg: int) -> Motion:
+        if leg < 0 and speed:
+            return Motion.APPROACH if speed > 0 else Motion.RETREAT
         if speed <= 0:
             return Motion.HOLD
         segment = self._segments[leg]
@@ -244,6 +251,10 @@ class World:
 
     def _here(self, t_s: float) -> tuple[Vector, float, int]:
         """Where the truck is, its speed in mm/s, and the leg."""
+        if self._track is not None:
+            way, speed = self._track.at(t_s)
+            place = self._start._replace(z=self._start.z - way)
+            return self._shaken(place, min(1.0, abs(speed) / LOUD_MM_S), t_s), speed, -1
         if not self._segments or t_s < 0:
             return self._shaken(self._start, 0.0, t_s), 0.0, -1
         leg, planned_s = self._leg_and_planned_s(t_s)

@@ -7,8 +7,9 @@ import pytest
 
 from gateway.cli import simulate
 from gateway.cli.simulation import _at_speed, _settings, _variant
+from gateway.cli.simulation import simulate as run
 from gateway.config import BayConfig, CameraConfig, GatewayConfig
-from gateway.errors import LinkError
+from gateway.errors import ConfigError, LinkError
 from gateway.processes.codec import Codec, record_of, record_packed
 from gateway.sim.scenario import Scenario
 
@@ -47,3 +48,11 @@ def test_where_the_usual_ports_are_taken_free_ones_are_used(
     simulate.configure(parser)
     found = _settings(parser.parse_args(options), first=True)
     assert (found.modbus.port, found.hmi.port) == ports
+
+
+@pytest.mark.parametrize(("options", "why"), [(["--trials", "2"], "leave out --trials"), (["--bays", "2"], "2 bays")])
+def test_one_drive_moves_one_vehicle(options: list[str], why: str) -> None:
+    parser = argparse.ArgumentParser()
+    simulate.configure(parser)
+    with pytest.raises(ConfigError, match=why):
+        run(parser.parse_args(["--vehicle", "winch", "--modbus-port", "0", "--no-hmi", *options]))
