@@ -22,8 +22,8 @@ from gateway.core.readings import Quality
 from gateway.core.state import StateVector
 from gateway.durations import NS_PER_MS, NS_PER_S
 from gateway.hub import EventQueue, Hub
+from gateway.sim.driven_way import DrivenWay
 from gateway.sim.scenario import Scenario
-from gateway.sim.track import Track
 from gateway.sim.world import TruckHold, Truth, World
 from gateway.supervisor import Task
 from gateway.values.bay_values import BAY_VALUES
@@ -44,7 +44,7 @@ class Bay:
         thresholds: FusionConfig,
         origin_ns: int,
         hold: TruckHold | None = None,
-        track: Track | None = None,
+        track: DrivenWay | None = None,
     ) -> None:
         self.name = name
         self.unit_id = unit_id

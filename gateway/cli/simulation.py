@@ -33,12 +33,12 @@ from gateway.sim import scenario as scenarios
 from gateway.sim import trials
 from gateway.sim.camera import SimCameraSpec
 from gateway.sim.drive import SimulatedDrive
+from gateway.sim.driven_way import DrivenWay
 from gateway.sim.emulator import EmulatedRanger, check_built
 from gateway.sim.led import Led
 from gateway.sim.ranger import SimulatedRanger, options_of
 from gateway.sim.scenario import Scenario
-from gateway.sim.track import Track
-from gateway.sim.vehicles import Kind, typical
+from gateway.sim.vehicles import VehicleKind, typical
 from gateway.sim.world import TruckHold
 from gateway.supervisor import Task
 from gateway.vision.source.v4l2_controls import settings_of
@@ -94,7 +94,7 @@ def _simulate(args: argparse.Namespace, in_place_restart: InPlaceRestart, *, fir
                     f"the scenario has a fault of ranger {hit}, bay {bay.name} has {rangers}: --rangers {hit}"
                 )
             hold = _hold(show, folder / bay.name, args.speed) if args.trials else None
-            track = Track(str(folder / "track")) if args.vehicle else None
+            track = DrivenWay(str(folder / "track")) if args.vehicle else None
             bays.append(Bay(bay.name, bay.unit_id, show, bay.fusion, origin_ns, hold, track))
         live = not (args.json or args.quiet or args.trials) and sys.stdout is not None and sys.stdout.isatty()
         run_loop.setup_logging("error" if live else settings.log_level)
@@ -344,7 +344,7 @@ class _Simulation:
         (bay,) = self._bays
         assert bay.track is not None
         return SimulatedDrive(
-            typical(Kind(self._args.vehicle)),
+            typical(VehicleKind(self._args.vehicle)),
             10.0 * bay.scenario.start.distance_cm,
             bay.track.path,
             self._clock,

@@ -13,9 +13,9 @@ from gateway.core.readings import AgeProof
 from gateway.durations import NS_PER_MS, NS_PER_S
 from gateway.errors import LinkError
 from gateway.sim.controls import SimControls
+from gateway.sim.driven_way import DrivenWay
 from gateway.sim.led import Led
 from gateway.sim.scenario import DEFAULT_EXPOSURE_MS, Camera, FaultKind, Scenario
-from gateway.sim.track import Track
 from gateway.sim.world import TruckHold, World
 from gateway.vision.exposure.settings import Exposure, ExposureLimits, ExposureRules
 from gateway.vision.source.contract import Frame, Needs, Source
@@ -36,7 +36,7 @@ class SimCameraSpec:
     origin_ns: int
     label: str = "simulated camera"
     hold: TruckHold | None = None
-    track: Track | None = None
+    track: DrivenWay | None = None
     controls: tuple[ControlSetting, ...] = ()  # of those that it has not, nothing is simulated
     led: Led | None = None  # of the beacon, in its view
 

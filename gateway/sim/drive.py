@@ -19,7 +19,7 @@ from gateway.config import ModbusConfig
 from gateway.modbus.protocol.adu import ModbusException
 from gateway.modbus.protocol.answers import Peer, Unit
 from gateway.modbus.server.server import ModbusServer
-from gateway.sim.track import Track, TrackFile
+from gateway.sim.driven_way import DrivenWay, WayFile
 from gateway.sim.vehicles import STEP_S, Vehicle
 
 CONTROL, SPEED, STATUS, ACTUAL, WORDS = 0, 1, 2, 3, 4
@@ -83,7 +83,7 @@ class SimulatedDrive:
     def __init__(
         self, vehicle: Vehicle, start_mm: float, path: str, clock: Clock, world_s: Callable[[], float]
     ) -> None:
-        self.track = Track(path)
+        self.track = DrivenWay(path)
         self._registers = DriveRegisters(vehicle, start_mm - END_MM)
         self._clock = clock
         self._world_s = world_s
@@ -92,7 +92,7 @@ class SimulatedDrive:
 
     async def __aenter__(self) -> Self:
         await self._server.__aenter__()
-        self._file = TrackFile(self.track.path)
+        self._file = WayFile(self.track.path)
         return self
 
     async def __aexit__(

@@ -26,7 +26,7 @@ LEARN_S = 2.0  # and how soon it has learned the gradient
 TRACTOR_S = 0.1
 
 
-class Kind(StrEnum):
+class VehicleKind(StrEnum):
     SHUNTER = "shunter"
     WINCH = "winch"
     TRACTOR = "tractor"
@@ -44,7 +44,7 @@ class _DeadTime:
 
 
 class Vehicle:
-    """One of a `Kind`. A subclass has the equations."""
+    """One of a `VehicleKind`. A subclass has the equations."""
 
     def __init__(self, dead_s: float, slope: float) -> None:
         self.way_mm = self.speed_mm_s = 0.0
@@ -185,35 +185,35 @@ class SpoutTrolley:
         return at_mm + max(-self._way_mm, min(self._way_mm, wanted_mm - at_mm))
 
 
-def typical(kind: Kind) -> Vehicle:
+def typical(kind: VehicleKind) -> Vehicle:
     """One of this kind on the level, in the middle of its ranges."""
     match kind:
-        case Kind.SHUNTER:
+        case VehicleKind.SHUNTER:
             return Shunter(ShunterData())
-        case Kind.WINCH:
+        case VehicleKind.WINCH:
             return Winch(WinchData())
-        case Kind.TRACTOR:
+        case VehicleKind.TRACTOR:
             return Tractor(TractorData())
 
 
-def drawn(kind: Kind, chance: Random) -> Vehicle:
-    """One of this kind, with its mass, lag and gradient drawn from what is found in plants."""
-    slope, uniform = chance.uniform(-0.005, 0.005), chance.uniform
+def drawn(kind: VehicleKind, plant: Random, wagon: Random) -> Vehicle:
+    """One of this kind: lag and gradient drawn by `plant`, what changes from wagon to wagon by `wagon`."""
+    slope = plant.uniform(-0.005, 0.005)
     match kind:
-        case Kind.SHUNTER:
-            return Shunter(ShunterData(mass_t=uniform(20, 90), lag_s=uniform(0.5, 1.5), slope=slope))
-        case Kind.WINCH:
-            return Winch(WinchData(rope_hz=uniform(0.5, 1.2), damping=uniform(0.08, 0.25), slope=slope))
-        case Kind.TRACTOR:
-            return Tractor(TractorData(step_mm_s=chance.choice((10.0, 20.0, 25.0)), slope=slope))
+        case VehicleKind.SHUNTER:
+            return Shunter(ShunterData(mass_t=wagon.uniform(20, 90), lag_s=plant.uniform(0.5, 1.5), slope=slope))
+        case VehicleKind.WINCH:
+            return Winch(WinchData(rope_hz=wagon.uniform(0.5, 1.2), damping=wagon.uniform(0.08, 0.25), slope=slope))
+        case VehicleKind.TRACTOR:
+            return Tractor(TractorData(step_mm_s=plant.choice((10.0, 20.0, 25.0)), slope=slope))
 
 
-def worst(kind: Kind) -> Vehicle:
+def worst(kind: VehicleKind) -> Vehicle:
     """The one that stops last: the longest lag, downhill, the heaviest or softest."""
     match kind:
-        case Kind.SHUNTER:
+        case VehicleKind.SHUNTER:
             return Shunter(ShunterData(mass_t=90, lag_s=1.5, slope=0.005))
-        case Kind.WINCH:
+        case VehicleKind.WINCH:
             return Winch(WinchData(rope_hz=0.5, damping=0.08, slope=0.005))
-        case Kind.TRACTOR:
+        case VehicleKind.TRACTOR:
             return Tractor(TractorData(step_mm_s=25.0, slope=0.005))

@@ -1,7 +1,7 @@
 """Where the truck is and what an ideal camera and ranger would measure: a pure function of scenario and time.
 
-In trials also of what `TruckHold` was given: how long the truck is at rest at the end of some legs; and of a `Track`,
-where a PLC moves the vehicle: then it has no plan.
+In trials also of what `TruckHold` was given: how long the truck is at rest at the end of some legs. With a `DrivenWay`
+there is no plan: a PLC moves the vehicle.
 
 Axes as the camera's: X right, Y down, Z along the optical axis, mm. The marker is a disc facing the camera, so its
 picture is a circle: u = cx + f X/Z, v = cy + f Y/Z, R = f r/Z. With the defaults (f = 600 px, r = 90 mm) R = 180 px at
@@ -17,8 +17,8 @@ from enum import StrEnum
 from pathlib import Path
 from typing import NamedTuple
 
+from gateway.sim.driven_way import DrivenWay
 from gateway.sim.scenario import Camera, FaultKind, Leg, Scenario, Vibration
-from gateway.sim.track import Track
 
 SPOUT_S = 2.0  # the spout needs this long to move down, and to move up
 SPOUT_MM = 200.0  # from the ranger to the spout, which hangs on the camera's axis: nearer than any truck in place
@@ -153,7 +153,7 @@ class World:
         radius_threshold_px: float = 180.0,
         distance_threshold_mm: float = 300.0,
         hold: TruckHold | None = None,
-        track: Track | None = None,
+        track: DrivenWay | None = None,
     ) -> None:
         self.scenario = scenario
         self._hold = hold

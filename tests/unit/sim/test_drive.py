@@ -7,8 +7,8 @@ import pytest
 from gateway.modbus.protocol.adu import ModbusException
 from gateway.modbus.protocol.answers import Peer
 from gateway.sim.drive import TIMEOUT_S, DriveRegisters
+from gateway.sim.driven_way import DrivenWay, WayFile
 from gateway.sim.scenario import parse
-from gateway.sim.track import Track, TrackFile
 from gateway.sim.vehicles import Tractor, TractorData
 from gateway.sim.world import Motion, World
 
@@ -73,9 +73,9 @@ def test_it_comes_to_stand_at_what_is_behind_the_spout(drive: DriveRegisters) ->
 
 def test_both_processes_see_the_vehicle_where_it_was_driven_to(tmp_path: Path) -> None:
     path = str(tmp_path / "track")
-    world = World(parse({"start": {"distance_cm": 150}, "vibration": {"amplitude_mm": 0}}), track=Track(path))
+    world = World(parse({"start": {"distance_cm": 150}, "vibration": {"amplitude_mm": 0}}), track=DrivenWay(path))
     assert (world.truth(3.0).distance_mm, world.truth(3.0).phase) == (1500.0, Motion.HOLD)
-    file = TrackFile(path)
+    file = WayFile(path)
     file.drove(1.0, 100.0, 50.0)
     assert world.truth(0.9).distance_mm == 1500.0
     truth = world.truth(1.04)
@@ -88,10 +88,10 @@ def test_both_processes_see_the_vehicle_where_it_was_driven_to(tmp_path: Path) -
 
 def test_the_track_never_grows_and_the_newest_place_counts(tmp_path: Path) -> None:
     path = tmp_path / "track"
-    file = TrackFile(str(path))
+    file = WayFile(str(path))
     for n in range(1000):
         file.drove(n * 0.02, float(n), 0.0)
     file.close()
     assert path.stat().st_size == 512 * 24
-    assert Track(str(path)).at(100.0) == (999.0, 0.0)
-    assert Track(str(path)).at(15.0) == (750.0, 0.0)
+    assert DrivenWay(str(path)).at(100.0) == (999.0, 0.0)
+    assert DrivenWay(str(path)).at(15.0) == (750.0, 0.0)

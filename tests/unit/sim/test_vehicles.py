@@ -5,13 +5,13 @@ from random import Random
 import pytest
 
 from gateway.sim.vehicles import (
-    Kind,
     Shunter,
     ShunterData,
     SpoutTrolley,
     Tractor,
     TractorData,
     Vehicle,
+    VehicleKind,
     Winch,
     WinchData,
     drawn,
@@ -77,8 +77,8 @@ def test_a_tractor_stops_within_its_lag_and_brake() -> None:
     assert 500 * 0.2 + 500**2 / 800 < run_out_mm(tractor) < 500 * 0.3 + 500**2 / 800
 
 
-@pytest.mark.parametrize("kind", list(Kind))
-def test_without_a_reference_it_stands_on_any_gradient(kind: Kind) -> None:
+@pytest.mark.parametrize("kind", list(VehicleKind))
+def test_without_a_reference_it_stands_on_any_gradient(kind: VehicleKind) -> None:
     for vehicle in (typical(kind), worst(kind)):
         vehicle.drive(0.0, 20.0)
         assert vehicle.speed_mm_s == 0
@@ -88,11 +88,10 @@ def test_without_a_reference_it_stands_on_any_gradient(kind: Kind) -> None:
 def test_equal_seeds_draw_equal_vehicles_within_what_is_found_in_plants() -> None:
     ways = []
     for seed in (1, 1, 2):
-        vehicle = drawn(Kind.SHUNTER, Random(seed))
+        vehicle = drawn(VehicleKind.SHUNTER, Random(seed), Random(seed + 1))
         vehicle.drive(200.0, 5.0)
         ways.append(vehicle.way_mm)
     assert ways[0] == ways[1] != ways[2]
-    assert run_out_mm(drawn(Kind.SHUNTER, Random(3))) == 0
 
 
 def test_a_trolley_moves_both_axes_to_their_places_after_its_lag() -> None:

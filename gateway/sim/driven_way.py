@@ -13,7 +13,7 @@ PLACE = struct.Struct("=ddd")  # world time s, way mm, speed mm/s
 AHEAD_S = 0.1  # so far beyond the newest place it is taken to go on at its speed
 
 
-class TrackFile:
+class WayFile:
     """The writer's end."""
 
     def __init__(self, path: str) -> None:
@@ -30,7 +30,7 @@ class TrackFile:
 
 
 @dataclass(frozen=True, slots=True)
-class Track:
+class DrivenWay:
     """The reader's end."""
 
     path: str
