@@ -1,6 +1,7 @@
 """A bay's recording on disk, as a recorder would have written it, of the bench's virtual time."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,13 +9,17 @@ import cv2
 import msgspec
 import numpy as np
 
+from gateway.config import GatewayConfig
+from gateway.core.events import Event, EventKind
+from gateway.core.state import StateVector
+from gateway.core.visit_summary import VisitSummary
 from gateway.records.collector import Collector
 from gateway.records.names import PICTURES, SEGMENT, FileName
 from gateway.records.recorder_service import head_of
 from gateway.records.segment import Head, PictureHead, SegmentBefore, head_block, picture_block, records_block
 from gateway.records.store import digest
 from gateway.vision.pixels import Image
-from tests.visit_bench import Bench, gateway, truck
+from tests.visit_bench import UNIX_NS, Bench, gateway, truck
 
 S = 1_000_000_000
 BEGIN_NS = 1_795_400_000 * S  # 2026-11-23T02:13:20Z
@@ -26,7 +31,10 @@ CONFIG = gateway()
 class Recorded:
     """Segments of 20 s and their pictures, as a recorder would have written them; not `chained`: as an earlier one."""
 
-    def __init__(self, folder: Path, gateway: str = "site.gateway", *, chained: bool = True) -> None:
+    def __init__(
+        self, folder: Path, gateway: str = "site.gateway", *, chained: bool = True, config: GatewayConfig = CONFIG
+    ) -> None:
+        self.config = config
         self.path = folder / gateway / "bay1"
         self.path.mkdir(parents=True)
         self.now_ns: Callable[[], int] = lambda: T0_NS  # the bench's clock, once there is a bench
@@ -36,7 +44,7 @@ class Recorded:
         self.batch = 0
 
     def head(self, boot: str, t_ns: int) -> Head:
-        head = head_of(CONFIG, CONFIG.bays[0], boot)
+        head = head_of(self.config, self.config.bays[0], boot)
         return msgspec.structs.replace(head, number=self.number, t_ns=t_ns, unix_ns=unix(t_ns), before=self.before)
 
     def write(self, t_ns: int, boot: str = "a") -> Path:
@@ -64,6 +72,23 @@ class Recorded:
         head = PictureHead(frame_id, t_ns, unix(t_ns), "png", why=(why,))
         path = self.path / str(FileName(self.number, unix(t_ns) // S + 3, PICTURES))
         path.write_bytes(head_block(self.head("a", t_ns)) + picture_block(head, data))
+
+
+def with_visits(kept: Recorded, bench: Bench) -> list[VisitSummary]:
+    """Records what `bench` does from now on, its visits among it; returns those that have ended."""
+    told: list[VisitSummary] = []
+    shift_ms = (unix(T0_NS) - T0_NS - UNIX_NS) // 10**6
+
+    def record(observation: Any, state: StateVector, happened: Sequence[Event], open_visit: Any) -> None:
+        ended = bench.visits[len(told) :]
+        told.extend(ended)
+        of = [replace(visit, begun_ms=visit.begun_ms + shift_ms) for visit in ended]
+        more = [Event(EventKind.VISIT, "bay1", state.t_ns, state, summary=visit) for visit in of]
+        kept.collector(observation, state, [*happened, *more], open_visit)
+
+    bench.record = record
+    bench.power_on()
+    return told
 
 
 def unix(t_ns: int) -> int:

@@ -29,6 +29,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--bay", metavar="NAME", help="of TOML; default: the bay of the recording's name")
     parser.add_argument("--from", dest="begin", metavar="TIME", help="as for `gateway why`; default: the beginning")
     parser.add_argument("--to", dest="end", metavar="TIME", help="default: the end")
+    parser.add_argument("--complete", action="store_true", help="with --against: also the minutes of an empty bay")
     parser.add_argument("--frames", action="store_true", help="run vision anew on the kept pictures instead")
     parser.add_argument("--jobs", type=int, metavar="N", help="processes at most; default: one for each core")
     parser.add_argument("--json", action="store_true", help="one JSON object, for programs")
@@ -37,6 +38,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     if args.bay is not None and args.against is None:
         raise ConfigError("--bay names a bay of the configuration that --against gives: add --against TOML")
+    if args.complete and (args.against is None or args.frames):
+        raise ConfigError("--complete is for --against, without --frames: other replays are always complete")
     if args.frames and (args.begin is not None or args.end is not None):
         raise ConfigError("--frames judges every kept picture: leave out --from and --to")
     if args.jobs is not None and not 1 <= args.jobs <= MOST_JOBS:

@@ -23,7 +23,7 @@ def run(args: argparse.Namespace, other: GatewayConfig | None) -> int:
         begin_ns, end_ns = asked_span(paths, args.begin, args.end)
         paths = needed(paths, begin_ns, end_ns)
     folders = tuple(map(str, folders_of(args.recording)))
-    job = ReplayJob(tuple(map(str, paths)), folders, other, args.bay, begin_ns, end_ns)
+    job = ReplayJob(tuple(map(str, paths)), folders, other, args.bay, begin_ns, end_ns, complete=args.complete)
     with vision_args.progress("replay", len(paths)) as advance:
         found = found_by(job, args.jobs or len(os.sched_getaffinity(0)), advance)
     return _print_same(found, as_json=args.json) if other is None else _print_otherwise(found, as_json=args.json)
@@ -34,6 +34,7 @@ def _summary(found: Portion) -> dict[str, object]:
         "from": None if found.first_ns is None else shown(found.first_ns),
         "to": None if found.first_ns is None else shown(found.last_ns),
         "steps": found.steps,
+        "steps_of_an_empty_bay": found.empty,
         "register_images": found.images,
         "missing": found.missing,
     }
@@ -44,6 +45,10 @@ def _print_summary(found: Portion) -> None:
         print("no complete state is in it: nothing can be replayed")
     else:
         print(f"{shown(found.first_ns)} to {shown(found.last_ns)}: {found.steps} steps taken again")
+    if found.empty:
+        print(
+            f"passed over: {found.empty} steps of an empty bay, where no output can differ; --complete takes them, too"
+        )
     for why in found.missing:
         print(f"missing: {why}")
 

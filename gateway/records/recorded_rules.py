@@ -28,6 +28,10 @@ class RecordedRules:
     def of(self, head: Head) -> Rules:
         return self(head)[0]
 
+    def known(self, head: Head) -> Rules | None:
+        """None: this version refuses its configuration."""
+        return None if self.refused(head) else self.of(head)
+
     def readable(self, items: Iterable[Item | MissingItem]) -> Iterator[Item | MissingItem]:
         """The same, without the records whose configuration this version refuses: each such segment is missing."""
         head: Head | None = None

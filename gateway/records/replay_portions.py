@@ -19,6 +19,7 @@ from gateway.modbus.registers.register import WordOrder
 from gateway.processes.codec import Message
 from gateway.records import recording
 from gateway.records.comparison import Otherwise, differs, otherwise
+from gateway.records.empty_bay import EmptyBay
 from gateway.records.moment import shown, unix_ns
 from gateway.records.picture_search import files_near
 from gateway.records.recorded_rules import RecordedRules
@@ -34,7 +35,8 @@ Cells = dict[str, str | bool | float | None]
 
 class ReplayJob(Message, frozen=True):
     """`against`: other rules; None: the recorded ones. `bay`: of these; None: that of a segment's head. `folders`: in
-    which the pictures are. Times: Unix ns. `first`: the segment to begin with."""
+    which the pictures are. Times: Unix ns. `first`: the segment to begin with. `complete`: minutes of an empty bay,
+    too."""
 
     paths: tuple[str, ...]
     folders: tuple[str, ...]
@@ -43,14 +45,16 @@ class ReplayJob(Message, frozen=True):
     begin_ns: int
     end_ns: int
     first: int = 0
+    complete: bool = False
 
 
 class Portion(Message, frozen=True, kw_only=True):
     """What was found since the portion before. `begins_as`: the fingerprint at its begin; empty: nothing to go on by,
-    or an output is other just then. `last_ns`: 0: no step was taken."""
+    or an output is other just then. `last_ns`: 0: no step was taken. `empty`: steps of an empty bay, not taken."""
 
     begins_as: bytes = b""
     steps: int = 0
+    empty: int = 0
     first_ns: int | None = None
     last_ns: int = 0
     images: int = 0
@@ -63,6 +67,7 @@ class Portion(Message, frozen=True, kw_only=True):
     def joined(self, more: "Portion") -> "Portion":
         return Portion(
             steps=self.steps + more.steps,
+            empty=self.empty + more.empty,
             first_ns=more.first_ns if self.first_ns is None else self.first_ns,
             last_ns=more.last_ns or self.last_ns,
             images=self.images + more.images,
@@ -78,9 +83,15 @@ def replayed(job: ReplayJob, report: Callable[[Portion], None]) -> None:
     """`report`: gets one for each segment. Raises ConfigError, OSError."""
     recorded = RecordedRules()
     replay = Replay(recorded) if job.against is None else Replay(_rules_in(job.against, job.bay), exact=False)
-    seen = _Seen(replay, job, report)
-    items = recording.records(seen.each(map(Path, job.paths[job.first :])))
-    items = recorded.readable(items) if job.against is None else seen.trucks.visits(items)
+    paths = tuple(map(Path, job.paths[job.first :]))
+    empty = EmptyBay(lambda: replay.now.state, lambda head: replay.rules_of(head)[0], recorded.known)
+    seen = _Seen(replay, job, report, {path: n for n, path in enumerate(paths)}, empty)
+    items = recording.records(paths)
+    if job.against is None:
+        items = recorded.readable(items)
+    else:
+        items = items if job.complete else seen.empty.left_out(items)
+        items = seen.trucks.visits(items)
     for interval in otherwise(seen.steps(seen.divided(items))):
         seen.intervals.append(interval)
     seen.cut(b"")
@@ -93,6 +104,8 @@ class _Seen:
     replay: Replay
     job: ReplayJob
     report: Callable[[Portion], None]
+    numbers: dict[Path, int]  # of the segments
+    empty: EmptyBay
     trucks: Trucks = field(default_factory=Trucks)
     intervals: list[Otherwise] = field(default_factory=list)
     _steps: int = 0
@@ -103,22 +116,17 @@ class _Seen:
     _images: int = 0  # of the portions before
     _begins_as: bytes = b""
     _newest: Step | None = None
-    _begun: int = 0  # segments
-    _divided: int = 1  # of these
-
-    def each(self, paths: Iterable[Path]) -> Iterator[Path]:
-        for path in paths:
-            self._begun += 1
-            yield path
+    _divided: int = 0  # the segment that its items are of
 
     def divided(self, items: Iterable[Item | MissingItem]) -> Iterator[Item | MissingItem]:
         for item in items:
-            self._divide()
+            if not isinstance(item, MissingItem):
+                self._divide(self.numbers[item[0].path])
             yield item
-        self._divide()
+        self._divide(len(self.numbers) - 1)
 
-    def _divide(self) -> None:
-        while self._divided < self._begun:  # a segment may hold nothing
+    def _divide(self, segment: int) -> None:
+        while self._divided < segment:  # one may hold nothing
             self._divided += 1
             self.cut(self._fingerprint())
 
@@ -150,6 +158,7 @@ class _Seen:
             Portion(
                 begins_as=self._begins_as,
                 steps=self._steps,
+                empty=self.empty.steps,
                 first_ns=self._first_ns,
                 last_ns=self._last_ns,
                 images=replay.images - self._images,
@@ -161,7 +170,7 @@ class _Seen:
             )
         )
         self._begins_as, self._steps, self._first_ns, self._last_ns, self._differing = fingerprint, 0, None, 0, 0
-        self._images = replay.images
+        self._images, self.empty.steps = replay.images, 0
         for found in (replay.missing, self._differences, self.intervals, self.trucks.found):
             found.clear()
 

@@ -2,8 +2,6 @@
 
 import json
 import shutil
-from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +12,10 @@ from gateway.cli.main import main
 from gateway.config import load
 from gateway.core.events import Event, EventKind
 from gateway.core.plc import Control
-from gateway.core.state import StateVector
 from gateway.core.visit_summary import VisitEnd, VisitSummary
 from gateway.records.replay_portions import Portion, ReplayJob, replayed
-from tests.recorded_bay import CONFIG, T0_NS, Recorded, S, unix
-from tests.visit_bench import UNIX_NS, Bench, Levels, truck
+from tests.recorded_bay import CONFIG, T0_NS, Recorded, S, unix, with_visits
+from tests.visit_bench import Bench, Levels, truck
 
 pytestmark = pytest.mark.one_interpreter
 PLC = '[modbus]\nwrites = true\nplc_addresses = ["10.0.0.9"]\nhandshake = { heartbeat_required = false }\n'
@@ -47,17 +44,7 @@ def visits(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     kept = Recorded(tmp_path_factory.mktemp("visits"))
     legs = [{"distance_cm": cm, "speed_cm_s": 60, "hold_s": 9} for _ in range(4) for cm in (28, 390)]
     bench = Bench(truck(*legs), CONFIG)
-    told: list[VisitSummary] = []
-
-    def record(observation: Any, state: StateVector, happened: Sequence[Event], open_visit: Any) -> None:
-        ended, shift_ms = bench.visits[len(told) :], (unix(T0_NS) - T0_NS - UNIX_NS) // 10**6
-        told.extend(ended)
-        of = [replace(visit, begun_ms=visit.begun_ms + shift_ms) for visit in ended]
-        more = [Event(EventKind.VISIT, "bay1", state.t_ns, state, summary=visit) for visit in of]
-        kept.collector(observation, state, [*happened, *more], open_visit)
-
-    bench.record = record
-    bench.power_on()
+    told = with_visits(kept, bench)
     while bench.t_s < 125:
         begin_ns = bench.now_ns
         bench.run(bench.t_s + 20)

@@ -1,0 +1,290 @@
+"""Minutes of an empty bay: a replay by other rules passes over them, and says the same to the last line."""
+
+import random
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from gateway.config import GatewayConfig
+from gateway.core.detection import Circle
+from gateway.core.interlock import Rules
+from gateway.core.marker_wear import NOT_KNOWN
+from gateway.core.plc import Control, PlcWrite
+from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.state import FunctionCheck, Moved, StateVector, Tick, Visit
+from gateway.core.visit_summary import VisitSummary
+from gateway.records import empty_bay
+from gateway.records.empty_bay import Minute
+from gateway.records.record import (
+    AnyRecord,
+    Checkpoint,
+    Decision,
+    EventRecord,
+    FrameRecord,
+    Gap,
+    VisitRecord,
+    of_observation,
+)
+from gateway.records.recording import Item, MissingItem, Place
+from gateway.records.replay_jobs import found_by
+from gateway.records.replay_portions import Portion, ReplayJob
+from gateway.records.segment import Head
+from tests.recorded_bay import Recorded, S, with_visits
+from tests.visit_bench import PLC, Bench, Levels, gateway, truck
+
+LATCH = {"latch_stop": True, "latch_leave_s": 2.0}
+QUICK = {"start_grace_s": 2.0, "latch_leave_s": 2.0}
+NOT_LOADED = {"distance_threshold_mm": 340.0, "radius_threshold_px": 150.0}
+NEVER = {"radius_threshold_px": 280.0}
+
+
+class Yard(Bench):
+    """The marker of a truck that has left is out of sight."""
+
+    def _picture(self, t_ns: int) -> VisionReading | None:
+        gone = self.world.truth(max(0.0, self._t_s(t_ns)), image_speed=False).distance_mm > 3800
+        return VisionReading(t_ns, Quality.NO_TARGET) if gone and self.vision_fault is None else super()._picture(t_ns)
+
+
+def played(folder: Path, seed: int, trucks: int, *, faults: bool) -> tuple[str, ...]:
+    """So many trucks, some 20 s each, and an empty bay of some 30 s between them: the segments, of 40 s. With `faults`:
+    the PLC releases late or never, sensors die, a technician comes and the gateway starts anew or stands still."""
+    chance = random.Random(f"empty bay {seed}")
+    legs: list[dict[str, Any]] = []
+    for _ in range(trucks):
+        legs.append({"distance_cm": chance.uniform(23, 29), "speed_cm_s": 60, "hold_s": chance.uniform(4, 12)})
+        legs.append({"distance_cm": 390, "speed_cm_s": 60, "hold_s": chance.uniform(25, 35)})
+    config = gateway(fusion=QUICK | {"latch_stop": bool(seed % 2)})
+    kept = Recorded(folder, config=config)
+    bench = Yard(truck(*legs, start={"distance_cm": 390}, seed=seed), config, seed=seed)
+    kept.now_ns = lambda: bench.now_ns
+    told, plc = with_visits(kept, bench), Levels(bench)
+    begin_ns, fault_s, release_s = bench.now_ns, chance.uniform(8, 20) if faults else 1e9, 0.0
+    while len(told) < trucks or not bench.world.truth(bench.t_s - 20, image_speed=False).distance_mm > 3800:
+        bench.run(bench.t_s + 0.5)
+        bench.moments.clear()
+        if bench.state.in_place and not plc.bits:
+            release_s = release_s or bench.t_s + (chance.uniform(1, 14) if faults else 2)
+        if release_s and bench.t_s > release_s:
+            plc.bits = 1 << (Control.RESET if bench.t_s > release_s + 14 else Control.RELEASE)
+            if bench.t_s > release_s + 16:
+                plc.bits, release_s = 0, 0.0
+        if bench.t_s > fault_s:
+            fault_s = bench.t_s + chance.uniform(5, 40)
+            _fault(bench, plc, chance)
+        if bench.now_ns - begin_ns > 40 * S:
+            kept.write(begin_ns)
+            kept.collector.begin()
+            begin_ns = bench.now_ns
+    kept.write(begin_ns)
+    return tuple(map(str, sorted(kept.path.iterdir())))
+
+
+def _fault(bench: Bench, plc: Levels, chance: random.Random) -> None:
+    match chance.randrange(7):
+        case 0:
+            bench.vision_fault = chance.choice((Quality.LINK_DOWN, Quality.STALE, Quality.PROCESS_FAULT))
+        case 1:
+            bench.range_fault = chance.choice((Quality.STUCK, Quality.LINK_DOWN, Quality.NO_ECHO))
+        case 2:
+            bench.check_function(FunctionCheck.MAY_MOVE_OFF)
+        case 3:
+            bench.power_on()
+        case 4:
+            bench.ticking = False
+        case 5:
+            plc.alive = False
+        case _:
+            pass
+    bench.run(bench.t_s + chance.uniform(0.1, 6))
+    if bench.state.function_check is not FunctionCheck.OFF:
+        bench.check_function(FunctionCheck.OFF)
+    bench.vision_fault = bench.range_fault = None
+    bench.ticking = plc.alive = True
+
+
+@pytest.fixture(scope="module", autouse=True)
+def short() -> Iterator[None]:
+    """Complete states every 5 s instead of 60."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("gateway.records.collector.CHECKPOINT_NS", 5 * S)
+        patch.setattr(empty_bay, "LONGEST_S", 2.5)
+        yield
+
+
+@pytest.fixture(scope="module")
+def quiet(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, ...]:
+    return played(tmp_path_factory.mktemp("quiet"), 12, 2, faults=False)
+
+
+def found(paths: tuple[str, ...], other: GatewayConfig, *, complete: bool = False, jobs: int = 1) -> Portion:
+    return found_by(ReplayJob(paths, (), other, None, 0, 2**63 - 1, complete=complete), jobs, lambda: None)
+
+
+def with_rules(**sections: Any) -> GatewayConfig:
+    return gateway(**{"fusion": QUICK, **sections})
+
+
+def assert_same(paths: tuple[str, ...], other: GatewayConfig) -> Portion:
+    """The report without the minutes of an empty bay is that of the complete replay."""
+    short, whole = found(paths, other), found(paths, other, complete=True)
+    assert (short.trucks, short.intervals, short.missing) == (whole.trucks, whole.intervals, whole.missing)
+    assert (short.first_ns, short.last_ns) == (whole.first_ns, whole.last_ns)
+    assert (short.steps + short.empty, whole.empty) == (whole.steps, 0)
+    return short
+
+
+@pytest.mark.one_interpreter
+def test_an_empty_bay_is_passed_over_and_each_truck_is_told_the_same(quiet: tuple[str, ...]) -> None:
+    short = assert_same(quiet, with_rules(fusion=QUICK | NOT_LOADED))
+    assert len(short.trucks) == 2
+    assert short.intervals
+    assert all(isinstance(cells["earlier_mm"], float) for cells in short.trucks)
+    assert short.empty > 2000
+
+
+def rules(config: GatewayConfig) -> Rules:
+    return Rules.of(config.bays[0], config)
+
+
+@pytest.mark.parametrize(
+    "sections",
+    [
+        {"modbus": {"writes": True, "plc_addresses": [PLC.address]}},
+        {"fusion": QUICK | {"fail_safe": False}},
+        {"fusion": QUICK | {"period_s": 0.2}},
+        {"fusion": QUICK | {"recovery_s": 3.0}},
+        {"fusion": QUICK | {"vision_deadline_s": 3.0}},
+        {"fusion": QUICK | {"range_deadline_s": 3.0}},
+        {"fusion": {"start_grace_s": 3.0, "latch_leave_s": 2.0}},
+        {"fusion": {"start_grace_s": 2.0, "latch_leave_s": 3.0}},
+        {"visit": {"leave_s": 3.0}},
+        {"camera": {"beacon": {"u_px": 5, "v_px": 5}}, "ranger": {"type": "hcsr04", "hcsr04": {"beacon": True}}},
+    ],
+)
+def test_rules_by_which_an_empty_bay_may_matter(sections: dict[str, Any]) -> None:
+    then, now = rules(with_rules()), rules(with_rules(**sections))
+    assert not empty_bay.comparable(then, now)
+    assert not empty_bay.comparable(now, then)
+
+
+@pytest.mark.parametrize("fusion", [{}, NOT_LOADED, NEVER, LATCH, {"vision_deadline_s": 1.0}])
+def test_thresholds_and_short_times_do_not_matter_there(fusion: dict[str, Any]) -> None:
+    assert empty_bay.comparable(rules(with_rules()), rules(with_rules(fusion=QUICK | fusion)))
+
+
+@pytest.mark.long
+@pytest.mark.one_interpreter
+@pytest.mark.parametrize("seed", range(20, 28))
+def test_with_faults_between_the_trucks_and_stops_that_stay(seed: int, tmp_path: Path) -> None:
+    paths = played(tmp_path, seed, 10, faults=True)
+    for fusion in (NOT_LOADED, NEVER, LATCH, {"distance_threshold_mm": 260.0}, {"vision_deadline_s": 1.0}):
+        assert_same(paths, with_rules(fusion=QUICK | fusion))
+    assert_same(paths, with_rules(visit={"leave_distance_mm": 2000.0}))
+
+
+@pytest.mark.long
+@pytest.mark.one_interpreter
+def test_several_processes_say_the_same(quiet: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(empty_bay, "LONGEST_S", 30.0)  # as in the other processes
+    for fusion in ({}, NEVER):
+        other = with_rules(fusion=QUICK | fusion)
+        one = found(quiet, other)
+        assert one.empty > 1000
+        assert found(quiet, other, jobs=2) == one
+
+
+PLACE = Place(Path("x.seg"), Head(
+    bay="bay1", number=1, boot="a", site="s", instance="g", gateway_version="1", python_version="3", t_ns=0, unix_ns=0,
+    config="",
+), 0)  # fmt: skip
+BAY = StateVector("bay1", t_ns=10 * S, valid_until_ns=10 * S + S // 4)
+CIRCLE = Circle(1.0, 2.0, 3.0)
+NEXT_NS = 10 * S + S // 50
+
+
+def minute(*records: AnyRecord, state: StateVector = BAY) -> Minute:
+    items: list[Item | MissingItem] = [(PLACE, record) for record in records]
+    return Minute((PLACE, Checkpoint(t_ns=state.t_ns, state=state, follows=True)), items)
+
+
+def entered(observation: Any, t_ns: int = NEXT_NS) -> AnyRecord:
+    record = of_observation(observation, t_ns)
+    assert isinstance(record, AnyRecord)
+    return record
+
+
+DECIDED = Decision.of(replace(BAY, t_ns=NEXT_NS))
+
+
+@pytest.mark.parametrize(
+    "record",
+    [
+        entered(Tick()),
+        entered(NOT_KNOWN),
+        entered(VisionReading(NEXT_NS, Quality.NO_TARGET)),
+        entered(VisionReading(NEXT_NS, Quality.LINK_DOWN)),
+        entered(RangeReading(NEXT_NS, Quality.GOOD, 900.0)),
+        entered(PlcWrite(PLC, heartbeat=1, control=1, recipe=0)),
+        DECIDED,
+        EventRecord(t_ns=NEXT_NS, kind="start"),
+    ],
+)
+def test_what_an_empty_bay_may_record(record: AnyRecord) -> None:
+    assert minute(record).empty()
+    assert not Minute(None, minute(record).items).empty()
+
+
+@pytest.mark.parametrize(
+    "record",
+    [
+        FrameRecord(t_ns=NEXT_NS, reading=VisionReading(NEXT_NS, Quality.GOOD, CIRCLE)),
+        FrameRecord(t_ns=NEXT_NS, reading=VisionReading(NEXT_NS, Quality.NO_TARGET, wrong_size=CIRCLE)),
+        entered(PlcWrite(PLC, recipe=2)),
+        entered(FunctionCheck.OFF),
+        entered(Tick(), 9 * S),
+        entered(Tick(), 11 * S),
+        msgspec.structs.replace(DECIDED, stop=False),
+        msgspec.structs.replace(DECIDED, may_move=True),
+        msgspec.structs.replace(DECIDED, in_place=True),
+        msgspec.structs.replace(DECIDED, moved=Moved.MARKER),
+        Checkpoint(t_ns=NEXT_NS, state=BAY),
+        Gap(t_ns=NEXT_NS, lost=1, why="x"),
+        VisitRecord(t_ns=NEXT_NS, visit=VisitSummary(0, 1.0)),
+    ],
+)
+def test_what_an_empty_bay_does_not_record(record: AnyRecord) -> None:
+    assert not minute(record).empty()
+
+
+@pytest.mark.parametrize(
+    "state",
+    [
+        replace(BAY, stop=False),
+        replace(BAY, vision=VisionReading(0, Quality.GOOD, CIRCLE)),
+        replace(BAY, visit=Visit(restored=True)),
+        replace(BAY, visit=Visit(released=True)),
+        replace(BAY, visit=Visit(moved=Moved.DISTANCE)),
+        replace(BAY, memory=replace(BAY.memory, d=True)),
+        replace(BAY, memory=replace(BAY.memory, latched=True)),
+        replace(BAY, memory=replace(BAY.memory, disagree=True)),
+    ],
+)
+def test_a_bay_in_which_a_truck_still_counts_is_not_empty(state: StateVector) -> None:
+    assert not minute(entered(Tick()), state=state).empty()
+
+
+def test_missing_records_and_another_segment_are_no_empty_bay() -> None:
+    other = replace(PLACE, head=msgspec.structs.replace(PLACE.head, boot="b"))
+    for item in (MissingItem("x"), (other, entered(Tick()))):
+        assert not Minute(minute().begin, [item]).empty()
+
+
+def test_a_tick_makes_the_decision_valid_for_a_quarter_of_a_second() -> None:
+    frame = entered(VisionReading(0, Quality.NO_TARGET), NEXT_NS + S // 4)
+    assert minute(entered(Tick()), frame).empty()
+    assert not minute(entered(NOT_KNOWN), frame).empty()
