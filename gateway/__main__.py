@@ -2,10 +2,13 @@
 
 import sys
 
+from gateway import interrupts
+
 
 def main() -> int:
     """The exit code; 130 after Ctrl-C, also while modules are still imported."""
     try:
+        interrupts.keep()
         from gateway.cli import main as verbs  # noqa: PLC0415
 
         return verbs()

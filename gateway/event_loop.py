@@ -10,6 +10,8 @@ import importlib.util
 from collections.abc import Callable, Coroutine
 from typing import Any, TypeVar
 
+from gateway import interrupts
+
 T = TypeVar("T")
 
 
@@ -28,5 +30,7 @@ def run(main: Coroutine[Any, Any, T]) -> T:
     What is loaded by now stays, so the collector need not look through 64,000 objects, which takes it a tick or more.
     """
     gc.freeze()
-    with asyncio.Runner(loop_factory=factory()) as runner:
+    make = factory()  # the last import before the signals are handled
+    interrupts.as_usual()
+    with asyncio.Runner(loop_factory=make) as runner:
         return runner.run(main)

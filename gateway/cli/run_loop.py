@@ -13,7 +13,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from gateway import app
+from gateway import app, interrupts
 from gateway.cli.in_place_restart import InPlaceRestart
 from gateway.cli.output import LossyOutput
 from gateway.clock import SystemClock
@@ -77,6 +77,8 @@ async def serve(
     loop = asyncio.get_running_loop()
     for number in SIGNALS:
         loop.add_signal_handler(number, stop.set)
+    if interrupts.asked():  # while modules were imported, in code that has swallowed it
+        stop.set()
     if reload is not None:
         loop.add_signal_handler(signal.SIGHUP, partial(_hung_up, reload, stop, had_terminal=_has_terminal()))
 

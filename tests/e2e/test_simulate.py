@@ -2,6 +2,7 @@
 
 import json
 import os
+import random
 import re
 import signal
 import subprocess
@@ -417,6 +418,45 @@ def test_ctrl_c_while_it_starts_ends_it_without_a_traceback(library: str) -> Non
     with subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True) as process:
         while library not in Path(f"/proc/{process.pid}/maps").read_text():
             time.sleep(0.005)
+        os.killpg(process.pid, signal.SIGINT)
+        out, err = process.communicate(timeout=60)
+    assert b"Traceback" not in out + err, err.decode()
+    assert process.returncode in (0, 130, -signal.SIGINT)
+
+
+# Pressed while a module is imported, in a callback that swallows every exception, as the import system has them.
+PRESSED = """
+import signal, sys, weakref
+class Pressed:
+    def find_spec(self, name, path=None, target=None):
+        if name == module:
+            sys.meta_path.remove(self)
+            self.finder = weakref.ref(Pressed(), lambda _: signal.raise_signal(signal.SIGINT))
+module = sys.argv.pop(1)
+sys.meta_path.insert(0, Pressed())
+from gateway.__main__ import main
+sys.exit(main())
+"""
+
+
+@pytest.mark.parametrize("module", mostly_long(["uvloop", "gateway.cli.main", "gateway.cli.simulation", "asyncio"]))
+def test_ctrl_c_that_an_import_has_swallowed_ends_it(module: str) -> None:
+    arguments = [module, "simulate", "--modbus-port", "0", "--hmi-port", "0"]
+    done = subprocess.run([sys.executable, "-c", PRESSED, *arguments], capture_output=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (0, b"")
+
+
+def _resident_mb(pid: int) -> float:
+    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
+
+
+@pytest.mark.parametrize("seed", mostly_long(range(60), short=2))
+def test_ctrl_c_at_any_moment_of_the_start_ends_it(seed: int) -> None:
+    line = [sys.executable, "-m", "gateway", "simulate", "--modbus-port", "0", "--hmi-port", "0", "--json"]
+    size_mb = random.Random(seed).uniform(16, 60)  # from the first imports until it serves, on any machine
+    with subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True) as process:
+        while _resident_mb(process.pid) < size_mb:
+            time.sleep(0.001)
         os.killpg(process.pid, signal.SIGINT)
         out, err = process.communicate(timeout=60)
     assert b"Traceback" not in out + err, err.decode()
