@@ -2,13 +2,14 @@
 
 import json
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from urllib.parse import urlsplit
 
 from playwright.sync_api import Page, Route
 
 from gateway.web.auth.headers import CONTENT_SECURITY_POLICY
-from gateway.web.languages import languages
+from gateway.web.languages import Languages, languages
 
 STATIC = Path(__file__).parents[2] / "gateway" / "web" / "static"
 HOST = "127.0.0.1:9"  # nobody listens there: every request is answered below
@@ -56,6 +57,12 @@ addEventListener('DOMContentLoaded', () => {
 """
 
 
+@cache
+def shipped() -> Languages:
+    """Read once: pages ask for them twice each."""
+    return languages({})
+
+
 def from_disk(route: Route) -> None:
     """A page or one of its files, with the headers that the gateway sends."""
     path = urlsplit(route.request.url).path
@@ -64,7 +71,7 @@ def from_disk(route: Route) -> None:
         return
     if path.startswith("/api/languages"):
         code = path.removeprefix("/api/languages").removeprefix("/")
-        known = languages({})
+        known = shipped()
         body = json.dumps(known.catalogues[code].model_dump() if code else {"languages": known.listed()})
         route.fulfill(body=body, content_type="application/json")
         return

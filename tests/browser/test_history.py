@@ -135,6 +135,7 @@ def test_older_visits_are_searched_on_the_server_and_one_is_taken_away_as_eviden
     assert sum(name.endswith(".pictures") for name in names) == 2
 
 
+@pytest.mark.long
 def test_evidence_is_offered_to_technicians_only(site: Plant, visit: Visit) -> None:
     page = visit(f"{site.url}{AT}")
 
@@ -149,6 +150,7 @@ def test_evidence_is_offered_to_technicians_only(site: Plant, visit: Visit) -> N
     expect(page.locator(".film").get_by_role("link", name="Evidence")).to_have_count(0)
 
 
+@pytest.mark.long
 def test_why_is_told_in_the_pages_language(site: Plant, visit: Visit) -> None:
     page = visit(f"{site.url}{AT}/why")
     page.evaluate("() => localStorage.setItem('gateway.language', 'de')")
@@ -176,6 +178,7 @@ def test_a_visit_is_a_film(page: Page) -> None:
     expect(film).to_have_count(0)
 
 
+@pytest.mark.long
 def test_a_press_on_one_of_the_last_trucks_asks_why(page: Page) -> None:
     trucks = page.locator(".trucks a")
     expect(trucks).to_have_count(2)

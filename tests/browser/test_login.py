@@ -107,6 +107,7 @@ def test_after_a_logout_nothing_leads_back_to_the_page(bay: Plant, visit: Visit,
     assert page.url == f"{bay.url}/login"
 
 
+@pytest.mark.long
 def test_the_drivers_display_needs_no_login(bay: Plant, visit: Visit) -> None:
     page = visit(f"{bay.url}/driver")
     expect(page.locator("body")).to_have_attribute("data-fresh", "true")

@@ -243,6 +243,7 @@ def test_times_of_every_page_are_of_the_gateways_zone(served: tuple[Pages, Week]
         expect(page.locator("header.top")).to_contain_text("Times: Europe/Berlin, UTC+1")
 
 
+@pytest.mark.long
 def test_the_bay_is_kept_from_task_to_task(served: tuple[Pages, Week], visit: Visit) -> None:
     page = visit(f"{served[0].url}/#bay2")
     tasks = page.get_by_role("navigation", name="pages")

@@ -208,6 +208,7 @@ def operator(browser: Browser, client: StandInServer, watch: Watch) -> Iterator[
     assert watch.complaints == []
 
 
+@pytest.mark.long
 def test_people_read_a_bay_s_title_beside_its_name(operator: Open, client: StandInServer) -> None:
     client.session |= {"bays": ["bay1", "constructor"], "titles": {"bay1": "Verladung 3 Süd"}}
     page = operator(live([state("bay1"), state("constructor")]))
@@ -245,6 +246,7 @@ def test_of_64_bays_those_in_trouble_come_first(operator: Open, client: StandInS
     until(page, lambda: page.evaluate("() => window.__asked").endswith("/api/live?bay=bay6"))
 
 
+@pytest.mark.long
 def test_a_tile_draws_how_far_the_truck_is_from_the_mark(operator: Open, client: StandInServer) -> None:
     """`x` of 200: the mark stands at 46 + 116 x 3000 / 3500."""
     client.session["bays"] = ["bay1", "bay2", "bay3"]
@@ -264,22 +266,22 @@ def test_a_tile_draws_how_far_the_truck_is_from_the_mark(operator: Open, client:
         assert tile.locator(".side g").first.get_attribute("transform") == "translate(145.4 0)"
 
 
-@pytest.mark.parametrize(
-    ("bays", "wide", "columns"), [(1, 1366, 1), (2, 1366, 2), (4, 1366, 4), (12, 1366, 6), (12, 1920, 6)]
-)
-def test_tiles_fill_the_width(operator: Open, client: StandInServer, bays: int, wide: int, columns: int) -> None:
-    names = [f"bay{n}" for n in range(1, max(2, bays) + 1)]
-    client.session["bays"] = names
-    page = operator(live([state(name) for name in names]), width_px=wide)
-    if bays == 1:
-        page.get_by_label("find a bay by name").fill("bay2")
-    expect(page.locator(".tile")).to_have_count(bays)
-    tiles, room = page.locator(".tile").evaluate_all(BOXES), page.locator(".tiles").evaluate_all(BOXES)[0]
-    assert len({left for left, _ in tiles}) == columns
-    assert max(right for _, right in tiles) == pytest.approx(room[1], abs=1)
-    judgements.no_sideways_scroll(page)
-    page.set_viewport_size({"width": wide, "height": 768})
-    until(page, lambda: max(page.locator(".tile").evaluate_all(ENDS)) < 768)  # all of them at a glance
+@pytest.mark.long
+def test_tiles_fill_the_width(operator: Open, client: StandInServer) -> None:
+    for bays, wide, columns in ((2, 1366, 2), (1, 1366, 1), (4, 1366, 4), (12, 1366, 6), (12, 1920, 6)):
+        if bays > 1:  # else the page before, of two
+            names = [f"bay{n}" for n in range(1, bays + 1)]
+            client.session["bays"] = names
+            page = operator(live([state(name) for name in names]), width_px=wide)
+        else:
+            page.get_by_label("find a bay by name").fill("bay2")
+        expect(page.locator(".tile")).to_have_count(bays)
+        tiles, room = page.locator(".tile").evaluate_all(BOXES), page.locator(".tiles").evaluate_all(BOXES)[0]
+        assert len({left for left, _ in tiles}) == columns, bays
+        assert max(right for _, right in tiles) == pytest.approx(room[1], abs=1), bays
+        judgements.no_sideways_scroll(page)
+        page.set_viewport_size({"width": wide, "height": 768})
+        until(page, lambda page=page: max(page.locator(".tile").evaluate_all(ENDS)) < 768)  # type: ignore[misc]
 
 
 TO_GO = {"name": "FORWARD", "code": 1, "amount_mm": None, "closing_mm_s": None, "offset_u_px": None}
@@ -306,20 +308,21 @@ LINES = """() => [...document.querySelectorAll('dl.facts-grid')].map((list) => [
   })).size))"""
 
 
-@pytest.mark.parametrize(
-    ("width_px", "lines"), [(390, [[4, 4], [2, 2]]), (1366, [[3, 3], [2, 2]]), (1920, [[3, 3], [2, 2]])]
-)
-def test_facts_stand_in_lines_and_no_word_of_them_is_cut(operator: Open, width_px: int, lines: list[list[int]]) -> None:
-    page = operator(live([state("bay1", **HERE, scale=SCALE)]), width_px=width_px)
-    until(page, lambda: fact(page, "In place") == "yes, seen 2 min 5 s")  # which takes two lines
-    assert page.evaluate(LINES) == lines
-    judgements.no_word_is_cut(page)
-    say(page, live([state("bay1", phase="APPROACHING")]))
-    until(page, lambda: fact(page, "Visit") == "approaching")
-    assert page.evaluate(LINES) == lines
-    judgements.no_word_is_cut(page)
+def test_facts_stand_in_lines_and_no_word_of_them_is_cut(operator: Open) -> None:
+    page = operator(live([state("bay1", **HERE, scale=SCALE)]))
+    for change, shown in (
+        ({**HERE, "scale": SCALE}, ("In place", "yes, seen 2 min 5 s")),  # which takes two lines
+        ({"phase": "APPROACHING"}, ("Visit", "approaching")),
+    ):
+        say(page, live([state("bay1", **change)]))
+        for width_px, lines in ((390, [[4, 4], [2, 2]]), (1366, [[3, 3], [2, 2]]), (1920, [[3, 3], [2, 2]])):
+            page.set_viewport_size({"width": width_px, "height": 900})
+            until(page, lambda shown=shown: fact(page, shown[0]) == shown[1])  # type: ignore[misc]
+            assert page.evaluate(LINES) == lines, (width_px, shown)
+            judgements.no_word_is_cut(page)
 
 
+@pytest.mark.long
 def test_how_worn_the_markers_are_stands_beside_the_picture(operator: Open) -> None:
     def rows() -> list[str]:
         part = page.locator("[aria-labelledby=health-title] .parts > li", has=page.get_by_text("Picture", exact=True))
@@ -335,26 +338,30 @@ def test_how_worn_the_markers_are_stands_beside_the_picture(operator: Open) -> N
     until(page, lambda: rows() == [])
 
 
-@pytest.mark.parametrize("width_px", [390, 1366, 1920])
-def test_a_relay_that_is_not_reported_keeps_its_row(operator: Open, width_px: int) -> None:
+@pytest.mark.long
+def test_a_relay_that_is_not_reported_keeps_its_row(operator: Open) -> None:
     def says(configured: bool, relay: dict[str, Any] | None = None) -> Any:
         message = live([state("bay1", relay=relay)])
         message["bays"][0]["relay"] = configured
         return message
 
     shown = {"commanded": "MAY_MOVE", "in_place": False, "may_move": True, "fault": False}
-    page = operator(says(True, shown), width_px=width_px)
+    page = operator(says(True, shown))
     health = page.locator("[aria-labelledby=health-title]")
     row = health.locator("dl > div", has=page.get_by_text("relay", exact=True)).locator("dd")
-    expect(row).to_have_text("may move")
-    height = health.evaluate(HEIGHT)
-    say(page, says(True))
-    expect(row).to_have_text("–")
-    assert health.evaluate(HEIGHT) == height
-    say(page, says(False))
-    expect(row).to_have_count(0)
+    for width_px in (390, 1366, 1920):
+        page.set_viewport_size({"width": width_px, "height": 900})
+        say(page, says(True, shown))
+        expect(row).to_have_text("may move")
+        height = health.evaluate(HEIGHT)
+        say(page, says(True))
+        expect(row).to_have_text("–")
+        assert health.evaluate(HEIGHT) == height, width_px
+        say(page, says(False))
+        expect(row).to_have_count(0)
 
 
+@pytest.mark.long
 def test_on_a_telephone_the_page_begins_high(operator: Open) -> None:
     page = operator(live([state("bay1")]), width_px=390)
     expect(page.locator(".alarmbar")).to_have_text("No alarm.")
@@ -395,6 +402,7 @@ def chosen(page: Page, what: str, value: str) -> None:
         page.get_by_label(what, exact=True).select_option(value)
 
 
+@pytest.mark.long
 def test_the_viewer_chooses_inches_once_for_all_pages(operator: Open, client: StandInServer) -> None:
     """As the language: remembered by the browser, and an address may say otherwise."""
     near = {"name": "FORWARD", "code": 1, "amount_mm": 508.0, "to_go_mm": 508.0, "closing_mm_s": 127.0}
@@ -423,22 +431,26 @@ def test_the_viewer_chooses_inches_once_for_all_pages(operator: Open, client: St
     assert page.evaluate("() => [location.search, localStorage.getItem('gateway.units')]") == ["", "metric"]
 
 
-@pytest.mark.parametrize("language", ["de", "es", "tr"])
-def test_the_bar_at_the_top_is_one_row_on_a_small_desk(operator: Open, client: StandInServer, language: str) -> None:
+@pytest.mark.long
+def test_the_bar_at_the_top_is_one_row_on_a_small_desk(operator: Open, client: StandInServer) -> None:
     """With the longest of what stands there: all pages, and somebody with a name."""
     client.session |= {"name": "schichtleiter", "role": "technician"}
     seen = live([state("bay1")]) | {"server_time_ms": round(1000 * time.time())}
-    page = operator(seen, f"/?lang={language}")
-    expect(page.locator("html")).to_have_attribute("lang", language)
-    expect(page.locator(".decision .word")).to_be_visible()
-    nav = page.locator(".top nav").bounding_box()
-    facts = page.locator(".top .facts").bounding_box()
-    assert nav is not None
-    assert facts is not None
-    assert abs(nav["y"] + nav["height"] / 2 - facts["y"] - facts["height"] / 2) < 4
-    assert nav["height"] < 50
+    page = operator(seen)
+    for language in ("de", "es", "tr"):
+        page.goto(f"http://{HOST}/?lang={language}")
+        say(page, seen)
+        expect(page.locator("html")).to_have_attribute("lang", language)
+        expect(page.locator(".decision .word")).to_be_visible()
+        nav = page.locator(".top nav").bounding_box()
+        facts = page.locator(".top .facts").bounding_box()
+        assert nav is not None
+        assert facts is not None
+        assert abs(nav["y"] + nav["height"] / 2 - facts["y"] - facts["height"] / 2) < 4, language
+        assert nav["height"] < 50, language
 
 
+@pytest.mark.long
 def test_a_driver_who_is_stopped_before_the_bit_is_said_to_be_early(operator: Open) -> None:
     told = STATE["guidance"] | {"name": "STOP", "amount_mm": None}
     page = operator(live([state("bay1", guidance=told)]))
@@ -447,20 +459,18 @@ def test_a_driver_who_is_stopped_before_the_bit_is_said_to_be_early(operator: Op
     expect(page.locator(".instruction")).to_have_text(re.compile(r"Driver is told\s*STOP$"))
 
 
-@pytest.mark.parametrize(
-    ("language", "words"),
-    [("de", {"BRAKE": "BREMSEN", "TOO_FAR": "ZU WEIT"}), ("es", {"BACK": "RETROCEDA"}), ("tr", {"BRAKE": "FREN"})],
-)
-def test_what_the_driver_is_told_is_the_word_of_the_drivers_display(
-    operator: Open, language: str, words: dict[str, str]
-) -> None:
-    page = operator(live([state("bay1")]), f"/?lang={language}")
-    for code, word in words.items():
-        told = STATE["guidance"] | {"name": code, "amount_mm": None}
-        say(page, live([state("bay1", guidance=told, stop=True, may_move=False)]))
-        expect(page.locator(".instruction .said")).to_have_text(word)
+def test_what_the_driver_is_told_is_the_word_of_the_drivers_display(operator: Open) -> None:
+    page = operator(live([state("bay1")]))
+    words = {"de": {"BRAKE": "BREMSEN", "TOO_FAR": "ZU WEIT"}, "es": {"BACK": "RETROCEDA"}, "tr": {"BRAKE": "FREN"}}
+    for language, each in words.items():
+        page.goto(f"http://{HOST}/?lang={language}")
+        for code, word in each.items():
+            told = STATE["guidance"] | {"name": code, "amount_mm": None}
+            say(page, live([state("bay1", guidance=told, stop=True, may_move=False)]))
+            expect(page.locator(".instruction .said")).to_have_text(word)
 
 
+@pytest.mark.long
 def test_a_kiosk_has_no_link_that_leads_away(operator: Open, client: StandInServer) -> None:
     """On a wall nobody clicks; what can be touched stays on this page."""
     client.session["bays"] = ["bay1", "bay2"]
@@ -536,6 +546,7 @@ def test_what_a_person_reads_is_said_plainly(operator: Open, client: StandInServ
     expect(page.locator(".no-picture")).to_contain_text("no connection to the gateway")
 
 
+@pytest.mark.long
 def test_the_overview_has_pictures_and_lists_all_alarms(operator: Open, client: StandInServer) -> None:
     client.session["bays"] = names = ["bay1", "bay2", "bay3"]
     kinds = ("camera_down", "camera_stale", "ranger_down", "ranger_stale", "plc_lost", "maintenance")
@@ -654,6 +665,7 @@ def test_a_fault_of_the_page_itself_leaves_nothing_standing_that_looks_live(oper
     expect(page.locator(".decision")).to_have_count(0)
 
 
+@pytest.mark.long
 def test_a_broken_address_shows_all_bays(operator: Open, client: StandInServer) -> None:
     client.session["bays"] = ["bay1", "bay2"]
     page = operator(live([state("bay1"), state("bay2")]), "/#100%")
@@ -672,6 +684,7 @@ def test_acknowledging_sends_what_was_seen_and_the_token(operator: Open, client:
     assert client.posts == [("/api/alarms/bay1.camera_down/acknowledge", "token", {"occurrence": 3})]
 
 
+@pytest.mark.long
 def test_the_focus_stays_with_the_alarms_when_the_button_is_gone(operator: Open, client: StandInServer) -> None:
     client.alarms = (alarm("bay1", "camera_down", AlarmState.UNACKNOWLEDGED),)
     page = operator(live([broken("bay1")], client.alarms))
@@ -735,6 +748,7 @@ def test_an_operator_resets_and_hides_nothing(operator: Open, client: StandInSer
 STRIPE = "(li) => getComputedStyle(li).borderLeftColor"
 
 
+@pytest.mark.long
 def test_a_stripe_has_the_colour_of_its_priority(operator: Open, client: StandInServer) -> None:
     client.alarms = (
         alarm("bay1", "camera_down", AlarmState.RETURNED),
@@ -788,34 +802,35 @@ window.AudioContext = class extends EventTarget {
 """
 
 
-@pytest.mark.parametrize(("width_px", "height_px"), [(360, 640), (1280, 720), (1366, 768), (3840, 2160)])
-def test_the_alarm_to_see_first_is_at_the_top_of_the_page(
-    operator: Open, client: StandInServer, width_px: int, height_px: int
-) -> None:
+def test_the_alarm_to_see_first_is_at_the_top_of_the_page(operator: Open, client: StandInServer) -> None:
     client.alarms = (
         alarm("bay1", "camera_down", AlarmState.UNACKNOWLEDGED),
         alarm("bay1", "maintenance", AlarmState.ACKNOWLEDGED),
     )
-    page = operator(live([broken("bay1")], client.alarms), width_px=width_px)
-    page.set_viewport_size({"width": width_px, "height": height_px})
+    page = operator(live([broken("bay1")], client.alarms))
     bar = page.locator(".alarmbar")
-    expect(bar).to_contain_text("Camera down")
-    expect(bar).to_contain_text("2 alarms, 1 not acknowledged")
-    box = bar.bounding_box()
-    assert box is not None
-    assert box["y"] + box["height"] < height_px / 2
-    assert page.title() == "(2) bay1"
-    say(page, live([broken("bay1")]))
-    expect(bar).to_have_text("No alarm.")
-    assert bar.bounding_box() == {**box, "height": pytest.approx(box["height"], abs=1 if width_px > 700 else 60)}
-    assert page.title() == "bay1"
-    say(page, live([broken("bay1")], client.alarms))
-    judgements.no_sideways_scroll(page)
-    bar.get_by_role("link").click()
-    expect(page.locator("#alarms")).to_be_focused()
-    expect(page.locator("#alarms li").first).to_be_in_viewport()
+    for width_px, height_px in ((360, 640), (1280, 720), (1366, 768), (3840, 2160)):
+        page.set_viewport_size({"width": width_px, "height": height_px})
+        page.evaluate("() => { scrollTo(0, 0); document.activeElement?.blur(); }")
+        say(page, live([broken("bay1")], client.alarms))
+        expect(bar).to_contain_text("Camera down")
+        expect(bar).to_contain_text("2 alarms, 1 not acknowledged")
+        box = bar.bounding_box()
+        assert box is not None
+        assert box["y"] + box["height"] < height_px / 2
+        assert page.title() == "(2) bay1"
+        say(page, live([broken("bay1")]))
+        expect(bar).to_have_text("No alarm.")
+        assert bar.bounding_box() == {**box, "height": pytest.approx(box["height"], abs=1 if width_px > 700 else 60)}
+        assert page.title() == "bay1"
+        say(page, live([broken("bay1")], client.alarms))
+        judgements.no_sideways_scroll(page)
+        bar.get_by_role("link").click()
+        expect(page.locator("#alarms")).to_be_focused()
+        expect(page.locator("#alarms li").first).to_be_in_viewport()
 
 
+@pytest.mark.long
 def test_a_sound_that_the_browser_blocks_waits_for_a_click_and_comes_once(
     operator: Open, client: StandInServer
 ) -> None:
@@ -909,6 +924,7 @@ def test_no_shape_of_the_picture_collapses_the_page(
             assert max(at["columns"][:2]) - min(at["columns"][:2]) < 2, size
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize("bays", [1, 12])
 def test_the_last_trucks_are_seen_without_scrolling(operator: Open, client: StandInServer, bays: int) -> None:
     """On a small desk, beside the verdict, its reason and the picture."""
@@ -933,6 +949,7 @@ def test_a_moment_is_marked_with_a_note(operator: Open, client: StandInServer) -
     expect(page.get_by_role("button", name="Mark this moment")).to_be_visible()
 
 
+@pytest.mark.long
 def test_the_focus_goes_to_the_note_of_a_mark_and_back(operator: Open, client: StandInServer) -> None:
     page = operator(live([state("bay1")]))
     mark, note = page.get_by_role("button", name="Mark this moment"), page.get_by_label("note for the mark")
@@ -947,6 +964,7 @@ def test_the_focus_goes_to_the_note_of_a_mark_and_back(operator: Open, client: S
     expect(mark).to_be_focused()
 
 
+@pytest.mark.long
 def test_an_event_of_another_day_has_its_date(operator: Open, client: StandInServer) -> None:
     now_ms = round(1000 * time.time())
     times = (now_ms - 3 * 86_400_000, now_ms)

@@ -76,6 +76,7 @@ def section(page: Page, name: str) -> Locator:
     return page.get_by_role("navigation", name="sections").get_by_role("link", name=name, exact=True)
 
 
+@pytest.mark.long
 def test_a_section_that_is_opened_by_keyboard_keeps_the_focus(running: Plant, visit: Visit) -> None:
     """And a broken address is one of no section."""
     page = visit(f"{running.url}/setup#100%", width_px=1280)
@@ -87,6 +88,7 @@ def test_a_section_that_is_opened_by_keyboard_keeps_the_focus(running: Plant, vi
     expect(link).to_be_focused()
 
 
+@pytest.mark.long
 def test_taking_back_leaves_no_wrong_text_in_a_field(running: Plant, visit: Visit) -> None:
     page = visit(f"{running.url}/setup#fusion", width_px=1280)
     field = page.get_by_label("radius_threshold_px", exact=True)

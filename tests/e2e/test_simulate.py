@@ -411,6 +411,7 @@ def test_simulations_that_start_at_the_same_moment_do_not_meet() -> None:
         assert [gateway.stderr for gateway in gateways] == ["", "", ""]
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize("library", ["pydantic_core", "uvloop"])
 def test_ctrl_c_while_it_starts_ends_it_without_a_traceback(library: str) -> None:
     """While libraries are imported, and soon after; a terminal sends the signal to all processes of its group."""

@@ -168,6 +168,7 @@ def test_a_killed_process_is_replaced_by_another_fork_and_reaped(tmp_path: Path)
     play(story)
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
 def test_a_template_that_ends_affects_no_process_and_is_replaced(tmp_path: Path, number: int) -> None:
     async def story() -> None:
@@ -214,6 +215,7 @@ def test_a_template_that_is_stopped_is_replaced_when_a_process_is_asked_of_it(
     play(story)
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize("modules", [("no_such_module",), (f"{STAND_INS}_with_a_thread",)])
 def test_where_no_template_can_be_made_processes_are_spawned(tmp_path: Path, modules: tuple[str, ...]) -> None:
     async def story() -> None:

@@ -122,6 +122,7 @@ def test_the_trigger_is_long_enough_and_comes_every_60_ms() -> None:
     assert sum(cycles) / len(cycles) == pytest.approx(PERIOD_MS, rel=1e-4)
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize("mm", [20.5, 520.0, 3990.0])
 def test_a_line_is_whole_when_the_budget_says(mm: float) -> None:
     """docs/ranger.md: burst, flight, then the line's bytes back to back at 9600 baud (9615 as an Uno makes it)."""
@@ -135,6 +136,7 @@ def test_a_line_is_whole_when_the_budget_says(mm: float) -> None:
         assert budget_ms + 0.5 < took_ms < budget_ms + 1.0  # the line is written in 0.7 to 0.9 ms
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize("air_c", [-10.0, 20.0, 50.0])
 def test_the_thermometer_tells_the_true_speed_of_sound(air_c: float) -> None:
     """Air and TMP36 at the same temperature: field 5 corrects what 20 degrees would get wrong by up to 5 %."""

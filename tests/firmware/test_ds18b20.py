@@ -21,6 +21,7 @@ def wrong(played: Run) -> set[str]:
     return {row["wrong"] for row in played.of("wire") if "wrong" in row}
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize(("air_c", "said_dc"), [(40.0, 400), (-12.3, -123)])
 def test_the_lines_carry_what_it_measures(air_c: float, said_dc: int) -> None:
     played = run(f"distance 1000\nair {air_c}\nds18b20 {air_c}\n", 1500)

@@ -40,7 +40,7 @@ def test_no_output_is_ever_wrong(name: str, config: str) -> None:
     assert any(moment.state.in_place for moment in bench.moments)
 
 
-@pytest.mark.parametrize("name", mostly_long(["day", "dusk", "approach"]))
+@pytest.mark.parametrize("name", mostly_long(["dusk", "day", "approach"]))
 def test_no_truck_that_drives_away_is_told_to_come_nearer(name: str) -> None:
     """Seven departures of `day`, none of them released."""
     scenario = scenarios.load(ROOT / "scenarios" / f"{name}.toml")

@@ -16,13 +16,14 @@ from gateway.records.completeness import Verified, verified
 from gateway.records.inquiry import Answer, Inquiry
 from gateway.records.moment import shown
 from gateway.records.segment import MAGIC, BlockKind, block, blocks
+from tests.long import mostly_long
 from tests.recorded_bay import T0_NS, Recorded, S, recorded, unix
 from tests.visit_bench import Bench, truck
 
 pytestmark = pytest.mark.one_interpreter
 
 
-@pytest.fixture(scope="module", params=[True, False], ids=["chained", "of an earlier version"])
+@pytest.fixture(scope="module", params=mostly_long([True, False]), ids=["chained", "of an earlier version"])
 def gap(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     """Segments of 20 s, without that from second 16 on."""
     folder, _ = recorded(tmp_path_factory.mktemp("gap"), until_s=50, chained=request.param)

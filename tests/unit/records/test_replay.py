@@ -82,7 +82,7 @@ def recorded_visit() -> tuple[Bench, Collector]:
 
 
 @pytest.mark.one_interpreter
-@pytest.mark.parametrize("seed", mostly_long(range(6), short=2))
+@pytest.mark.parametrize("seed", mostly_long(range(6)))
 def test_every_decision_of_a_visit_is_taken_again_bit_for_bit(seed: int) -> None:
     kept = collector()
     bench = play(seed, kept)

@@ -54,7 +54,8 @@ def visits(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     return kept
 
 
-@pytest.mark.parametrize(("settings", "shape"), [(None, ("--json",)), ("radius_threshold_px = 160", ())])
+@pytest.mark.mostly_long
+@pytest.mark.parametrize(("settings", "shape"), [("radius_threshold_px = 160", ()), (None, ("--json",))])
 def test_several_processes_say_the_same_to_the_byte(
     visits: Recorded,
     tmp_path: Path,

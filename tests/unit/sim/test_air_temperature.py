@@ -44,6 +44,7 @@ def test_a_lost_thermometer_changes_the_distance_slowly_and_is_an_alarm_after_7_
     assert changes == [(17, "bay1.temperature_lost"), (100, "bay1.temperature_lost")]
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize("air_c", [0.0, 40.0])
 def test_a_truck_in_place_does_not_seem_to_roll_when_it_is_lost_and_returns(air_c: float) -> None:
     lost = {"kind": "ranger_no_temperature", "at_s": 10.0, "for_s": 10.0}
