@@ -92,7 +92,7 @@ def evidence_job(chance: Chance) -> Callable[[Any], Any]:
     levels = pyramid(image, min(int(chance.integers(1, 4)), *image.shape[:2]), 8)
     near = [seed_near(chance, disc) for _ in range(3)]
     seeds = [Seed(e.u_px, e.v_px, max(e.semi_major_px, 1.0), 1.0) for e in near]
-    return lambda kernel: kernel.gather(levels, seeds)
+    return lambda kernel: (kernel.gather(levels, seeds), kernel.red_ends(levels, disc))
 
 
 def candidate_job(chance: Chance) -> Callable[[Any], Any]:

@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -14,6 +15,7 @@ from gateway.vision.detect.robust.evidence import Evidence, gather_plain, of_ell
 from gateway.vision.detect.robust.kernel.evidence_kernel import EvidenceKernel, possible
 from gateway.vision.detect.robust.measurement import load, numbers
 from gateway.vision.detect.robust.redness import PyramidLevel, pyramid
+from gateway.vision.detect.robust.rings import red_ends_plain
 from gateway.vision.detect.robust.veil import Veil, unveiled
 from tests.examples import examples
 from tests.unit.vision.kernel_examples import Chance, seed_near, shot
@@ -74,6 +76,25 @@ def test_on_a_given_rim_not_a_bit_differs(kernel: EvidenceKernel) -> None:
             assert one == other
 
 
+@pytest.mark.one_interpreter
+def test_where_red_ends_once_more_round_a_rim_is_seen_as_without_a_compiler(kernel: EvidenceKernel) -> None:
+    for levels, _, rims in cases(examples(100)):
+        assert [kernel.red_ends(levels, rim) for rim in rims] == [red_ends_plain(levels, rim) for rim in rims]
+
+
+@pytest.mark.parametrize(
+    ("ring", "outer", "ends"),
+    [(1.25, 1.6, True), (1.25, 1.25, False), (1.0, 1.6, True), (1.25, 7.0, False)],
+    ids=["a white ring", "a white edge", "a darker middle", "red as far as is seen"],
+)
+def test_red_ends_once_more_round_a_ring(kernel: EvidenceKernel, ring: float, outer: float, ends: bool) -> None:
+    picture = np.full((300, 300, 3), (118, 126, 122), np.uint8)
+    for share, colour in ((outer, (45.0, 40.0, 190.0)), (ring, (225.0, 228.0, 226.0)), (1.0, (40.0, 30.0, 150.0))):
+        cv2.circle(picture, (150, 150), round(40 * share), colour, -1)
+    rim = Ellipse(150.0, 150.0, 40.0, 40.0, 0.0)
+    assert kernel.red_ends(pyramid(picture, 1, 8), rim) is ends
+
+
 @pytest.mark.parametrize("wild", [1e300, -1e9, 0.0, 1e-300, 3.0])
 @pytest.mark.parametrize("place", range(5))
 def test_wild_rims_do_no_harm(kernel: EvidenceKernel, place: int, wild: float) -> None:
@@ -82,6 +103,7 @@ def test_wild_rims_do_no_harm(kernel: EvidenceKernel, place: int, wild: float) -
     fields[place] = wild
     seed = Seed(fields[0], fields[1], max(fields[2], 1e-300), 1.0)
     assert len(kernel.of_ellipses(levels, [Ellipse(*fields)])) == 1
+    assert kernel.red_ends(levels, Ellipse(*fields)) in (False, True)
     assert len(kernel.gather(levels, [seed])) == 1
 
 

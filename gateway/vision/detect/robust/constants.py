@@ -81,6 +81,13 @@ LEAST_SPREAD = 0.04  # of redness, from the median to the largest
 LEAST_FILL = 0.45  # of the box round a blob; a disc: pi / 4
 MOST_LONGER = 2.2  # than the other side of that box
 
+# Round a disc (`rings`).
+LEAST_OUTWARDS, NEXT_OUTWARDS = 4, 3  # shares: from where on a rim is another one; so many farther the red has ended
+REDDISH = 0.5  # of the way from what lies round to the inner disc's redness
+MOST_RED, FEW_RED = 0.6, 0.35  # of the rays in the picture: so many are red; so few are still
+RAYS_SEEN = 20  # at least
+GROUND = 0.2  # quantile of the redness round it
+
 # Veil (`veil`).
 BRIGHT = 0.7  # quantile of each channel that is the airlight, where there is any
 DARKEST_AIRLIGHT = 20.0  # grey levels

@@ -19,6 +19,7 @@ from gateway.vision.detect.robust.candidates import Seed
 from gateway.vision.detect.robust.evidence import Evidence, gather_plain, of_ellipses_plain
 from gateway.vision.detect.robust.kernel.evidence_kernel import EvidenceKernel, possible
 from gateway.vision.detect.robust.redness import PyramidLevel, pyramid
+from gateway.vision.detect.robust.rings import red_ends_plain
 
 ALIKE = 1e-6  # px, log units, grey levels and shares: so far the kernel may differ
 
@@ -39,6 +40,12 @@ def of_ellipses(levels: Sequence[PyramidLevel], rims: Sequence[Ellipse]) -> list
     return kernel.of_ellipses(levels, rims)
 
 
+def may_have_outer(levels: Sequence[PyramidLevel], rim: Ellipse) -> bool:
+    """False where `rings.around` has nothing. Without the kernel that function tells."""
+    kernel = compiled_kernel()
+    return kernel is None or not possible(levels) or kernel.red_ends(levels, rim)
+
+
 def load(library: Path = LIBRARY) -> EvidenceKernel | None:
     """The compiled evidence; None where there is none, or one that differs (logged)."""
     return compiled.load(EvidenceKernel, agrees, gather_plain, library)
@@ -57,6 +64,7 @@ def agrees(kernel: EvidenceKernel) -> bool:
         alike(kernel.gather(levels, seeds), gather_plain(levels, seeds))
         and alike(kernel.of_ellipses(levels, rims), of_ellipses_plain(levels, rims))
         and alike(kernel.of_ellipses(stretched, rims), of_ellipses_plain(stretched, rims))
+        and all(kernel.red_ends(levels, rim) == red_ends_plain(levels, rim) for rim in rims)
     )
 
 

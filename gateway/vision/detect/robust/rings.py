@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.core.detection import Ellipse
+from gateway.vision.detect.robust import constants
 from gateway.vision.detect.robust.evidence import levels_of_radii
 from gateway.vision.detect.robust.own_colour import colours_at, scaled
 from gateway.vision.detect.robust.radial_sampling import COS, SIN, RaySamples, sample_rays
@@ -22,11 +23,8 @@ from gateway.vision.pixels import Colours
 
 SHARES = np.exp(np.arange(0.0, 1.85, 0.03)).astype(np.float32)  # of the inner radius, evenly in ratio: to 6.2
 CORE = np.arange(0.2, 0.85, 0.1, dtype=np.float32)
-LEAST, NEXT = 4, 3  # of SHARES: from where on a rim is another one; so many steps beyond the red has ended
-AS_RED = 0.5  # of the way from what lies round to the inner disc's redness
-MOST, FEW = 0.6, 0.35  # of the rays in the picture: so many are red; so few are still
-FEWEST = 20  # rays in the picture
 KEPT = 0.4  # of the width of the outermost ring is left as it is
+OUTWARDS = np.concatenate([CORE, SHARES])
 ROOM = 1.7  # of the outer radius: as much of the picture as its evidence needs
 MOST_SIDE = 32_767  # of a picture that OpenCV samples
 AT_EDGE, AT_CORE, BEYOND = 0.96, 0.5, 1.06  # of the outer radius, and of the inner one
@@ -53,13 +51,13 @@ def red_beyond(image: Colours, rim: Ellipse, redness_of_it: float) -> bool:
     u, v = (rim.semi_major_px * way + at for way, at in ((GLANCE_U, rim.u_px), (GLANCE_V, rim.v_px)))
     bgr = cv2.remap(image, u, v, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
     # As `redness`, without the logarithm of each pixel.
-    ratio = math.exp(AS_RED * redness_of_it)
+    ratio = math.exp(constants.REDDISH * redness_of_it)
     red = bgr[..., 2] > bgr[..., 1] * np.float32(ratio) + np.float32((ratio - 1) * DARK)
     counts = np.add.reduce(red, axis=1, dtype=np.intp).tolist()
-    if max(counts) < MOST * len(_TURNS):
+    if max(counts) < constants.MOST_RED * len(_TURNS):
         return False
-    begun = next((n for n, count in enumerate(counts) if count >= MOST * len(_TURNS)), len(counts))
-    return any(count <= FEW * len(_TURNS) for count in counts[begun:])
+    begun = next((n for n, count in enumerate(counts) if count >= constants.MOST_RED * len(_TURNS)), len(counts))
+    return any(count <= constants.FEW_RED * len(_TURNS) for count in counts[begun:])
 
 
 def of_its_paint(image: Colours, outer: Ellipse, inner: Ellipse) -> bool:
@@ -70,7 +68,7 @@ def of_its_paint(image: Colours, outer: Ellipse, inner: Ellipse) -> bool:
     away = np.hypot((c * u + s * v) / inner.semi_major_px, (c * v - s * u) / inner.semi_minor_px)
     beyond = colours_at(image, ring[0][away > BEYOND], ring[1][away > BEYOND])
     within = colours_at(image, *core)
-    if min(len(beyond), len(within)) < FEWEST:
+    if min(len(beyond), len(within)) < constants.RAYS_SEEN:
         return True
     at_rim, own = (np.median(colours, axis=0).astype(np.float32) for colours in (beyond, within))
     less_red = float(redness(at_rim)) < min(RUST, OF_ITS_PAINT * float(redness(own)))
@@ -85,24 +83,42 @@ def _lean(bgr: Plane) -> float:
 
 def around(image: Colours, levels: Sequence[PyramidLevel], rim: Ellipse) -> Iterator[Around]:
     """The rims that there may be round one, the outermost first."""
+    rays = _outwards(levels, rim)
+    is_red, share, ends = _ends(rays)
+    for end in reversed(ends):
+        begin = next((n for n in range(end, 0, -1) if share[n] < constants.MOST_RED), 0)
+        yield _painted(image, rim, rays, is_red, begin, end)
+
+
+def _outwards(levels: Sequence[PyramidLevel], rim: Ellipse) -> RaySamples:
     (which,) = levels_of_radii(levels, np.array([rim.semi_minor_px]))
     level = levels[which]
     shape = (level.to_level(rim.u_px), level.to_level(rim.v_px), rim.semi_major_px, rim.semi_minor_px, rim.angle_rad)
     scale = np.array([1, 1, 1 / level.factor, 1 / level.factor, 1])
-    rays = sample_rays([level], np.zeros(1, np.intp), np.array([shape]) * scale, np.concatenate([CORE, SHARES]))
+    return sample_rays([level], np.zeros(1, np.intp), np.array([shape]) * scale, OUTWARDS)
+
+
+def red_ends_plain(levels: Sequence[PyramidLevel], rim: Ellipse) -> bool:
+    """Whether there may be a rim round one: `around` has one at least."""
+    return bool(_ends(_outwards(levels, rim))[2])
+
+
+def _ends(rays: RaySamples) -> tuple[NDArray[np.bool_], NDArray[np.float64], list[int]]:
+    """(RAYS, SHARES): what is red; (SHARES,): of the rays in the picture; SHARES by number: where it ends all round."""
     core = float(np.median(rays.red[0, :, : CORE.size]))
     red, seen = rays.red[0, :, CORE.size :], rays.seen[0, :, CORE.size :]
     if not seen.any():
-        return
-    ground = float(np.quantile(red[seen], 0.2))
-    is_red = seen & (red > ground + AS_RED * (core - ground))
+        return seen, np.zeros(SHARES.size), []
+    ground = float(np.quantile(red[seen], constants.GROUND))
+    is_red = seen & (red > ground + constants.REDDISH * (core - ground))
     count = seen.sum(axis=0)
-    share = np.where(count >= FEWEST, is_red.sum(axis=0) / np.maximum(count, 1), 0)
-    ends = [n for n in range(LEAST, SHARES.size - NEXT) if share[n] >= MOST and share[n + 1] < MOST]
-    for end in reversed(ends):
-        if share[end + NEXT] <= FEW and count[end + NEXT] >= FEWEST:  # of a larger red thing it ends here and there
-            begin = next((n for n in range(end, 0, -1) if share[n] < MOST), 0)
-            yield _painted(image, rim, rays, is_red, begin, end)
+    share = np.where(count >= constants.RAYS_SEEN, is_red.sum(axis=0) / np.maximum(count, 1), 0)
+    most, beyond = constants.MOST_RED, constants.NEXT_OUTWARDS
+    places = range(constants.LEAST_OUTWARDS, SHARES.size - beyond)
+    ends = [n for n in places if share[n] >= most and share[n + 1] < most]
+    # Of a larger red thing it ends here and there.
+    ends = [n for n in ends if share[n + beyond] <= constants.FEW_RED and count[n + beyond] >= constants.RAYS_SEEN]
+    return is_red, share, ends
 
 
 def _painted(image: Colours, rim: Ellipse, rays: RaySamples, is_red: NDArray[np.bool_], begin: int, end: int) -> Around:
@@ -127,12 +143,12 @@ def _painted(image: Colours, rim: Ellipse, rays: RaySamples, is_red: NDArray[np.
 
 def _through_ends(rim: Ellipse, is_red: NDArray[np.bool_], end: int) -> Ellipse:
     """Like the inner rim, but where the rays see the red end near that share; in perspective the centre moves."""
-    first, last = max(0, end - NEXT), end + NEXT + 1
+    first, last = max(0, end - constants.NEXT_OUTWARDS), end + constants.NEXT_OUTWARDS + 1
     falls = is_red[:, first : last - 1] & ~is_red[:, first + 1 : last]
     shown = falls.any(axis=1)
     at = np.sqrt(SHARES[:-1] * SHARES[1:])[first + falls[shown].argmax(axis=1)]
     grown, p, q = float(SHARES[end]), 0.0, 0.0
-    if at.size >= FEWEST:
+    if at.size >= constants.RAYS_SEEN:
         columns = np.stack([np.ones(at.size), COS[shown], SIN[shown]], axis=1)
         grown, p, q = (float(value) for value in np.linalg.lstsq(columns, at, rcond=None)[0])
     c, s = math.cos(rim.angle_rad), math.sin(rim.angle_rad)

@@ -323,6 +323,8 @@ def _outer(
     image: Colours, levels: Sequence[PyramidLevel], inner: Candidate, limits: Limits
 ) -> tuple[Candidate, str | None] | None:
     """The outermost rim round a disc that is one's, too; None: the disc's own."""
+    if not measurement.may_have_outer(levels, inner.rim.ellipse):
+        return None
     for near in rings.around(image, levels, inner.rim.ellipse):
         for found, why in _measured_at(near.image, near.seed, 0.0, limits):
             e = found.rim.ellipse

@@ -6,14 +6,18 @@
 #define GATEWAY_EVIDENCE_H
 
 #include "ellipse_fit.h"
+#include "outwards.h"
 
 typedef struct { /* `evidence_kernel._ROW`: what is asked, px of the full frame; in its place what was found */
     Shape shape;
     double found, coverage, leak, covered, visible, contrast, rise, noise, fill, hollow, redness, haze, colour[3];
 } EvidenceRow;
 
+enum { RIMS, SEEDS, ENDS }; /* `evidence_kernel` */
+
 typedef struct {
     RingSamples rings;
+    Outwards outwards;
     Points points;
     float fall[MOST_SHARES][RADIAL], sum[MOST_SHARES][RADIAL];
     double values[CORE_END * RADIAL], again[CORE_END * RADIAL], room[2 * CORE_END * RADIAL];
@@ -251,8 +255,8 @@ INLINE const Level *level_for(const Level *levels, int64_t count, double radius)
     return levels + (octave < 1 ? 0 : octave > count ? count - 1 : octave - 1);
 }
 
-/* `evidence.gather` where the rows are seeds, else `evidence.of_ellipses`. */
-static void gathered_evidence(const Level *levels, int64_t level_count, EvidenceRow *rows, int64_t count, int64_t seeds,
+/* `evidence.gather` of SEEDS, `evidence.of_ellipses`, or `rings.red_ends_plain`, whose answer is `found`. */
+static void gathered_evidence(const Level *levels, int64_t level_count, EvidenceRow *rows, int64_t count, int64_t kind,
                               const EvidenceTables *t, int fused, EvidenceWork *w)
 {
     for (int64_t k = 0; k < count; k++) {
@@ -261,7 +265,10 @@ static void gathered_evidence(const Level *levels, int64_t level_count, Evidence
         double factor = (double)level->factor, middle = (factor - 1) / 2;
         s->u = (s->u - middle) / factor, s->v = (s->v - middle) / factor;
         s->along /= factor, s->across /= factor;
-        rows[k].found = (!seeds || rim_round(level, s, t, fused, w)) && measured_on(level, s, t, fused, w, rows + k);
+        if (kind == ENDS)
+            rows[k].found = red_ends(&level->picture, s, t, fused, &w->rings, &w->outwards);
+        else
+            rows[k].found = (kind != SEEDS || rim_round(level, s, t, fused, w)) && measured_on(level, s, t, fused, w, rows + k);
         s->u = s->u * factor + middle, s->v = s->v * factor + middle;
         s->along *= factor, s->across *= factor;
     }

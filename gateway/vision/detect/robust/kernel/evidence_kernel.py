@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gateway.core.detection import Ellipse
-from gateway.vision.detect.robust import ellipses, evidence, radial_sampling, redness
+from gateway.vision.detect.robust import ellipses, evidence, radial_sampling, redness, rings
 from gateway.vision.detect.robust.candidates import Seed
 from gateway.vision.detect.robust.evidence import Evidence
 from gateway.vision.detect.robust.kernel.rim_kernel import opencv_fuses
@@ -20,8 +20,9 @@ _Pointer, _Int = ctypes.c_void_p, ctypes.c_int64
 _LEVEL = struct.Struct("=5q")
 _SHAPE = struct.Struct("=6d")
 _ROW = struct.Struct("=21d")
-_FIELDS = ("cos", "sin", "log", "wide", "close", "rings", "triples")
-_COUNTS = ("wide_count", "close_count", "triple_count", "disc", "inside", "fused")
+RIMS, SEEDS, ENDS = range(3)  # what is asked
+_FIELDS = ("cos", "sin", "log", "wide", "close", "rings", "outwards", "triples")
+_COUNTS = ("wide_count", "close_count", "triple_count", "outwards_count", "core", "disc", "inside", "fused")
 
 
 class _Tables(ctypes.Structure):
@@ -49,22 +50,22 @@ class EvidenceKernel:
     def gather(self, levels: Sequence[PyramidLevel], seeds: Sequence[Seed]) -> list[Evidence | None]:
         """As `evidence.gather_plain`, for levels whose pixels lie side by side (`possible`)."""
         shapes = [(seed.u_px, seed.v_px, seed.radius_px, seed.radius_px, 1.0, 0.0) for seed in seeds]
-        rows = self.run(levels, shapes, seeds=True)
+        rows = self.run(levels, shapes, SEEDS)
         return [_evidence_of(row, math.atan2(row[5], row[4]) % math.pi, levels[0]) if row[6] else None for row in rows]
 
     def of_ellipses(self, levels: Sequence[PyramidLevel], rims: Sequence[Ellipse]) -> list[Evidence | None]:
         """As `evidence.of_ellipses_plain`."""
-        shapes = [
-            (e.u_px, e.v_px, e.semi_major_px, e.semi_minor_px, math.cos(e.angle_rad), math.sin(e.angle_rad))
-            for e in rims
-        ]
-        rows = self.run(levels, shapes, seeds=False)
+        rows = self.run(levels, [_shape_of(rim) for rim in rims], RIMS)
         return [
             _evidence_of(row, rim.angle_rad, levels[0]) if row[6] else None for row, rim in zip(rows, rims, strict=True)
         ]
 
+    def red_ends(self, levels: Sequence[PyramidLevel], rim: Ellipse) -> bool:
+        """As `rings.red_ends_plain`."""
+        return bool(self.run(levels, [_shape_of(rim)], ENDS)[0][6])
+
     def run(
-        self, levels: Sequence[PyramidLevel], shapes: Sequence[tuple[float, ...]], *, seeds: bool
+        self, levels: Sequence[PyramidLevel], shapes: Sequence[tuple[float, ...]], kind: int
     ) -> list[tuple[float, ...]]:
         """`EvidenceRow` of each shape: u, v, two semi-axes (px of the full frame), cosine and sine of its angle."""
         described = bytearray(_LEVEL.size * len(levels))
@@ -79,7 +80,7 @@ class EvidenceKernel:
         pictures = (ctypes.c_char * len(described)).from_buffer(described)
         results = (ctypes.c_char * len(rows)).from_buffer(rows)
         self._call(
-            ctypes.addressof(pictures), len(levels), ctypes.addressof(results), len(shapes), seeds,
+            ctypes.addressof(pictures), len(levels), ctypes.addressof(results), len(shapes), kind,
             ctypes.addressof(self._tables(levels[0].gain)), room.ctypes.data,
         )  # fmt: skip
         self._rooms.append(room)
@@ -102,17 +103,25 @@ class EvidenceKernel:
             wide_count=evidence.WIDE.size,
             close_count=evidence.CLOSE.size,
             triple_count=len(triples),
+            outwards_count=rings.OUTWARDS.size,
+            core=rings.CORE.size,
             disc=evidence.DISC.size,
             inside=evidence.INSIDE.size,
             fused=opencv_fuses(),
             gain=1.0,
         )
-        shared = (radial_sampling.COS, radial_sampling.SIN, redness.LOG, evidence.WIDE, evidence.CLOSE, evidence.RINGS)
-        for name, values in zip(_FIELDS, (*shared, triples), strict=True):
+        shares = (evidence.WIDE, evidence.CLOSE, evidence.RINGS, rings.OUTWARDS)
+        shared = (radial_sampling.COS, radial_sampling.SIN, redness.LOG, *shares, triples)
+        for name, values in zip(_FIELDS, shared, strict=True):
             lasting = np.ascontiguousarray(values)
             self.kept.append(lasting)
             setattr(tables, name, lasting.ctypes.data)
         return tables
+
+
+def _shape_of(rim: Ellipse) -> tuple[float, ...]:
+    c, s = math.cos(rim.angle_rad), math.sin(rim.angle_rad)
+    return rim.u_px, rim.v_px, rim.semi_major_px, rim.semi_minor_px, c, s
 
 
 def possible(levels: Sequence[PyramidLevel]) -> bool:

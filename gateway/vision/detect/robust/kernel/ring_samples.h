@@ -9,9 +9,10 @@ enum { MOST_SHARES = 32 }; /* samples on a ray */
 typedef struct { /* `evidence_kernel`: what Python computes once */
     const float *cos, *sin; /* of the rays, (RADIAL,) */
     const float *log; /* (256,): the logarithm of a stored value, see `redness` */
-    const float *wide, *close, *rings; /* shares of the way from the centre to the rim */
+    const float *wide, *close, *rings, *outwards; /* shares of the way from the centre to the rim, and beyond it */
     const int32_t *triples; /* (triple_count, 3): rays */
     int64_t wide_count, close_count, triple_count;
+    int64_t outwards_count, core; /* so many of the latter within the disc */
     int64_t disc, inside; /* of `rings`: so many within the disc, then so many inside the rim; the rest outside */
     int64_t fused; /* whether OpenCV multiplies and adds at once */
     double gain; /* a stored value is the grey level times this */
