@@ -12,6 +12,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from gateway.config.sections.camera_controls import ControlsConfig
 from gateway.config.sections.common import Reconnect
+from gateway.config.sections.drive import DriveConfig, RecipeDrive
 from gateway.config.sections.fusion import (
     CrossCheck,
     FusionConfig,
@@ -49,6 +50,7 @@ __all__ = [
     "ControlsConfig",
     "CropConfig",
     "CrossCheck",
+    "DriveConfig",
     "FusionConfig",
     "GatewayConfig",
     "GigeConfig",
@@ -63,6 +65,7 @@ __all__ = [
     "PictureConfig",
     "RangerConfig",
     "RecipeConfig",
+    "RecipeDrive",
     "RecipeFusion",
     "RecipeGuidance",
     "Reconnect",
@@ -78,7 +81,7 @@ __all__ = [
 Name = Annotated[str, Field(pattern=forms.NAME)]
 RELAY_PERIOD_S = 0.025
 """The ranger's relay is renewed from a decision of the last 50 ms: two ticks."""
-SHARED_SECTIONS = ("camera", "vision", "ranger", "fusion", "guidance", "visit")
+SHARED_SECTIONS = ("camera", "vision", "ranger", "fusion", "guidance", "visit", "drive")
 
 
 class BayConfig(Section):
@@ -91,6 +94,7 @@ class BayConfig(Section):
     fusion: FusionConfig = Field(default_factory=FusionConfig)
     guidance: GuidanceConfig = Field(default_factory=GuidanceConfig)
     visit: VisitConfig = Field(default_factory=VisitConfig)
+    drive: DriveConfig | None = Field(None, description="absent: no setpoint for a drive")
 
     @model_validator(mode="after")
     def _leaves_beyond_the_threshold(self) -> Self:
@@ -112,6 +116,13 @@ class BayConfig(Section):
                 "ranger",
                 "agree_mm",
             )
+        return self
+
+    @model_validator(mode="after")
+    def _drive_stops_in_time(self) -> Self:
+        if self.drive is not None:
+            for key, what in self.drive.faults(self.guidance.overshoot_mm, self.fusion.range_deadline_s):
+                raise FieldError(what, "drive", key)
         return self
 
     @model_validator(mode="after")
@@ -187,6 +198,15 @@ class GatewayConfig(Section):
             if recipe.id in ids:
                 raise FieldError(f"an earlier recipe has the id {recipe.id}, too", "recipes", n, "id")
             ids.add(recipe.id)
+        return self
+
+    @model_validator(mode="after")
+    def _recipes_stop_in_time(self) -> Self:
+        for bay in self.bays:
+            for n, recipe in enumerate(self.recipes):
+                drive = bay.drive and recipe.drive.of(bay.drive)
+                for key, what in drive.faults(bay.guidance.overshoot_mm, bay.fusion.range_deadline_s) if drive else ():
+                    raise FieldError(f"{what} (with [drive] of bay {bay.name!r})", "recipes", n, "drive", key)
         return self
 
     @model_validator(mode="after")

@@ -28,6 +28,7 @@ def keys_of(bay: BayConfig, config: GatewayConfig) -> dict[str, Any]:
     found = {path: value for path, value in _leaves(bay, BayConfig()) if not path.startswith(NOT_DECIDING)}
     found["recipes"] = [
         {"id": recipe.id, "fusion": _plain(recipe.fusion), "guidance": _plain(recipe.guidance)}
+        | ({"drive": changed} if (changed := _plain(recipe.drive)) else {})  # an older version's signature has none
         for recipe in config.recipes
     ]
     handshake = _leaves(config.modbus.handshake, GatewayConfig().modbus.handshake, "modbus.handshake.")

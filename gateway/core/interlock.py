@@ -3,7 +3,7 @@
 Fusion (the paper) decides by the sensors. Above it are the latch of a stop, the PLC's heartbeat and enables,
 a technician at work, and a truck that is in place or moved without release; each can raise `stop` or withhold
 `may_move`, none can end a stop that fusion requires. One exception: a truck that was in place, and that the PLC has
-released, may leave although D is 1 or unknown (docs/visit.md). Guidance follows from the result.
+released, may leave although D is 1 or unknown (docs/visit.md). Guidance and the speed setpoint follow from the result.
 """
 
 from collections.abc import Mapping
@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 from gateway.config import (
     BayConfig,
+    DriveConfig,
     FusionConfig,
     GatewayConfig,
     GuidanceConfig,
@@ -18,7 +19,7 @@ from gateway.config import (
     RecipeConfig,
     VisitConfig,
 )
-from gateway.core import agreement, fusion, guidance, handshake, ne107, scale, shown, visit
+from gateway.core import agreement, drive, fusion, guidance, handshake, ne107, scale, shown, visit
 from gateway.core.marker_wear import MarkerWear
 from gateway.core.plc import Control, Handshake, PlcConnection, PlcLink, PlcWrite, ResetVerdict, WriteVerdict
 from gateway.core.readings import Quality, RangeReading
@@ -42,12 +43,14 @@ class Recipe:
 
     fusion: FusionConfig
     guidance: GuidanceConfig
+    drive: DriveConfig | None = None  # None: no drive is configured
 
     @staticmethod
     def of(bay: BayConfig, recipe: RecipeConfig) -> "Recipe":
         return Recipe(
             bay.fusion.model_copy(update=recipe.fusion.model_dump(exclude_none=True)),
             bay.guidance.model_copy(update=recipe.guidance.model_dump(exclude_none=True)),
+            bay.drive and recipe.drive.of(bay.drive),
         )
 
 
@@ -80,7 +83,7 @@ class Rules:
         """The rules of `bay`; without the gateway's configuration there are no writes and no recipes."""
         max_range_mm, beacon = bay.ranger.max_range_mm, bay.camera.beacon
         tolerance_ns = None if beacon is None else round(beacon.tolerance_ms * NS_PER_MS)
-        recipes = {0: Recipe(bay.fusion, bay.guidance)}
+        recipes = {0: Recipe(bay.fusion, bay.guidance, bay.drive)}
         if gateway is None:
             return Rules(recipes, None, bay.visit, max_range_mm, tolerance_ns)
         for recipe in gateway.recipes:
@@ -196,7 +199,15 @@ def _step(state: StateVector, observation: fusion.Observation, now_ns: int, rule
         broken=plc.missed,
         speed=speed,
     )
-    return decided if advice == decided.guidance else replace(decided, guidance=advice)
+    if advice != decided.guidance:
+        decided = replace(decided, guidance=advice)
+    return decided if recipe.drive is None else _driven(decided, recipe, recipe.drive)
+
+
+def _driven(decided: StateVector, recipe: Recipe, config: DriveConfig) -> StateVector:
+    """The decision is final: the setpoint can only follow it."""
+    memory, setpoint = drive.step(decided, config, recipe.fusion, recipe.guidance)
+    return replace(decided, memory=replace(decided.memory, drive=memory), setpoint=setpoint)
 
 
 def _accepted_write(

@@ -53,6 +53,7 @@ def resumed(state: StateVector, now_ns: int) -> StateVector:
         pending_since_ns=None,
         absent_since_ns=None,
         track=(),
+        drive=memory.drive.resumed(),
     )
     return replace(
         state,

@@ -6,6 +6,7 @@ from enum import IntEnum
 from gateway.core.beacon import FOUND, Beacon, BeaconStatus
 from gateway.core.detection import Circle
 from gateway.core.marker_wear import MarkerWear
+from gateway.core.motion import DriveMemory
 from gateway.core.plc import Handshake, PlcLink
 from gateway.core.pose import MetricPose
 from gateway.core.readings import (
@@ -145,6 +146,7 @@ class FusionMemory:
     scale: MarkerScale | None = None  # learned from them, for the recipe in force
     absent_since_ns: int | None = None  # no truck to be seen since
     track: tuple[tuple[int, float], ...] = ()  # (t_ns, distance_mm) of the newest good distances, for the speed
+    drive: DriveMemory = field(default_factory=DriveMemory)
     beacon: Beacon = field(default_factory=Beacon)
     restarts: int = 0  # what had to be restarted, reopened or was lost, in all
     restarted_ns: int | None = None  # `restarts` last grew then

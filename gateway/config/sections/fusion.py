@@ -5,6 +5,7 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from gateway.config.sections.common import MAX_DISTANCE_MM
+from gateway.config.sections.drive import RecipeDrive
 from gateway.config.strict import forms
 from gateway.config.strict.errors import FieldError
 from gateway.config.strict.section import Section
@@ -187,3 +188,4 @@ class RecipeConfig(Section):
     )
     fusion: RecipeFusion = Field(default_factory=RecipeFusion)
     guidance: RecipeGuidance = Field(default_factory=RecipeGuidance)
+    drive: RecipeDrive = Field(default_factory=RecipeDrive)

@@ -255,7 +255,7 @@ def _bays(section: str, count: int) -> str:
             "[fuson]\nperiod_s = 0.02\n",
             "g.toml:1: fuson: unknown key (misspelt?); known here: site, instance, log_level, log_format, state_dir, "
             "initial_function_check,"
-            " modbus, mqtt, sinks, hmi, records, recipes, bays, camera, vision, ranger, fusion, guidance, visit",
+            " modbus, mqtt, sinks, hmi, records, recipes, bays, camera, vision, ranger, fusion, guidance, visit, drive",
         ),
         (
             "[ranger]\nreconnect = { min = 1 }\n",
@@ -272,7 +272,7 @@ def _bays(section: str, count: int) -> str:
         (
             "bays = [{ name = 'a' }, { name = 'b', unit_id = 2, fan = 3 }]\n",
             "g.toml:1: bays.1.fan = 3: unknown key (misspelt?); known here: name, title, unit_id, camera,"
-            " vision, ranger, fusion, guidance, visit",
+            " vision, ranger, fusion, guidance, visit, drive",
         ),
         # Rules of our own, over one key and over several.
         (

@@ -1,0 +1,333 @@
+"""The speed setpoint: (decided state, configuration) -> memory and setpoint. Pure.
+
+It decides nothing: it follows stop and may_move. Any fault or doubt is a setpoint of 0, and so is a distance from which
+the vehicle, as fast as it may be by what is known, could not stop before the limit, `guidance.overshoot_mm` past D = 1,
+with the worst brake and after the longest delay.
+
+On the way, the setpoint is the least of
+
+    sqrt(creep^2 + 2 a (d - creep T))           to come to the place at creep speed, d after the delay T
+    b (-T + sqrt(T^2 + 2 d_limit / b))          to stop before the limit; from d = v T + v^2 / (2 b)
+
+and of what jerk and acceleration permit a rising one. It is 0 so early that the vehicle runs out at the place: the time
+for which it runs on is learned from approach to approach. A vehicle that stands short of its place is moved once more,
+TRIES times at most; then it stays where it is, and `enable` is off.
+"""
+
+from dataclasses import dataclass, replace
+from math import sqrt
+from statistics import median_high
+
+from gateway.config import DriveConfig, FusionConfig, GuidanceConfig
+from gateway.core import motion
+from gateway.core.motion import Cut, DriveMemory, Motion
+from gateway.core.readings import Quality
+from gateway.core.setpoint import DriveState, Setpoint
+from gateway.core.state import FunctionCheck, Reason, StateVector, VisitPhase
+from gateway.durations import NS_PER_S
+
+SIGMAS = 3.0  # the worst case is so many standard deviations off
+RESERVE = 0.1  # of the speed: what the estimate may be off while the vehicle begins to brake
+STILL_MM = 3.0  # a vehicle that stays within this stands
+STILL_S = 0.5  # for so long, after the longest delay
+LONGEST_STEP_S = 0.1  # a setpoint rises for no longer than this at once
+TRIES = 4  # of one approach
+PULSE_S = 0.6  # a setpoint lasts so long, also for a short way
+CREEP_S = 0.5  # at creep speed before the setpoint becomes 0
+STARTS_MM_S = 15.0  # a vehicle that is slower starts from standstill
+BEGUN_MM = 60.0  # after so long a way the lag is measured
+KEPT_S = 1.0  # integrals are kept for so long after the longest delay: the age of a reading
+WAY_NS = 50_000_000  # between two integrals that are kept
+SLIPS = 5  # approaches from which the way out is learned
+
+
+@dataclass(frozen=True, slots=True)
+class _Way:
+    """What is known of the vehicle now."""
+
+    motion: Motion  # of now
+    to_go_mm: float | None  # to the place; None: the camera does not show it
+    closing_mm_s: float
+    worst_mm_s: float  # it may be as fast as this
+    limit_mm: float  # and the limit as near
+    stopping_mm: float
+    age_s: float  # of the distance
+    stands: bool
+
+
+def step(
+    state: StateVector, config: DriveConfig, fusion: FusionConfig, guidance: GuidanceConfig
+) -> tuple[DriveMemory, Setpoint]:
+    """Memory and setpoint of a state with its final decision. Never raises."""
+    memory, dt_s = _advanced(state.memory.drive, state.t_ns, config)
+    memory = _followed(memory, state, config)
+    way = _way(state, memory, config, fusion, guidance)
+    if way is None:
+        memory = replace(memory, speed_mm_s=0.0, rise_mm_s2=0.0, run_mm_s=None, cut=None, tries=0)
+        waits = DriveState.NO_DISTANCE if state.may_move and not _doubt(state) else DriveState.INHIBITED
+        return memory, Setpoint(DriveState.AT_PLACE if state.in_place else waits)
+    if _doubt(state):
+        return _stopped(state, memory, way, config)
+    if way.to_go_mm is None or not way.motion.known:
+        memory = replace(memory, speed_mm_s=0.0, rise_mm_s2=0.0)
+        return memory, Setpoint(DriveState.NO_DISTANCE, stopping_mm=way.stopping_mm)
+    return _driven(state, memory, way, way.to_go_mm, dt_s, config)
+
+
+def slip_s(memory: DriveMemory, config: DriveConfig) -> float:
+    """For how long the vehicle runs on, at the speed that it had when the setpoint became 0."""
+    if memory.slips_s:
+        return median_high(memory.slips_s)
+    return min(_longest_slip_s(config), _lag_s(memory, config) + _braking_s(config))
+
+
+def _braking_s(config: DriveConfig) -> float:
+    return config.creep_speed_mm_s / (2 * config.brake_mm_s2)
+
+
+def _longest_slip_s(config: DriveConfig) -> float:
+    return config.delay_s + _braking_s(config)
+
+
+def _lag_s(memory: DriveMemory, config: DriveConfig) -> float:
+    """So late the vehicle follows its setpoint: as measured when it began to move, else at the longest."""
+    return config.delay_s if memory.lag_s is None else memory.lag_s
+
+
+def _acting_mm_s(memory: DriveMemory, lag_s: float) -> float:
+    """The setpoint that acts now."""
+    then_ns = memory.t_ns - lag_s * NS_PER_S
+    return (memory.way_at(then_ns) - memory.way_at(then_ns - WAY_NS)) * NS_PER_S / WAY_NS
+
+
+def _moved_mm(memory: DriveMemory, from_ns: int, to_ns: int, config: DriveConfig) -> float:
+    """By the setpoint, as late as it acts."""
+    lag_ns = _lag_s(memory, config) * NS_PER_S
+    return memory.way_at(to_ns - lag_ns) - memory.way_at(from_ns - lag_ns)
+
+
+def _at(memory: DriveMemory, found: Motion, t_ns: int, config: DriveConfig) -> Motion:
+    moved_mm = _moved_mm(memory, found.t_ns, t_ns, config)
+    return motion.at(found, t_ns, moved_mm, _acceleration_sd(config))
+
+
+def _followed(memory: DriveMemory, state: StateVector, config: DriveConfig) -> DriveMemory:
+    """The memory with the newest reading, and whether the vehicle stays where it is."""
+    reading, old = state.range, memory.motion
+    if reading.quality is not Quality.GOOD or reading.distance_mm is None:
+        return replace(memory, motion=None, still_mm=None, begun=None)
+    moved_mm = 0.0 if old is None else _moved_mm(memory, old.t_ns, reading.t_ns, config)
+    sd = _acceleration_sd(config)
+    found = motion.measured(old, reading.distance_mm, reading.t_ns, moved_mm, sd)
+    if found is not old:
+        memory = _lag_measured(replace(memory, motion=found), found, config)
+    now_mm = _at(memory, found, state.t_ns, config).distance_mm
+    if memory.still_mm is None or abs(now_mm - memory.still_mm) > STILL_MM:
+        memory = replace(memory, still_mm=now_mm, still_ns=state.t_ns)
+    return memory
+
+
+def _lag_measured(memory: DriveMemory, found: Motion, config: DriveConfig) -> DriveMemory:
+    """Of a vehicle that began to move from standstill: when was set what it has gone?"""
+    if memory.begun is None or memory.begun[1] - found.distance_mm < BEGUN_MM:
+        return memory
+    set_ns = memory.time_of(memory.begun[0] + memory.begun[1] - found.distance_mm)
+    memory = replace(memory, begun=None)
+    if set_ns is None:
+        return memory
+    lag_s = min(max(0.0, (found.t_ns - set_ns) / NS_PER_S), config.delay_s)
+    changed_mm_s = _acting_mm_s(memory, _lag_s(memory, config)) - _acting_mm_s(memory, lag_s)
+    return replace(memory, lag_s=lag_s, motion=replace(found, excess_mm_s=found.excess_mm_s + changed_mm_s))
+
+
+def _acceleration_sd(config: DriveConfig) -> float:
+    """Of what the vehicle does otherwise than it is told: SIGMAS of the speed's deviations then cover a brake that
+    does not act."""
+    return max(config.acceleration_mm_s2, config.brake_mm_s2) / 2
+
+
+def _way(
+    state: StateVector, memory: DriveMemory, config: DriveConfig, fusion: FusionConfig, guidance: GuidanceConfig
+) -> _Way | None:
+    if memory.motion is None or state.range.distance_mm is None:
+        return None
+    now = _at(memory, memory.motion, state.t_ns, config)
+    closing_mm_s = max(0.0, _acting_mm_s(memory, _lag_s(memory, config)) + now.excess_mm_s)
+    age_s = max(0.0, (state.t_ns - state.range.t_ns) / NS_PER_S)
+    worst_mm_s = max(0.0, closing_mm_s + SIGMAS * now.speed_sd_mm_s)
+    nearest_mm = min(now.distance_mm - SIGMAS * now.distance_sd_mm, state.range.distance_mm - worst_mm_s * age_s)
+    still_ns = state.t_ns - memory.still_ns
+    return _Way(
+        now,
+        _to_go_mm(state, memory, now, config, fusion),
+        closing_mm_s,
+        worst_mm_s,
+        nearest_mm - (fusion.distance_threshold_mm - guidance.overshoot_mm),
+        config.stopping_mm(worst_mm_s, age_s),
+        age_s,
+        still_ns >= (config.delay_s + STILL_S) * NS_PER_S,
+    )
+
+
+def _to_go_mm(
+    state: StateVector, memory: DriveMemory, now: Motion, config: DriveConfig, fusion: FusionConfig
+) -> float | None:
+    """As guidance has it, but now: R of the frame belongs to where the vehicle was then."""
+    circle = state.vision.circle
+    if circle is None or state.vision.quality is not Quality.GOOD or memory.motion is None:
+        return None
+    then_mm = _at(memory, memory.motion, state.vision.t_ns, config).distance_mm
+    by_radius_mm = then_mm * circle.radius_px / fusion.radius_threshold_px
+    return now.distance_mm - min(fusion.distance_threshold_mm, by_radius_mm) + config.place_mm
+
+
+def _doubt(state: StateVector) -> bool:
+    """Anything for which nobody may be driven towards the spout."""
+    memory, visit = state.memory, state.visit
+    return (
+        state.stop
+        or not state.may_move
+        or state.d is not False
+        or state.vision.quality is not Quality.GOOD
+        or state.range.quality is not Quality.GOOD
+        or memory.disagree
+        or memory.disagree_since_ns is not None
+        or state.vision_age_unproven
+        or state.beacon_unproven
+        or state.function_check is not FunctionCheck.OFF
+        or state.plc.missed
+        or visit.monitored
+        or visit.released
+        or visit.phase in (VisitPhase.RELEASED, VisitPhase.LEAVING)
+    )
+
+
+def _stopped(state: StateVector, memory: DriveMemory, way: _Way, config: DriveConfig) -> tuple[DriveMemory, Setpoint]:
+    """Stop is on, or something is in doubt. By D alone, the vehicle runs out, and its way is learned."""
+    at_mark = state.d is True and state.reason is Reason.TARGET_REACHED
+    if not at_mark:
+        memory = replace(memory, speed_mm_s=0.0, rise_mm_s2=0.0, run_mm_s=None, cut=None, tries=0)
+        reached = DriveState.AT_PLACE if state.in_place else DriveState.INHIBITED
+        return memory, Setpoint(reached, stopping_mm=way.stopping_mm)
+    if memory.speed_mm_s > 0:
+        memory = _cut(memory, way, state.t_ns)
+        return memory, Setpoint(DriveState.SETTLE, stopping_mm=way.stopping_mm)
+    if memory.cut is not None and not way.stands:
+        return memory, Setpoint(DriveState.SETTLE, stopping_mm=way.stopping_mm)
+    memory = _learned(memory, way, config)
+    there = state.in_place or (way.stands and way.to_go_mm is not None and abs(way.to_go_mm) <= config.dead_band_mm)
+    return memory, Setpoint(DriveState.AT_PLACE if there else DriveState.INHIBITED, stopping_mm=way.stopping_mm)
+
+
+def _driven(
+    state: StateVector, memory: DriveMemory, way: _Way, to_go_mm: float, dt_s: float, config: DriveConfig
+) -> tuple[DriveMemory, Setpoint]:
+    """May move, and the distance is known."""
+    raw_mm = state.guidance.to_go_mm
+    there = to_go_mm <= config.dead_band_mm or (raw_mm is not None and raw_mm + config.place_mm <= config.dead_band_mm)
+    if memory.cut is not None:
+        if not way.stands:
+            return memory, Setpoint(DriveState.SETTLE, True, 0.0, way.stopping_mm)
+        memory = _learned(memory, way, config)
+    slip = slip_s(memory, config)
+    ahead_mm = to_go_mm - _coming_mm(memory, slip)
+    if memory.speed_mm_s > 0 and (there or ahead_mm <= 0):
+        return _cut(memory, way, state.t_ns), Setpoint(DriveState.SETTLE, True, 0.0, way.stopping_mm)
+    if there:
+        return memory, Setpoint(DriveState.AT_PLACE if way.stands else DriveState.SETTLE, False, 0.0, way.stopping_mm)
+    if memory.tries >= TRIES:
+        return memory, Setpoint(DriveState.SETTLE, False, 0.0, way.stopping_mm)
+    if ahead_mm <= 0:
+        return memory, Setpoint(DriveState.SETTLE, True, 0.0, way.stopping_mm)
+    if memory.run_mm_s is None:
+        run_mm_s = max(config.min_speed_mm_s, min(config.creep_speed_mm_s, ahead_mm / PULSE_S))
+        begun = (memory.way_mm, way.motion.distance_mm) if way.closing_mm_s < STARTS_MM_S else None
+        memory = replace(memory, run_mm_s=run_mm_s, begun=begun)
+    run_mm_s = memory.run_mm_s or 0.0
+    comfortable_mm_s = min(config.max_speed_mm_s, _comfortable(ahead_mm, run_mm_s, config))
+    memory = _ramped(memory, min(comfortable_mm_s, _safe(way, memory, run_mm_s, config)), dt_s, config)
+    driving = DriveState.CREEP if comfortable_mm_s <= config.creep_speed_mm_s else DriveState.APPROACH
+    return memory, Setpoint(driving, True, memory.speed_mm_s, way.stopping_mm)
+
+
+def _comfortable(ahead_mm: float, run_mm_s: float, config: DriveConfig) -> float:
+    """Comes to `run_mm_s`, CREEP_S before the place."""
+    gentle_mm_s2 = min(config.acceleration_mm_s2, config.brake_mm_s2)
+    return sqrt(run_mm_s**2 + 2 * gentle_mm_s2 * max(0.0, ahead_mm - CREEP_S * run_mm_s))
+
+
+def _safe(way: _Way, memory: DriveMemory, run_mm_s: float, config: DriveConfig) -> float:
+    """A setpoint from which the vehicle can stop before the limit. What was set before moves it first."""
+    if way.stopping_mm > way.limit_mm:
+        return 0.0
+    doubt_mm_s = way.worst_mm_s - way.closing_mm_s + RESERVE * memory.speed_mm_s
+    left_mm = way.limit_mm - _coming_mm(memory, config.delay_s)
+    fastest_mm_s = _fastest(left_mm, config.delay_s + way.age_s, config.brake_mm_s2) - doubt_mm_s
+    return max(run_mm_s, fastest_mm_s)
+
+
+def _coming_mm(memory: DriveMemory, delay_s: float) -> float:
+    """How far the setpoints of the last `delay_s` will still move the vehicle."""
+    return memory.way_mm - memory.way_at(memory.t_ns - delay_s * NS_PER_S)
+
+
+def _advanced(memory: DriveMemory, now_ns: int, config: DriveConfig) -> tuple[DriveMemory, float]:
+    """The memory with its setpoint's integral until now; and the time since the step before, s."""
+    dt_s = max(0, now_ns - memory.t_ns) / NS_PER_S
+    way_mm, ways = memory.way_mm + memory.speed_mm_s * dt_s, memory.ways
+    if not ways or now_ns - ways[-1][0] >= WAY_NS:
+        oldest_ns = now_ns - (_longest_slip_s(config) + KEPT_S) * NS_PER_S
+        first = next((n for n, (t_ns, _) in enumerate(ways) if t_ns > oldest_ns), len(ways))
+        ways = (*ways[max(0, first - 1) :], (now_ns, way_mm))
+        if ways[0][1] == way_mm:  # nothing was set meanwhile
+            ways = ways[-1:]
+    return replace(memory, t_ns=now_ns, way_mm=way_mm, ways=ways), min(dt_s, LONGEST_STEP_S)
+
+
+def _fastest(way_mm: float, delay_s: float, brake_mm_s2: float) -> float:
+    """From which a vehicle stops within this way."""
+    return brake_mm_s2 * (sqrt(delay_s**2 + 2 * max(0.0, way_mm) / brake_mm_s2) - delay_s)
+
+
+def _ramped(memory: DriveMemory, goal_mm_s: float, dt_s: float, config: DriveConfig) -> DriveMemory:
+    """The setpoint goes to its goal: at once where it falls, by jerk and acceleration where it rises."""
+    speed_mm_s, rise = memory.speed_mm_s, 0.0
+    if goal_mm_s < max(config.min_speed_mm_s, 1.0):
+        speed_mm_s = 0.0
+    elif goal_mm_s <= speed_mm_s:
+        speed_mm_s = goal_mm_s
+    else:
+        speed_mm_s = max(speed_mm_s, min(config.min_speed_mm_s, goal_mm_s))
+        to_rise = sqrt(2 * config.jerk_mm_s3 * (goal_mm_s - speed_mm_s))
+        rise = min(memory.rise_mm_s2 + config.jerk_mm_s3 * dt_s, config.acceleration_mm_s2, to_rise)
+        speed_mm_s = min(goal_mm_s, speed_mm_s + rise * dt_s)
+    return replace(memory, speed_mm_s=speed_mm_s, rise_mm_s2=rise)
+
+
+def _cut(memory: DriveMemory, way: _Way, now_ns: int) -> DriveMemory:
+    """The setpoint becomes 0, and the vehicle runs out."""
+    moving = way.closing_mm_s >= memory.speed_mm_s / 2
+    return replace(
+        memory,
+        speed_mm_s=0.0,
+        rise_mm_s2=0.0,
+        run_mm_s=None,
+        begun=None,
+        cut=Cut(way.motion.distance_mm, memory.speed_mm_s, moving),
+        tries=memory.tries + 1,
+        still_mm=way.motion.distance_mm,
+        still_ns=now_ns,
+    )
+
+
+def _learned(memory: DriveMemory, way: _Way, config: DriveConfig) -> DriveMemory:
+    """It stands: for how long it has run on. Only a run at creep speed shows it well."""
+    cut = memory.cut
+    if cut is None:
+        return memory
+    memory = replace(memory, cut=None)
+    if not cut.moving or not 0.7 <= cut.speed_mm_s / config.creep_speed_mm_s <= 1.5:
+        return memory
+    ran_s = (cut.distance_mm - way.motion.distance_mm) / cut.speed_mm_s
+    ran_s = min(max(ran_s, 0.0), _longest_slip_s(config))
+    return replace(memory, slips_s=(*memory.slips_s, ran_s)[-SLIPS:])

@@ -1,0 +1,129 @@
+"""Distance and closing speed of a vehicle at any time, from a ranger's readings with their own ages; and what the
+drive's setpoint must remember. Pure.
+
+A Kalman filter with two states: the distance, and by how much the vehicle is faster than its setpoint was a while ago.
+The variances grow with the time since the newest reading, by accelerations that are not known.
+"""
+
+from dataclasses import dataclass
+from math import sqrt
+
+from gateway.durations import NS_PER_S
+
+NOISE_MM = 2.5  # standard deviation of a reading: the ranger's steps and noise, after its median
+START_MM_S = 1000.0  # of the speed, while only one reading is known
+KNOWN_MM_S = 50.0  # the speed is known when its standard deviation is less
+JUMP_MM = 40.0  # a reading that differs more from what was expected is of something else
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """What is known at `t_ns` (monotonic), the time of a reading or one since."""
+
+    t_ns: int
+    distance_mm: float
+    excess_mm_s: float = 0.0  # closing speed less the setpoint that acts
+    distance_var: float = NOISE_MM**2  # mm2
+    covariance: float = 0.0  # mm2/s, of distance and excess
+    speed_var: float = START_MM_S**2  # mm2/s2
+
+    @property
+    def distance_sd_mm(self) -> float:
+        return sqrt(self.distance_var)
+
+    @property
+    def speed_sd_mm_s(self) -> float:
+        return sqrt(self.speed_var)
+
+    @property
+    def known(self) -> bool:
+        return self.speed_sd_mm_s <= KNOWN_MM_S
+
+
+@dataclass(frozen=True, slots=True)
+class Cut:
+    """The setpoint became 0 for the vehicle to run out. `moving`: it drove as it was told."""
+
+    distance_mm: float
+    speed_mm_s: float
+    moving: bool
+
+
+@dataclass(frozen=True, slots=True)
+class DriveMemory:
+    """What the setpoint must remember between steps. Times monotonic ns; None: not so."""
+
+    t_ns: int = 0  # of the newest step
+    motion: Motion | None = None  # at the newest good distance
+    still_mm: float | None = None  # the vehicle has been here
+    still_ns: int = 0  # since then
+    speed_mm_s: float = 0.0  # the setpoint
+    rise_mm_s2: float = 0.0  # its acceleration
+    way_mm: float = 0.0  # its integral
+    ways: tuple[tuple[int, float], ...] = ()  # (t_ns, way_mm) for as long as a setpoint may act, oldest first
+    run_mm_s: float | None = None  # creep speed of the run that goes on
+    begun: tuple[float, float] | None = None  # (way_mm, distance_mm) where it began, until lag_s is measured
+    cut: Cut | None = None
+    tries: int = 0  # runs of this approach that have ended
+    lag_s: float | None = None  # the vehicle follows its setpoint so late
+    slips_s: tuple[float, ...] = ()  # for how long it ran on, newest last
+
+    def resumed(self) -> "DriveMemory":
+        """After a time in which nothing was decided."""
+        return DriveMemory(lag_s=self.lag_s, slips_s=self.slips_s)
+
+    def way_at(self, t_ns: float) -> float:
+        """Integral of the setpoint until then, mm."""
+        later = self.t_ns, self.way_mm
+        for earlier in reversed(self.ways):
+            if earlier[0] <= t_ns:
+                share = (t_ns - earlier[0]) / (later[0] - earlier[0]) if later[0] > earlier[0] else 0.0
+                return earlier[1] + min(1.0, share) * (later[1] - earlier[1])
+            later = earlier
+        return later[1]
+
+    def time_of(self, way_mm: float) -> float | None:
+        """When the integral was this; None: not within what is kept."""
+        later = self.t_ns, self.way_mm
+        for earlier in reversed(self.ways):
+            if earlier[1] <= way_mm < later[1]:
+                return earlier[0] + (way_mm - earlier[1]) / (later[1] - earlier[1]) * (later[0] - earlier[0])
+            later = earlier
+        return None
+
+
+def at(motion: Motion, t_ns: int, moved_mm: float, acceleration_sd: float) -> Motion:
+    """Predicted to `t_ns`. `moved_mm`: by the setpoint meanwhile; `acceleration_sd`: standard deviation of the
+    accelerations that may act, mm/s2."""
+    dt = (t_ns - motion.t_ns) / NS_PER_S
+    speed_var = (acceleration_sd * dt) ** 2
+    return Motion(
+        t_ns,
+        motion.distance_mm - moved_mm - motion.excess_mm_s * dt,
+        motion.excess_mm_s,
+        motion.distance_var - 2 * dt * motion.covariance + dt * dt * (motion.speed_var + speed_var / 4),
+        motion.covariance - dt * (motion.speed_var + speed_var / 2),
+        motion.speed_var + speed_var,
+    )
+
+
+def measured(motion: Motion | None, distance_mm: float, t_ns: int, moved_mm: float, acceleration_sd: float) -> Motion:
+    """After a good reading. One that is older than the newest, or jumps, is where the filter begins anew."""
+    if motion is not None and t_ns == motion.t_ns:
+        return motion
+    if motion is None or t_ns < motion.t_ns:
+        return Motion(t_ns, distance_mm)
+    before = at(motion, t_ns, moved_mm, acceleration_sd)
+    differs_mm = distance_mm - before.distance_mm
+    if abs(differs_mm) > JUMP_MM + 3 * before.distance_sd_mm:
+        return Motion(t_ns, distance_mm)
+    variance = before.distance_var + NOISE_MM**2
+    of_distance, of_speed = before.distance_var / variance, before.covariance / variance
+    return Motion(
+        t_ns,
+        before.distance_mm + of_distance * differs_mm,
+        before.excess_mm_s + of_speed * differs_mm,
+        before.distance_var * (1 - of_distance),
+        before.covariance * (1 - of_distance),
+        before.speed_var - of_speed * before.covariance,
+    )
