@@ -15,40 +15,47 @@ import random
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from gateway.core.plc import TriggerPhase
-from gateway.modbus.exports import openplc, structured_text
+from gateway.modbus.exports import interface, openplc, structured_text
+from gateway.modbus.exports.approach import APPROACH
 from gateway.modbus.exports.fields import fields
 from gateway.modbus.exports.interface import OUTPUTS
 from gateway.modbus.exports.structured_text import FUNCTION_BLOCK
 from gateway.modbus.exports.target import Target
-from gateway.modbus.registers.register_map import BLOCK_WORDS, REGISTERS
+from gateway.modbus.registers.register_map import REGISTERS
 from tests.plc_images import BAY, answered, block_of, doubtful
 from tests.structured_text import Instance, Program
 
 INPUTS = ("EnableRequest", "TruckPresent", "Reset", "Trigger", "Acknowledge", "Release", "SpoutUp", "Start")
-SHOWN = [var.name for var in OUTPUTS if var.name != "Data"]
-MEMBERS = [field.name for field in fields()]
 IMAGES = 600
-Cycle = tuple[int, bool, list[bool], int, list[int]]
-"""now_ms, PollOk, INPUTS, Recipe, Words."""
+Values = list[tuple[int, dict[str, Any]]]
+"""(now_ms, input -> value) of each cycle; Words is a list, Data a structure of which some members are given."""
+
+
+@dataclass(frozen=True)
+class Rig:
+    """A function block that is run compiled: what each cycle gives it, and which outputs are compared."""
+
+    block: str
+    cycles: Values
+    shown: tuple[str, ...]
+
 
 CPP_MAIN = """
 #include "program.hpp"
 #include <cstdio>
 using namespace strucpp;
 int main() {{
-    FB_LOADINGGATEWAY fb;
-    long long now; int ok, in[{inputs}], recipe, word;
-    while (scanf("%lld %d", &now, &ok) == 2) {{
-        for (int i = 0; i < {inputs}; i++) scanf("%d", &in[i]);
-        scanf("%d", &recipe);
-        for (int i = 0; i < {size}; i++) {{ scanf("%d", &word); fb.WORDS[i] = (WORD_t)word; }}
+    {block} fb;
+    long long now; double v;
+    while (scanf("%lld", &now) == 1) {{
         __CURRENT_TIME_NS = now * 1000000;
-        fb.POLLOK = ok != 0; {set_inputs} fb.RECIPE = (UINT_t)recipe;
+        {given}
         fb();
         {show}
         printf("\\n");
@@ -66,13 +73,10 @@ BOOL __DEBUG;
 #include "POUS.c"
 int main(void) {{
     static {block} fb; {block}_init__(&fb, 0);
-    long long now; int ok, in[{inputs}], recipe, word;
-    while (scanf("%lld %d", &now, &ok) == 2) {{
-        for (int i = 0; i < {inputs}; i++) scanf("%d", &in[i]);
-        scanf("%d", &recipe);
-        for (int i = 0; i < {size}; i++) {{ scanf("%d", &word); fb.WORDS.value.table[i] = (WORD)word; }}
+    long long now; double v;
+    while (scanf("%lld", &now) == 1) {{
         __CURRENT_TIME.tv_sec = now / 1000; __CURRENT_TIME.tv_nsec = now % 1000 * 1000000;
-        fb.POLLOK.value = ok; {set_inputs} fb.RECIPE.value = recipe;
+        {given}
         {block}_body__(&fb);
         {show}
         printf("\\n");
@@ -91,15 +95,16 @@ def texts() -> Iterator[tuple[str, str]]:
             yield f"openplc, {count} bays, {order}", openplc.files(bays[:count])[openplc.PROGRAM]
 
 
-def cycles() -> list[Cycle]:
+def gateway_block(program: Program) -> Rig:
     """Images with doubts, gaps and failed polls; then two triggered measurements, one without a result."""
     chance = random.Random(3)
-    made: list[Cycle] = []
+    made: Values = []
     now = 0
     for image in doubtful(IMAGES):
         now += chance.choice((10, 10, 10, 10, 100, 400, 600))
-        inputs = [chance.random() < 0.3 for _ in INPUTS]
-        made.append((now, chance.random() > 0.05, inputs, chance.choice((0, 7, 65535)), image))
+        inputs = {name: chance.random() < 0.3 for name in INPUTS}
+        ok, recipe = chance.random() > 0.05, chance.choice((0, 7, 65535))
+        made.append((now, {"PollOk": ok, "Words": image, "Recipe": recipe, **inputs}))
     ready: list[dict[str, Any]] = [{}] * 4
     taken = [{"phase": TriggerPhase.ACQUIRING, "number": 1, "ack": True, "control": 8}]
     held = [{"phase": TriggerPhase.VALID, "number": 1}] * 3
@@ -112,83 +117,124 @@ def cycles() -> list[Cycle]:
         *ready,
         *taken,
     ]
-    block = block_of(Program(structured_text.declarations((Target(),))))
-    _walk(block, made)
+    block = block_of(program)
+    walk(block, made, ())
     for n, how in enumerate([*story, {"number": 2, "timed_out": True}, *ready]):
         now += 20
-        asked = [True, True, False, n not in (0, 11), n > 6, False, True, False]
-        made.append((now, True, asked, 1, answered(100 + n, echo=block["PlcHeartbeat"], **how)))
-        _walk(block, made[-1:])
-    return made
+        asked = dict(zip(INPUTS, (True, True, False, n not in (0, 11), n > 6, False, True, False), strict=True))
+        image = answered(100 + n, echo=block["PlcHeartbeat"], **how)
+        made.append((now, {"PollOk": True, "Words": image, "Recipe": 1, **asked}))
+        walk(block, made[-1:], ())
+    known = {"UnitId": BAY.unit_id, "BayIdentity": BAY.number}
+    shown = [var.name for var in OUTPUTS if var.name != "Data"] + [f"Data.{field.name}" for field in fields()]
+    return Rig(FUNCTION_BLOCK, [(now, given | known) for now, given in made], tuple(shown))
 
 
-def walked(made: list[Cycle]) -> list[list[float]]:
+def approach_block() -> Rig:
+    """Starts, setpoints, stops and life signs by chance, in every state for a while."""
+    chance = random.Random(112)
+    made: Values = []
+    given: dict[str, Any] = {"CycleMs": 20, "Start": False, "InPlace": False, "ReferenceSpeed": 400.0}
+    data = {"heartbeat": 1, "speed_setpoint": 0, "stop": 0, "drive_enable": 1, "reason": 0}
+    alive = 0
+    for n in range(6000):
+        if chance.random() < 0.02:
+            given["Start"] = not given["Start"]
+        if n % 250 == 0 or chance.random() < 0.004:
+            alive, fine = chance.random() < 0.8, chance.random() < 0.8
+            given |= {"Alive": alive, "DriveReady": chance.random() < 0.9, "MayMove": fine, "FullScale": 27648}
+            data |= {"stop": int(not fine), "drive_enable": int(chance.random() < 0.9)}
+            data |= {"speed_setpoint": chance.choice((0, 7, 120, 333, 500)), "reason": chance.choice((0, 1, 4, 13))}
+            given["InPlace"] = not fine and chance.random() < 0.3
+        data["heartbeat"] = (data["heartbeat"] + (chance.random() < 0.9)) % 65536 if alive else 0
+        made.append((20 * (n + 1), {**given, "Data": dict(data)}))
+    return Rig(APPROACH.name, made, tuple(var.name for var in APPROACH.outputs))
+
+
+def walk(block: Instance, made: Values, shown: Sequence[str]) -> list[list[float]]:
     """What the tree walk says."""
-    return _walk(block_of(Program(structured_text.declarations((Target(),)))), made)
-
-
-def _walk(block: Instance, made: list[Cycle]) -> list[list[float]]:
     answers = []
-    for now, ok, inputs, recipe, image in made:
-        block.call(now, PollOk=ok, Words=image, Recipe=recipe, **dict(zip(INPUTS, inputs, strict=True)))
-        answers.append(_row(block))
+    for now, given in made:
+        inputs = given | ({"Data": block["Data"] | given["Data"]} if "Data" in given else {})
+        block.call(now, **inputs)
+        answers.append([float(_member(block, name)) for name in shown])
     return answers
 
 
-def _row(block: Instance) -> list[float]:
-    return [float(block[name]) for name in SHOWN] + [float(block["Data"][name]) for name in MEMBERS]
+def _member(block: Instance, name: str) -> Any:
+    first, _, rest = name.partition(".")
+    return block[first][rest] if rest else block[first]
 
 
-def strucpp(home: Path, text: str, folder: Path) -> list[str]:
+def places(rig: Rig) -> list[tuple[str, int | str | None, str]]:
+    """(input, index or member, IEC type) of each number that a cycle gives, in its order."""
+    kinds = {var.name: var.kind for var in (*interface.INPUTS, *APPROACH.inputs)}
+    members = {field.name: field.kind for field in fields()}
+    made: list[tuple[str, int | str | None, str]] = []
+    for name, value in rig.cycles[0][1].items():
+        if isinstance(value, list):
+            made += [(name, n, "WORD") for n in range(len(value))]
+        elif isinstance(value, dict):
+            made += [(name, member, members[member]) for member in value]
+        else:
+            made.append((name, None, kinds[name]))
+    return made
+
+
+def numbers(given: dict[str, Any]) -> list[float]:
+    """The values of one cycle, in the order of `places`."""
+    made: list[float] = []
+    for value in given.values():
+        made += value if isinstance(value, list) else value.values() if isinstance(value, dict) else [value]
+    return [float(one) for one in made]
+
+
+def strucpp(home: Path, text: str, rig: Rig, folder: Path) -> list[str]:
     """Compiles `text`; the command that runs its function block."""
     source = folder / "program.st"
     source.write_text(text)
     _run(["node", str(home / "dist/node/cli.js"), str(source), "-o", str(folder / "program.cpp")])
-    show = _show("fb.{}", "fb.DATA.{}", "(double)")
-    given = " ".join(f"fb.{name.upper()} = in[{n}] != 0;" for n, name in enumerate(INPUTS))
-    given += f" fb.UNITID = {BAY.unit_id}; fb.BAYIDENTITY = {BAY.number};"
-    (folder / "main.cpp").write_text(CPP_MAIN.format(inputs=len(INPUTS), size=BLOCK_WORDS, set_inputs=given, show=show))
+    show = " ".join(f'printf("%.9g ", (double)fb.{name.upper()});' for name in rig.shown)
+    given = ""
+    for name, part, kind in places(rig):
+        place = name if part is None else f"{name}[{part}]" if isinstance(part, int) else f"{name}.{part}"
+        given += f'scanf("%lf", &v); fb.{place.upper()} = {"v != 0" if kind == "BOOL" else f"({kind}_t)v"};\n'
+    (folder / "main.cpp").write_text(CPP_MAIN.format(block=rig.block.upper(), given=given, show=show))
     include = str(home / "src/runtime/include")
     _run(["g++", "-std=c++17", "-O1", "-w", f"-I{include}", "main.cpp", "program.cpp", "-o", "program"], folder)
     return [str(folder / "program")]
 
 
-def matiec(home: Path, text: str, folder: Path) -> list[str]:
+def matiec(home: Path, text: str, rig: Rig, folder: Path) -> list[str]:
     """The same by C."""
     source = folder / "program.st"
     source.write_text(text)
     _run([str(home / "iec2c"), "-I", str(home / "lib"), "-T", str(folder), str(source)])
-    block = FUNCTION_BLOCK.upper()
-    show = _show("fb.{}.value", "fb.DATA.value.{}", "(double)")
-    given = " ".join(f"fb.{name.upper()}.value = in[{n}];" for n, name in enumerate(INPUTS))
-    given += f" fb.UNITID.value = {BAY.unit_id}; fb.BAYIDENTITY.value = {BAY.number};"
-    main = C_MAIN.format(inputs=len(INPUTS), size=BLOCK_WORDS, set_inputs=given, show=show, block=block)
-    (folder / "main.c").write_text(main)
+    shown = (name.upper().partition(".") for name in rig.shown)
+    show = " ".join(f'printf("%.9g ", (double)fb.{name}.value{dot}{member});' for name, dot, member in shown)
+    given = ""
+    for name, part, _ in places(rig):
+        within = "" if part is None else f".table[{part}]" if isinstance(part, int) else f".{part.upper()}"
+        given += f'scanf("%lf", &v); fb.{name.upper()}.value{within} = v;\n'
+    (folder / "main.c").write_text(C_MAIN.format(block=rig.block.upper(), given=given, show=show))
     _run(["gcc", "-O1", "-w", f"-I{home / 'lib/C'}", "main.c", "-lm", "-o", "program"], folder)
     return [str(folder / "program")]
 
 
-def _little(made: list[Cycle]) -> list[Cycle]:
+def _little(rig: Rig) -> Rig:
     """The same images from a gateway with the other word order."""
-    turned = []
-    for now, ok, inputs, recipe, image in made:
-        words = list(image)
-        for register in REGISTERS:
+    turned: Values = []
+    for now, given in rig.cycles:
+        words = list(given.get("Words", ()))
+        for register in REGISTERS if words else ():
             part = slice(register.address, register.address + register.words)
             words[part] = reversed(words[part])
-        turned.append((now, ok, inputs, recipe, words))
-    return turned
+        turned.append((now, given | ({"Words": words} if words else {})))
+    return replace(rig, cycles=turned)
 
 
-def _show(output: str, member: str, cast: str) -> str:
-    names = [output.format(name.upper()) for name in SHOWN] + [member.format(name.upper()) for name in MEMBERS]
-    return " ".join(f'printf("%.9g ", {cast}{name});' for name in names)
-
-
-def ran(command: list[str], made: list[Cycle]) -> list[list[float]]:
-    lines = (
-        " ".join(map(str, (now, int(ok), *map(int, inputs), recipe, *image))) for now, ok, inputs, recipe, image in made
-    )
+def ran(command: list[str], rig: Rig) -> list[list[float]]:
+    lines = (" ".join(map(repr, (now, *numbers(given)))) for now, given in rig.cycles)
     done = _run(command, feed="\n".join(lines) + "\n")
     return [[float(number) for number in line.split()] for line in done.splitlines()]
 
@@ -205,27 +251,27 @@ def main() -> int:
     parser.add_argument("--strucpp", type=Path, metavar="DIR")
     parser.add_argument("--matiec", type=Path, metavar="DIR")
     args = parser.parse_args()
-    compilers: list[tuple[str, Path, Callable[[Path, str, Path], list[str]]]] = []
+    compilers: list[tuple[str, Path, Callable[[Path, str, Rig, Path], list[str]]]] = []
     if args.strucpp:
         compilers.append(("STruC++", args.strucpp.resolve(), strucpp))
     if args.matiec:
         compilers.append(("matiec", args.matiec.resolve(), matiec))
     if not compilers:
         parser.error("which compiler? --strucpp DIR, --matiec DIR")
-    made = cycles()
-    expected = walked(made)
+    program = Program(structured_text.declarations((Target(),)))
     wrong = 0
-    for name, home, build in compilers:
-        for title, text in texts():
-            with tempfile.TemporaryDirectory() as folder:
-                command = build(home, text, Path(folder))
-                answers = ran(command, made if "big" in title else _little(made))
-                wrong += _compared(f"{name}: {title}", expected, answers)
+    for rig in (gateway_block(program), approach_block()):
+        expected = walk(program.instance(rig.block), rig.cycles, rig.shown)
+        for name, home, build in compilers:
+            for title, text in texts():
+                with tempfile.TemporaryDirectory() as folder:
+                    command = build(home, text, rig, Path(folder))
+                    answers = ran(command, rig if "big" in title else _little(rig))
+                    wrong += _compared(f"{name}: {title}: {rig.block}", rig.shown, expected, answers)
     return int(wrong > 0)
 
 
-def _compared(title: str, expected: list[list[float]], answers: list[list[float]]) -> int:
-    names = [*SHOWN, *(f"Data.{name}" for name in MEMBERS)]
+def _compared(title: str, names: Sequence[str], expected: list[list[float]], answers: list[list[float]]) -> int:
     differ = [
         (n, name, mine, theirs)
         for n, (row, answer) in enumerate(zip(expected, answers, strict=True))

@@ -63,15 +63,15 @@ def parse(source: str) -> Any:
 
 
 class Program:
-    """The types, functions and function blocks of one source; `instance` makes a function block to call."""
+    """The types, functions, function blocks and programs of sources; `instance` makes a block or a program to call."""
 
-    def __init__(self, source: str) -> None:
+    def __init__(self, *sources: str) -> None:
         self.structs: dict[str, dict[str, tuple[str, Any]]] = {}
         self.arrays: dict[str, tuple[int, int, str]] = {}
         self.functions: dict[str, Any] = {}
         self.blocks: dict[str, Any] = {}
         self.programs: dict[str, Any] = {}
-        for item in parse(source).items:
+        for item in (item for source in sources for item in parse(source).items):
             match item:
                 case tree.DataTypeDeclaration(declaration=tree.StructureTypeDeclaration() as made):
                     self.structs[str(made.name)] = dict(_members(made.declarations))
@@ -84,13 +84,13 @@ class Program:
                 case tree.FunctionBlock():
                     self.blocks[str(item.name)] = item
                 case tree.Program():
-                    self.programs[str(item.name)] = item  # it calls the blocks; what it adds is compared as text
+                    self.programs[str(item.name)] = item
                 case _:
                     raise RefusedError(type(item).__name__)
         self._units: dict[str, Unit] = {}
 
     def instance(self, name: str) -> "Instance":
-        return Instance(self.unit(name, self.blocks[name]))
+        return Instance(self.unit(name, self.blocks[name] if name in self.blocks else self.programs[name]))
 
     def unit(self, name: str, declared: Any) -> "Unit":
         """Translated once, and only where it is used."""
@@ -109,6 +109,8 @@ class Program:
             return [DEFAULTS[of]] * (high - low + 1)
         if kind == "TON":
             return Ton()
+        if kind in self.blocks:
+            return self.instance(kind)
         raise RefusedError(f"unknown type {kind}")
 
 
@@ -179,7 +181,7 @@ class Unit:
             case tree.WhileStatement():
                 return self._while(statement)
             case tree.FunctionCallStatement():
-                return self._timer(statement)
+                return self._block_call(statement)
             case _:
                 raise RefusedError(type(statement).__name__)
 
@@ -209,14 +211,24 @@ class Unit:
 
         return run
 
-    def _timer(self, statement: Any) -> Code:
+    def _block_call(self, statement: Any) -> Code:
         name = str(statement.name.name)
         given = {str(p.name.name): self._value(p.value) for p in statement.parameters}
+        if (block := self._block_of(name)) is not None:
+            inputs = {key: _fit(value, block._type_of(key)) for key, value in given.items()}
+            return lambda values: values[name].call(
+                values[NOW_MS], **{key: code(values) for key, code in inputs.items()}
+            )
         kinds = {key: kind for key, (kind, _) in given.items()}
         if self._type_of(name) != "TON" or kinds != {"IN": "BOOL", "PT": "TIME"}:
             raise RefusedError(f"call of {name}")
         on, preset_ms = given["IN"][1], given["PT"][1]
         return lambda values: values[name].call(on(values), preset_ms(values), values[NOW_MS])
+
+    def _block_of(self, name: str) -> "Unit | None":
+        """Of a variable that is a function block of the program; None: it is something else."""
+        declared = self._program.blocks.get(kind := self._type_of(name))
+        return None if declared is None else self._program.unit(kind, declared)
 
     def _bool(self, expression: Any) -> Code:
         kind, code = self._value(expression)
@@ -234,8 +246,15 @@ class Unit:
                 return lambda values: values.update({name: code(values)})
             case tree.MultiElementVariable(elements=[tree.FieldSelector(field=field)]):
                 whole, member = str(target.name.name), str(field.name)
+                if (block := self._block_of(whole)) is not None:
+                    code = _fit(given, block._type_of(member))
+                    return lambda values: values[whole].values.update({member: code(values)})
                 code = _fit(given, self._program.structs[self._type_of(whole)][member][0])
                 return lambda values: values[whole].update({member: code(values)})
+            case tree.MultiElementVariable(elements=[tree.SubscriptList(subscripts=[tree.Integer() as place])]):
+                whole, (n, of) = str(target.name.name), self._place(str(target.name.name), place)
+                code = _fit(given, of)
+                return lambda values: values[whole].__setitem__(n, code(values))
             case _:
                 raise RefusedError(f"assignment to {target}")
 
@@ -277,14 +296,22 @@ class Unit:
             case tree.FieldSelector() if kind in self._program.structs:
                 member = str(element.field.name)
                 return self._program.structs[kind][member][0], lambda values: values[name][member]
+            case tree.FieldSelector() if (block := self._block_of(name)) is not None:
+                member = str(element.field.name)
+                return block._type_of(member), lambda values: values[name][member]
             case tree.SubscriptList(subscripts=[tree.Integer() as place]) if kind in self._program.arrays:
-                low, high, of = self._program.arrays[kind]
-                n = int(place.value) - low
-                if not 0 <= n <= high - low:
-                    raise RefusedError(f"{name}[{place.value}] lies outside of {low}..{high}")
+                n, of = self._place(name, place)
                 return of, lambda values: values[name][n]
             case _:
                 raise RefusedError(f"{name}{element}")
+
+    def _place(self, name: str, place: Any) -> tuple[int, str]:
+        """Of an array's element: its number from 0 on, and its type."""
+        low, high, of = self._program.arrays[self._type_of(name)]
+        n = int(place.value) - low
+        if not 0 <= n <= high - low:
+            raise RefusedError(f"{name}[{place.value}] lies outside of {low}..{high}")
+        return n, of
 
     def _call(self, node: Any) -> Typed:
         name = str(node.name.name)
@@ -317,6 +344,8 @@ def _members(declarations: Any) -> Any:
                 start = str(given.value) == "TRUE"
             case tree.Integer() as given:
                 start = int(given.value)
+            case tree.Real() as given:
+                start = _f32(float(given.value))
             case tree.Duration(milliseconds=ms, seconds=None, minutes=None, hours=None, days=None):
                 start = int(ms)
             case other:
@@ -373,8 +402,8 @@ def _binary(op: str, left: Typed, right: Typed) -> Typed:
     if op in BITWISE and kind in ("BOOL", "WORD"):
         joined = BITWISE[op]
         return kind, lambda values: joined(a(values), b(values))
-    if op in ARITHMETIC and kind in NUMBERS and (kind, op) != ("REAL", "/"):
-        made = ARITHMETIC[op]
+    if op in ARITHMETIC and kind in NUMBERS:
+        made = operator.truediv if (kind, op) == ("REAL", "/") else ARITHMETIC[op]
         if kind == "REAL":
             return kind, lambda values: _f32(made(a(values), b(values)))
         return kind, lambda values: _ranged(made(a(values), b(values)), kind)
@@ -393,11 +422,13 @@ def _common(left: Typed, right: Typed) -> str:
 def _convert(name: str, given: Typed) -> Typed:
     """A_TO_B of the standard; from a bit string the bits are kept."""
     have, _, want = name.partition("_TO_")
-    if want not in NUMBERS or have != given[0]:
+    if want not in (*NUMBERS, "WORD") or have != given[0]:
         raise RefusedError(f"{name}({given[0]})")
     code = given[1]
     if want == "REAL":
         return want, lambda values: _f32(float(code(values)))
+    if have == "REAL":  # to even, as the standard has it
+        return want, lambda values: _ranged(round(code(values)), want)
     if (have, want) == ("WORD", "INT"):
         return want, lambda values: (word := code(values)) - (0x10000 if word > 0x7FFF else 0)
     return want, lambda values: _ranged(code(values), want)

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 
 from gateway.core.state import Reason
+from gateway.modbus.exports.approach import ENDS
 from gateway.modbus.exports.diagnosis import CHECKS, MEANING, Diagnosis
 from gateway.modbus.exports.interface import INPUTS, OUTPUTS
 from gateway.modbus.exports.registry import SUMMARY, export
@@ -69,9 +70,15 @@ def reasons() -> str:
     return markdown_table(("reason", "name", "what to do"), rows)
 
 
+def causes() -> str:
+    """Why an approach of FB_Approach ended early."""
+    return markdown_table(("Cause", "what it means"), ((str(int(end.cause)), end.meaning) for end in ENDS))
+
+
 BLOCKS: Mapping[str, Callable[[], str]] = {
     "formats": formats,
     "block": block,
     "diagnoses": diagnoses,
     "reasons": reasons,
+    "causes": causes,
 }

@@ -28,6 +28,7 @@ from gateway.core.state import (
     VisitPhase,
 )
 from gateway.modbus.exports import node_red_function, openplc, structured_text
+from gateway.modbus.exports.approach import APPROACH, SEQUENCE
 from gateway.modbus.exports.diagnosis import CHECKS, HEARTBEAT_TIMEOUT_MS, SOUND, VALUES, Diagnosis
 from gateway.modbus.exports.fields import fields
 from gateway.modbus.exports.interface import INPUTS, OUTPUTS
@@ -572,6 +573,8 @@ def test_node_red_gives_the_same_verdicts(scan: Scan) -> None:
 def test_names_are_plain_distinct_and_no_keyword() -> None:
     names = [field.name.lower() for field in fields()]
     others = [var.name.lower() for var in (*INPUTS, *OUTPUTS)]
+    for block in (APPROACH, SEQUENCE):
+        others += [var.name.lower() for var in (*block.inputs, *block.outputs, *block.memory)]
     assert not set(RESERVED.split()) & set(others)
     assert "enable" not in others
     assert len(set(names)) == len(names)
@@ -594,8 +597,9 @@ def test_the_openplc_program_around_the_block_is_structured_text_too() -> None:
 def test_the_program_of_several_bays_is_structured_text_too() -> None:
     targets = (Target(), Target(bay="bay-2", unit_id=2))
     text = structured_text.document(targets)
-    (made,) = parse(text[text.index("PROGRAM LoadingGateways") :]).items
+    made, example = parse(text[text.index("PROGRAM LoadingGateways") :]).items
     assert len(made.body.statements) == 2 * 4  # the call, three to write
+    assert len(example.body.statements) == 4 + 2 + 4  # the same of one bay, two calls, four inputs
 
 
 def test_the_text_is_plain_ascii_and_names_its_target() -> None:

@@ -26,6 +26,18 @@ class Var:
     start: str = ""
 
 
+@dataclass(frozen=True, slots=True)
+class FunctionBlock:
+    """`body`: statements of the common language (logic.py)."""
+
+    name: str
+    inputs: tuple[Var, ...]
+    outputs: tuple[Var, ...]
+    memory: tuple[Var, ...]
+    body: str
+    comment: str = ""
+
+
 BLOCK, DATA, TIMER = "BLOCK", "DATA", "TIMER"  # the polled words; the decoded block; an on-delay timer
 
 INPUTS: tuple[Var, ...] = (

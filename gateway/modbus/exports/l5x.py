@@ -1,53 +1,84 @@
-"""Rockwell L5X for Studio 5000: an Add-On Instruction and its data type, to import into a project. Pure.
+"""Rockwell L5X for Studio 5000: Add-On Instructions and their data type, to import into a project. Pure.
 
 Its shape follows the import/export reference of Logix 5000; flags of a data type live in hidden SINTs, eight to each.
 Reading and writing is left to what the plant has: a Modbus TCP client instruction of Rockwell's library, or a module.
 The instruction is the same for every bay: one instance, one array and one data tag each.
 """
 
+import re
 from xml.sax.saxutils import quoteattr
 
-from gateway.modbus.exports import interface
-from gateway.modbus.exports.diagnosis import HEARTBEAT_TIMEOUT_MS
+from gateway.modbus.exports import interface, structured_text
+from gateway.modbus.exports.approach import APPROACH, SEQUENCE, wired
 from gateway.modbus.exports.fields import Field, fields
-from gateway.modbus.exports.interface import INPUTS, MEMORY, OUTPUTS, Var
-from gateway.modbus.exports.logic import ascii_only
-from gateway.modbus.exports.logix import body, off
+from gateway.modbus.exports.interface import FunctionBlock, Var
+from gateway.modbus.exports.logic import ascii_only, iec
+from gateway.modbus.exports.logix import body, off, reset, translated
 from gateway.modbus.exports.structured_text import about
-from gateway.modbus.exports.target import Target, one_file, template
+from gateway.modbus.exports.target import Target, template
 from gateway.modbus.registers.bay_identity import NO_BAY
 from gateway.modbus.registers.register_map import BLOCK_WORDS, MAP_VERSION
 
 INSTRUCTION = "LoadingGateway"
+INSTRUCTIONS = {APPROACH.name: f"{INSTRUCTION}_Approach", SEQUENCE.name: f"{INSTRUCTION}_Sequence"}
 DATA = "LoadingGateway_Data"
 # A fixed date, not the clock's: the same table gives the same file.
 _EDITED = "2026-01-01T00:00:00.000Z"
-_PARAMETERS = {"BOOL": "BOOL", "UINT": "DINT", "UDINT": "DINT"}
+_PARAMETERS = {"BOOL": "BOOL", "UINT": "DINT", "INT": "DINT", "UDINT": "DINT", "REAL": "REAL"}
 _TYPES = {"UINT": "DINT", "INT": "DINT", "UDINT": "DINT", "REAL": "REAL", "BOOL": "BIT"}
 
 
-def text(targets: tuple[Target, ...]) -> str:
-    """The .L5X file: Assets, Add-On Instructions, Import Add-On Instruction."""
+def files(targets: tuple[Target, ...]) -> dict[str, str]:
+    """One file an instruction: Assets, Add-On Instructions, Import Add-On Instruction."""
+    first = targets[0]
+    head = f"{about(targets)}\n   Words is an INT[{BLOCK_WORDS}], as read."
+    own, *others = structured_text.blocks(first)
+    made = {INSTRUCTION: _text(targets, own, INSTRUCTION, head, off(), body(first))}
+    example = f"{head}\n\n   The example, in a periodic task of CycleMs:\n\n{_wired(first.instance)}"
+    for block in others:
+        name = INSTRUCTIONS[block.name]
+        made[name] = _text(targets, block, name, example, reset(block), translated(block.body))
+    return {f"{first.identifier}-{_dashed(name)}.L5X": text for name, text in made.items()}
+
+
+def _wired(bay: str) -> str:
+    """The example's calls: each input by its name, then the instruction."""
+    text = iec(wired(bay, bay)).replace(f"Data := {bay}.Data, ", "")
+    for tag, passed in ((f"{bay}_Sequence", ""), (f"{bay}_Approach", f", {bay}_Data")):
+        head, given, tail = re.split(rf"^{tag}\((.*?)\);$", text, flags=re.MULTILINE | re.DOTALL)
+        lines = [f"{tag}.{one};" for one in re.split(r",\s+", given)]
+        text = head + "\n".join([*lines, f"{INSTRUCTION}{tag.removeprefix(bay)}({tag}{passed});"]) + tail
+    return text
+
+
+def _dashed(name: str) -> str:
+    return re.sub(r"_|(?<=[a-z])(?=[A-Z])", "-", name).lower()
+
+
+def _text(targets: tuple[Target, ...], block: FunctionBlock, name: str, about_it: str, off: str, logic: str) -> str:
+    """`off`: what runs while the rung is false, and when the controller starts."""
     bay = targets[0].identity if len(targets) == 1 else NO_BAY  # of several, each instance is told its own
     known = {"UnitId": bay.unit_id, "BayIdentity": bay.number}
     parameters = [
         *_parameter("EnableIn", "Input", "BOOL", "Enable Input - System Defined Parameter", system=True),
         *_parameter("EnableOut", "Output", "BOOL", "Enable Output - System Defined Parameter", system=True),
-        *(line for var in INPUTS for line in _input(var, known)),
-        *(line for var in OUTPUTS for line in _output(var)),
+        *(line for var in block.inputs for line in _input(var, known)),
+        *(line for var in block.outputs for line in _output(var)),
     ]
+    pair = (_local("Pair", "INT", ' Dimensions="2" Radix="Decimal"'),) if name == INSTRUCTION else ()
     made = template("add_on_instruction.L5X").format(
-        instruction=INSTRUCTION,
+        instruction=name,
+        comment=block.comment,
         data=DATA,
         version=MAP_VERSION,
         edited=_EDITED,
         controller=quoteattr(targets[0].identifier),
         data_type="\n".join(_data_type()),
-        help=_cdata(f"{about(targets)}\n   Words is an INT[{BLOCK_WORDS}], as read."),
+        help=_cdata(about_it),
         parameters="\n".join(parameters),
-        local_tags="\n".join((_local("Pair", "INT", ' Dimensions="2" Radix="Decimal"'), *map(_memory, MEMORY))),
-        off=_routine_lines(off()),
-        logic=_routine_lines(body(targets[0])),
+        local_tags="\n".join((*pair, *map(_memory, block.memory))),
+        off=_routine_lines(off),
+        logic=_routine_lines(logic),
     )
     return ascii_only(made)
 
@@ -57,8 +88,8 @@ def _data_type() -> list[str]:
     lines = []
     for field in fields():
         if field.kind != "BOOL":
-            radix = "Float" if field.kind == "REAL" else "Decimal"
-            lines += _member(field, f'DataType="{_TYPES[field.kind]}" Dimension="0" Radix="{radix}" Hidden="false"')
+            shape = f'Dimension="0" Radix="{_radix(field.kind)}" Hidden="false"'
+            lines += _member(field, f'DataType="{_TYPES[field.kind]}" {shape}')
     for place, field in enumerate(flags):
         hidden = f"ZZZZZZZZZZ{INSTRUCTION}{place // 8}"
         if place % 8 == 0:
@@ -82,9 +113,12 @@ def _member(field: Field, attributes: str) -> list[str]:
 def _input(var: Var, known: dict[str, int]) -> list[str]:
     if var.kind == interface.BLOCK:
         return _in_out(var.name, "INT", var.comment, BLOCK_WORDS)
+    if var.kind == interface.DATA:
+        return _in_out(var.name, DATA, var.comment)
     if var.kind == "TIME":
-        return _parameter(f"{var.name}Ms", "Input", "DINT", f"{var.comment}, ms", HEARTBEAT_TIMEOUT_MS)
-    return _parameter(var.name, "Input", _PARAMETERS[var.kind], var.comment, known.get(var.name, _start(var)))
+        return _parameter(f"{var.name}Ms", "Input", "DINT", f"{var.comment}, ms", var.start[2:-2])
+    start = str(known.get(var.name, _start(var)))
+    return _parameter(var.name, "Input", _PARAMETERS[var.kind], var.comment, start)
 
 
 def _output(var: Var) -> list[str]:
@@ -93,28 +127,32 @@ def _output(var: Var) -> list[str]:
     return _parameter(var.name, "Output", _PARAMETERS[var.kind], var.comment, _start(var))
 
 
-def _start(var: Var) -> int:
-    return 1 if var.start == "TRUE" else int(var.start or 0)
+def _start(var: Var) -> str:
+    return "1" if var.start == "TRUE" else var.start or "0"
 
 
 def _memory(var: Var) -> str:
     if var.kind in _PARAMETERS:
-        return _local(var.name, _PARAMETERS[var.kind], ' Radix="Decimal"')
+        return _local(var.name, _PARAMETERS[var.kind], f' Radix="{_radix(var.kind)}"')
     return _local(var.name, {interface.DATA: DATA, interface.TIMER: "FBD_TIMER"}[var.kind])
 
 
-def _parameter(name: str, usage: str, kind: str, meaning: str, start: int = 0, *, system: bool = False) -> list[str]:
+def _radix(kind: str) -> str:
+    return "Float" if kind == "REAL" else "Decimal"
+
+
+def _parameter(name: str, usage: str, kind: str, meaning: str, start: str = "0", *, system: bool = False) -> list[str]:
     seen = 'Required="false" Visible="false"' if system else 'Required="false" Visible="true"'
     access = "Read/Write" if usage == "Input" and not system else "Read Only"
     lines = [
-        f'<Parameter Name="{name}" TagType="Base" DataType="{kind}" Usage="{usage}" Radix="Decimal" {seen}'
+        f'<Parameter Name="{name}" TagType="Base" DataType="{kind}" Usage="{usage}" Radix="{_radix(kind)}" {seen}'
         f' ExternalAccess="{access}">',
         _description(meaning),
     ]
     if not system:
         lines += [
-            f'<DefaultData Format="L5K">\n{_cdata(str(start))}\n</DefaultData>',
-            f'<DefaultData Format="Decorated">\n<DataValue DataType="{kind}" Radix="Decimal" Value="{start}"/>\n'
+            f'<DefaultData Format="L5K">\n{_cdata(start)}\n</DefaultData>',
+            f'<DefaultData Format="Decorated">\n<DataValue DataType="{kind}" Radix="{_radix(kind)}" Value="{start}"/>\n'
             "</DefaultData>",
         ]
     return [*lines, "</Parameter>"]
@@ -144,6 +182,3 @@ def _description(text: str) -> str:
 
 def _cdata(text: str) -> str:
     return f"<![CDATA[{text.replace(']]>', ']] >')}]]>"
-
-
-files = one_file("{}-loading-gateway.L5X", text)

@@ -6,7 +6,7 @@ float is put together by arithmetic, which is exact because only powers of two a
 """
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from gateway.core.shown import withdrawn
 from gateway.core.state import StateVector
@@ -100,10 +100,15 @@ def _values() -> str:
 
 
 def _chain(checks: Sequence[Check]) -> Iterator[str]:
-    for n, check in enumerate(checks):
-        yield f"{'ELSIF' if n else 'IF'} {check.condition} THEN"
-        yield f"  #Diagnostic := {int(check.diagnosis)}; (* {check.meaning} *)"
-    yield from ("ELSE", "  #Diagnostic := 0;", "END_IF;")
+    return first_of("Diagnostic", ((check.condition, check.diagnosis, check.meaning) for check in checks))
+
+
+def first_of(name: str, rows: Iterable[tuple[str, int, str]]) -> Iterator[str]:
+    """`name` becomes the number of the first (condition, number, meaning) that applies; 0 where none does."""
+    for n, (condition, number, meaning) in enumerate(rows):
+        yield f"{'ELSIF' if n else 'IF'} {condition} THEN"
+        yield f"  #{name} := {int(number)}; (* {meaning} *)"
+    yield from ("ELSE", f"  #{name} := 0;", "END_IF;")
 
 
 def iec(text: str) -> str:

@@ -10,7 +10,7 @@ import re
 from gateway.core.plc import Control
 from gateway.modbus.exports.decode import decode
 from gateway.modbus.exports.diagnosis import Diagnosis
-from gateway.modbus.exports.interface import OUTPUTS
+from gateway.modbus.exports.interface import OUTPUTS, TIMER, FunctionBlock
 from gateway.modbus.exports.logic import dead_fields, iec, logic, nothing
 from gateway.modbus.exports.target import Target
 
@@ -56,9 +56,15 @@ def off() -> str:
     return translated("\n".join([nothing(), *lines, ""]))
 
 
+def reset(block: FunctionBlock) -> str:
+    """The same for a block that holds no data: every output and memory as it starts."""
+    kept = [var for var in (*block.outputs, *block.memory) if var.kind != TIMER]
+    return "\n".join(f"{var.name} := {'1' if var.start == 'TRUE' else '0'};" for var in kept)
+
+
 def translated(text: str) -> str:
-    """The common language as Logix takes it: timers by TONR, structures by COP, 1 and 0."""
-    text = _TIMER.sub(_timer, iec(text))
+    """The common language as Logix takes it: timers by TONR, structures by COP, 1 and 0; no conversions."""
+    text = re.sub(r"\b[A-Z]+_TO_[A-Z]+\(", "(", _TIMER.sub(_timer, iec(text)))
     text = _COPY.sub(r"\1COP(\2, Data, 1);", text).replace("Timer.Q", "Timer.DN")
     code = re.split(r"(\(\*.*?\*\))", text, flags=re.DOTALL)  # comments stay as they are
     code[::2] = [re.sub(r"\bFALSE\b", "0", re.sub(r"\bTRUE\b", "1", part)) for part in code[::2]]

@@ -28,7 +28,9 @@ def codesys_text(targets: tuple[Target, ...]) -> str:
 
 def _project(targets: tuple[Target, ...], program: structured_text.Pou) -> str:
     types = "".join(map(_type, structured_text.types()))
-    units = "".join(map(_unit, (*structured_text.library(targets[0]), program)))
+    first = targets[0]
+    made = *structured_text.library(first), program, structured_text.example(first, polled=True)
+    units = "".join(map(_unit, made))
     return ascii_only(template("project.xml").format(made=_MADE, types=types, units=units))
 
 

@@ -6,11 +6,12 @@ For S7-1500 and S7-1200 from firmware 4.2, which bring MB_CLIENT for Modbus TCP.
 from collections.abc import Iterable
 
 from gateway.modbus.exports import interface, structured_text
+from gateway.modbus.exports.approach import APPROACH, EXAMPLE_INPUTS, SEQUENCE, wired
 from gateway.modbus.exports.clients import PAUSE_MS, octets
 from gateway.modbus.exports.decode import REAL_BODY, UDINT_BODY
 from gateway.modbus.exports.fields import fields
-from gateway.modbus.exports.interface import FIRST_WRITTEN, INPUTS, MEMORY, OUTPUTS, WRITTEN, Var
-from gateway.modbus.exports.logic import ascii_only, body
+from gateway.modbus.exports.interface import FIRST_WRITTEN, WRITTEN, FunctionBlock, Var
+from gateway.modbus.exports.logic import ascii_only
 from gateway.modbus.exports.target import Target, one_file, template
 from gateway.modbus.registers.register_map import BLOCK_WORDS
 
@@ -32,6 +33,7 @@ _KIND = {
     interface.BLOCK: f"Array[0..{BLOCK_WORDS - 1}] of Word",
     interface.DATA: f'"{DATA}"',
     interface.TIMER: "TON_TIME",
+    **{block.name: f'"{block.name}"' for block in (APPROACH, SEQUENCE)},
 }
 
 
@@ -41,9 +43,10 @@ def text(targets: tuple[Target, ...]) -> str:
         _head(targets),
         _type(),
         _functions(targets[0]),
-        _function_block(targets[0]),
+        *map(_function_block, structured_text.blocks(targets[0])),
         _buffers(targets),
         _cycle(targets),
+        _example(targets[0]),
     )
     return ascii_only("\n".join(parts))
 
@@ -85,17 +88,29 @@ def _sections(sections: Iterable[tuple[str, Iterable[Var]]]) -> str:
     return "".join(f"  {keyword}\n{''.join(map(_variable, variables))}  END_VAR\n" for keyword, variables in sections)
 
 
-def _function_block(target: Target) -> str:
-    given = [var for var in INPUTS if var.kind != interface.BLOCK]
-    passed = [var for var in INPUTS if var.kind == interface.BLOCK]
-    sections = _sections((("VAR_INPUT", given), ("VAR_OUTPUT", OUTPUTS), ("VAR_IN_OUT", passed), ("VAR", MEMORY)))
+def _function_block(block: FunctionBlock) -> str:
+    given = [var for var in block.inputs if var.kind != interface.BLOCK]
+    passed = [var for var in block.inputs if var.kind == interface.BLOCK]
+    sections = ("VAR_INPUT", given), ("VAR_OUTPUT", block.outputs), ("VAR_IN_OUT", passed), ("VAR", block.memory)
+    return _unit(block.name, _sections(section for section in sections if section[1]), block.body)
+
+
+def _unit(name: str, sections: str, body: str) -> str:
     return f"""\
-FUNCTION_BLOCK "{structured_text.FUNCTION_BLOCK}"
+FUNCTION_BLOCK "{name}"
 {{ S7_Optimized_Access := 'TRUE' }}
 VERSION : 0.1
 {sections}BEGIN
-{body(target)}END_FUNCTION_BLOCK
+{body}END_FUNCTION_BLOCK
 """
+
+
+def _example(target: Target) -> str:
+    """As structured_text.example, to be called in a cyclic interrupt of CycleMs."""
+    bay = target.instance
+    drives = Var(f"{bay}_Approach", APPROACH.name, ""), Var(f"{bay}_Sequence", SEQUENCE.name, "outputs for the plant")
+    sections = _sections((("VAR_INPUT", EXAMPLE_INPUTS), ("VAR", drives)))
+    return _unit(structured_text.EXAMPLE, sections, wired(bay, f'"{INSTANCE}".{bay}'))
 
 
 def _variable(var: Var) -> str:

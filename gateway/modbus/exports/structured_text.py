@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 from gateway.modbus.exports import interface
+from gateway.modbus.exports.approach import APPROACH, EXAMPLE_INPUTS, SEQUENCE, wired
 from gateway.modbus.exports.decode import REAL_BODY, UDINT_BODY
 from gateway.modbus.exports.diagnosis import MEANING
 from gateway.modbus.exports.fields import fields
-from gateway.modbus.exports.interface import FIRST_WRITTEN, WRITTEN, Var
+from gateway.modbus.exports.interface import FIRST_WRITTEN, WRITTEN, FunctionBlock, Var
 from gateway.modbus.exports.logic import ascii_only, body, iec
 from gateway.modbus.exports.target import Target, one_file
 from gateway.modbus.registers.register_map import BLOCK_WORDS, MAP_VERSION
@@ -22,6 +23,7 @@ WRITE = "LG_Write"
 DATA = "ST_LoadingGateway"
 FUNCTION_BLOCK = "FB_LoadingGateway"
 PROGRAM = "LoadingGateways"
+EXAMPLE = "LoadingBayExample"
 _KIND = {interface.BLOCK: BLOCK, interface.DATA: DATA, interface.TIMER: "TON"}
 
 Section = tuple[Literal["VAR_INPUT", "VAR_OUTPUT", "VAR"], tuple[Var, ...]]
@@ -57,14 +59,9 @@ def types() -> tuple[Type, ...]:
 
 
 def library(target: Target) -> tuple[Pou, ...]:
-    """Two functions and the function block; they depend on the target's word order only."""
+    """Two functions and the function blocks; they depend on the target's word order and trigger timeout only."""
     words = (Var("High", "WORD", ""), Var("Low", "WORD", ""))
     real = (Var("Exponent", "DINT", ""), Var("Value", "REAL", ""))
-    sections: tuple[Section, ...] = (
-        ("VAR_INPUT", _typed(interface.INPUTS)),
-        ("VAR_OUTPUT", _typed(interface.OUTPUTS)),
-        ("VAR", _typed(interface.MEMORY)),
-    )
     return (
         Pou("FUNCTION", "LG_UDInt", (("VAR_INPUT", words),), iec(UDINT_BODY), "UDINT", "Two words as one number."),
         Pou(
@@ -75,8 +72,26 @@ def library(target: Target) -> tuple[Pou, ...]:
             "REAL",
             "Two words as an IEEE 754 float; 0.0 for what is no number.",
         ),
-        Pou("FUNCTION_BLOCK", FUNCTION_BLOCK, sections, iec(body(target))),
+        *map(_function_block, blocks(target)),
     )
+
+
+def blocks(target: Target) -> tuple[FunctionBlock, ...]:
+    """The function blocks of every format: the gateway's, the approach's, and the example's."""
+    comment = (
+        "Checks the block of the loading gateway. InPlace is the only condition for loading; MayMove is for the truck."
+    )
+    own = FunctionBlock(FUNCTION_BLOCK, interface.INPUTS, interface.OUTPUTS, interface.MEMORY, body(target), comment)
+    return own, APPROACH, SEQUENCE
+
+
+def _function_block(block: FunctionBlock) -> Pou:
+    sections: tuple[Section, ...] = (
+        ("VAR_INPUT", _typed(block.inputs)),
+        ("VAR_OUTPUT", _typed(block.outputs)),
+        ("VAR", _typed(block.memory)),
+    )
+    return Pou("FUNCTION_BLOCK", block.name, sections, iec(block.body), comment=block.comment)
 
 
 def program(targets: tuple[Target, ...]) -> Pou:
@@ -88,6 +103,22 @@ def program(targets: tuple[Target, ...]) -> Pou:
         "\n".join(called(target) for target in targets),
         comment="Map each bay's channels to its variables. Set the inputs of its instance, and use its outputs,"
         f" anywhere:\n   {PROGRAM}.{targets[0].instance}.InPlace is the only condition for loading.",
+    )
+
+
+def example(target: Target, *, polled: bool) -> Pou:
+    """A program that drives and loads. `polled`: another program calls the gateway's block."""
+    bay = target.instance
+    own = () if polled else _mapped(bay)
+    drives = (Var(f"{bay}_Approach", APPROACH.name, ""), Var(f"{bay}_Sequence", SEQUENCE.name, "outputs for the plant"))
+    calls = "" if polled else called(target)
+    return Pou(
+        "PROGRAM",
+        EXAMPLE,
+        (("VAR", (*own, *drives, *EXAMPLE_INPUTS)),),
+        calls + iec(wired(bay, f"{PROGRAM}.{bay}" if polled else f"#{bay}")),
+        comment=f"An example of a bay with a drive. Call it {'after' if polled else 'instead of'} {PROGRAM}, from a"
+        " cyclic task of CycleMs.",
     )
 
 
@@ -156,8 +187,9 @@ def _mapped(bay: str) -> tuple[Var, ...]:
 
 
 def document(targets: tuple[Target, ...]) -> str:
-    """Types, functions, the function block, and a program with one instance a bay."""
-    return declarations(targets) + "\n" + ascii_only(text(program(targets)))
+    """Types, functions, function blocks, a program with one instance a bay, and the example."""
+    programs = program(targets), example(targets[0], polled=False)
+    return "\n".join((declarations(targets), *(ascii_only(text(made)) for made in programs)))
 
 
 def declarations(targets: tuple[Target, ...]) -> str:

@@ -15,9 +15,10 @@ _NAMESPACE = uuid.uuid5(uuid.NAMESPACE_URL, "plc-loading-gateway/tcpou")
 
 
 def files(targets: tuple[Target, ...]) -> dict[str, str]:
-    """Types, functions, function block, and a program that polls with the blocks of TF6250."""
+    """Types, functions, function blocks, a program that polls with the blocks of TF6250, and the example."""
+    first = targets[0]
     made = {f"{kind.name}.TcDUT": _object(_type(kind)) for kind in structured_text.types()}
-    for unit in (*structured_text.library(targets[0]), twincat(targets)):
+    for unit in (*structured_text.library(first), twincat(targets), structured_text.example(first, polled=True)):
         made[f"{unit.name}.TcPOU"] = _object(_unit(unit))
     return made
 

@@ -33,9 +33,10 @@ from gateway.modbus.exports import (
     scl,
     structured_text,
 )
+from gateway.modbus.exports.approach import APPROACH, SEQUENCE
 from gateway.modbus.exports.diagnosis import CONTRADICTIONS, HEARTBEAT_TIMEOUT_MS, Diagnosis
 from gateway.modbus.exports.fields import fields, measured
-from gateway.modbus.exports.interface import INPUTS, OUTPUTS
+from gateway.modbus.exports.interface import INPUTS, OUTPUTS, FunctionBlock
 from gateway.modbus.exports.registry import EXPORTS, SUMMARY, export
 from gateway.modbus.exports.target import Target
 from gateway.modbus.registers.register_map import BLOCK_WORDS, REGISTERS, decode, encode
@@ -250,9 +251,11 @@ def test_scl_is_the_structured_text_that_was_parsed_and_run() -> None:
     siemens = scl.text((TARGET,))
     iec = structured_text.document((TARGET,))
     bodies = scl_bodies(siemens)
-    assert len(bodies) == 4
-    for body in bodies[:3]:
+    assert len(bodies) == 7
+    for body in bodies[:5]:
         assert logic.iec(body) in iec
+    example = logic.iec(bodies[6]).rpartition("BEGIN\n")[2].replace("LoadingGateways_DB.", "")
+    assert example in iec
     for body in bodies:
         declared = set(re.findall(r"^    (\w+)(?: \{.*?\})? : ", siemens, re.MULTILINE))
         used = set(re.findall(r"(?<!\w)#(\w+)", body))
@@ -280,7 +283,7 @@ def test_scl_declares_every_field_input_and_output() -> None:
 def test_scl_calls_mb_client_for_every_bay_by_itself() -> None:
     """Reading and writing each have their call; the unit id, the address and the buffers are each bay's own."""
     siemens = scl.text((TARGET, SECOND))
-    cycle = scl_bodies(siemens)[3]
+    cycle = scl_bodies(siemens)[5]
     for number, (bay, unit) in enumerate((("bay_2", 7), ("bay_3", 8)), 1):
         calls = re.findall(rf"#{bay}_Client\((REQ.*?)\);", cycle, re.DOTALL)
         parameters = [dict(re.findall(r"(\w+) := ([^,)]+)", call)) for call in calls]
@@ -328,7 +331,10 @@ def test_plcopen_holds_the_same_units_as_the_structured_text(name: str) -> None:
         ("LG_UDInt", "function"),
         ("LG_Real", "function"),
         ("FB_LoadingGateway", "functionBlock"),
+        ("FB_Approach", "functionBlock"),
+        ("FB_LoadingSequence", "functionBlock"),
         ("LoadingGateways", "program"),
+        ("LoadingBayExample", "program"),
     ]
     iec = structured_text.document((TARGET, SECOND))
     for unit in structured_text.library(TARGET):
@@ -371,7 +377,8 @@ def test_twincat_has_one_file_an_object_with_the_text_that_was_parsed_and_run() 
     files = export("tcpou", (TARGET, SECOND))
     assert list(files) == [
         *("LG_Block.TcDUT", "LG_Write.TcDUT", "ST_LoadingGateway.TcDUT"),
-        *("LG_UDInt.TcPOU", "LG_Real.TcPOU", "FB_LoadingGateway.TcPOU", "LoadingGateways.TcPOU"),
+        *("LG_UDInt.TcPOU", "LG_Real.TcPOU", "FB_LoadingGateway.TcPOU"),
+        *("FB_Approach.TcPOU", "FB_LoadingSequence.TcPOU", "LoadingGateways.TcPOU", "LoadingBayExample.TcPOU"),
     ]
     iec = structured_text.document((TARGET,))
     ids = set()
@@ -382,7 +389,7 @@ def test_twincat_has_one_file_an_object_with_the_text_that_was_parsed_and_run() 
         assert file == f"{unit.get('Name')}.Tc{unit.tag}"
         ids.add(unit.get("Id"))
         declared = unit.findtext("Declaration") or ""
-        if file != "LoadingGateways.TcPOU":
+        if file not in ("LoadingGateways.TcPOU", "LoadingBayExample.TcPOU"):
             assert declared in iec
             assert (unit.findtext("Implementation/ST") or "") in iec
     assert len(ids) == len(files)
@@ -396,11 +403,57 @@ def test_twincat_has_one_file_an_object_with_the_text_that_was_parsed_and_run() 
         assert f"{bay}(PollOk := {bay}_PollOk, Words := {bay}_Words,\n  {known});" in code
 
 
+@pytest.mark.parametrize("name", ["plcopen", "codesys", "tcpou"])
+def test_the_example_uses_the_instance_that_is_polled(name: str) -> None:
+    """In structured text it has its own; elsewhere it is the same program on that of LoadingGateways."""
+    text = "\n".join(export(name, (TARGET,)).values())
+    own = structured_text.example(TARGET, polled=False)
+    body = own.body[own.body.index("bay_2_Sequence(") :]
+    for member in ("Data", "Alive", "MayMove", "InPlace", "LoadPermit", "TruckPresent", "SpoutUp", "Start", "Release"):
+        body = re.sub(rf"\bbay_2\.{member}\b", f"LoadingGateways.bay_2.{member}", body)
+    assert body in text
+
+
 # ---- Rockwell
 
 
-def l5x_root(target: Target) -> ET.Element:
-    return ET.fromstring(l5x.text((target,)))
+def l5x_root(target: Target, file: str = "bay_2-loading-gateway.L5X") -> ET.Element:
+    return ET.fromstring(l5x.files((replace(target, bay="bay-2"),))[file])
+
+
+@pytest.mark.parametrize(
+    ("file", "name", "block"),
+    [("approach", "LoadingGateway_Approach", APPROACH), ("sequence", "LoadingGateway_Sequence", SEQUENCE)],
+)
+def test_l5x_has_an_instruction_for_the_approach_and_one_for_the_example(
+    file: str, name: str, block: FunctionBlock
+) -> None:
+    root = l5x_root(TARGET, f"bay_2-loading-gateway-{file}.L5X")
+    instruction = root.find("Controller/AddOnInstructionDefinitions/AddOnInstructionDefinition")
+    assert instruction is not None
+    assert instruction.get("Name") == root.get("TargetName") == name
+    parameters = {p.get("Name"): p for p in instruction.iterfind("Parameters/Parameter")}
+    named = {f"{var.name}Ms" if var.kind == "TIME" else var.name for var in (*block.inputs, *block.outputs)}
+    assert set(parameters) == {"EnableIn", "EnableOut"} | named
+    kinds = {"BOOL": "BOOL", "UINT": "DINT", "INT": "DINT", "REAL": "REAL", "TIME": "DINT", "DATA": l5x.DATA}
+    for var in (*block.inputs, *block.outputs):
+        parameter = parameters[f"{var.name}Ms" if var.kind == "TIME" else var.name]
+        assert parameter.get("DataType") == kinds[var.kind]
+        start = parameter.find("DefaultData/DataValue")
+        if start is not None and var.start:
+            assert start.get("Value") == (var.start[2:-2] if var.kind == "TIME" else var.start)
+    routines = {
+        routine.get("Name"): "\n".join((line.text or "").strip() for line in routine.iterfind("STContent/Line"))
+        for routine in instruction.iterfind("Routines/Routine")
+    }
+    assert not re.search(r"\b(TRUE|FALSE)\b|#|\.Q\b|\bIN :=|_TO_", re.sub(r"\(\*.*?\*\)", "", routines["Logic"]))
+    assigned = dict(re.findall(r"^(\w+) := (\d+);$", routines["Prescan"], re.MULTILINE))
+    assert routines["EnableInFalse"] == routines["Prescan"]
+    assert {var.name for var in block.outputs} <= set(assigned)
+    assert {n for n, value in assigned.items() if value != "0"} == {"StartWas"}
+    example = instruction.findtext("AdditionalHelpText") or ""
+    assert "bay_2_Approach.DriveReady := bay_2_Sequence.DriveReady;\n" in example
+    assert "LoadingGateway_Approach(bay_2_Approach, bay_2_Data);\n" in example
 
 
 def test_l5x_has_the_shape_that_studio_5000_imports() -> None:
