@@ -72,7 +72,7 @@ def reasons() -> str:
 
 def causes() -> str:
     """Why an approach of FB_Approach ended early."""
-    return markdown_table(("Cause", "what it means"), ((str(int(end.cause)), end.meaning) for end in ENDS))
+    return markdown_table(("Cause", "what it means"), ((str(int(end)), meaning) for end, (_, meaning) in ENDS.items()))
 
 
 BLOCKS: Mapping[str, Callable[[], str]] = {

@@ -22,7 +22,7 @@ from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.setpoint import DriveState, Setpoint
 from gateway.core.state import StateVector, Tick
 from gateway.modbus.exports import structured_text
-from gateway.modbus.exports.approach import LIFE_MS, Cause
+from gateway.modbus.exports.approach import LIFE_MS, ApproachEnd
 from gateway.modbus.exports.target import Target
 from gateway.modbus.registers.register_map import BLOCK_WORDS
 from tests.long import mostly_long
@@ -170,7 +170,7 @@ def test_one_vehicle_from_the_start_button_to_its_release(loop: Loop) -> None:
     loop.begin()
     loop.run(12_000, until=lambda: bool(loop.approach["Done"]))
     assert 280.0 < loop.vehicle.z_mm < 300.0
-    assert (loop.approach["Busy"], loop.approach["Fault"], loop.approach["Cause"]) == (False, False, Cause.NONE)
+    assert (loop.approach["Busy"], loop.approach["Fault"], loop.approach["Cause"]) == (False, False, ApproachEnd.NONE)
     assert max(loop.velocity) == 120.0
     assert max(after - before for before, after in pairwise(loop.velocity)) <= 100.0 * SCAN_MS / 1000 + 1e-3
     loop.run(500, until=lambda: bool(loop.sequence["Load"]))
@@ -210,7 +210,7 @@ def test_a_gateway_that_is_gone_ramps_down_and_one_that_is_back_moves_nothing(lo
     else:
         at -= 1
     assert ramps(loop.velocity, at) == math.ceil(loop.velocity[at] / (DECELERATION_MM_S2 * SCAN_MS / 1000))
-    assert (loop.approach["Busy"], loop.approach["Fault"], loop.approach["Cause"]) == (False, True, Cause.LIFE)
+    assert (loop.approach["Busy"], loop.approach["Fault"], loop.approach["Cause"]) == (False, True, ApproachEnd.LIFE)
     setattr(loop, how, False)
     loop.run(2000, until=lambda: bool(loop.gateway["MayMove"]))
     loop.run(4000)
@@ -227,7 +227,7 @@ def test_a_stop_of_the_gateway_is_0_at_once_and_needs_a_new_start(loop: Loop) ->
     loop.run(1000, until=lambda: bool(loop.gateway["MustStop"]))
     assert loop.velocity[-1] == 0.0
     assert loop.velocity[-2] > 100.0
-    assert (loop.approach["Fault"], loop.approach["Cause"]) == (True, Cause.STOP)
+    assert (loop.approach["Fault"], loop.approach["Cause"]) == (True, ApproachEnd.STOP)
     loop.covered = False
     loop.run(5000)
     assert loop.gateway["MayMove"]
@@ -242,7 +242,7 @@ def test_what_the_plant_forbids_is_0_at_once(loop: Loop, given: dict[str, bool])
     loop.put(**given)
     loop.run(SCAN_MS)
     assert loop.velocity[-1] == 0.0
-    assert (loop.approach["Fault"], loop.approach["Cause"]) == (True, Cause.DRIVE)
+    assert (loop.approach["Fault"], loop.approach["Cause"]) == (True, ApproachEnd.DRIVE)
     loop.put(**dict.fromkeys(given, True))
     loop.run(2000)
     assert not any(loop.velocity[-40:])
@@ -257,7 +257,7 @@ def test_another_bay_is_never_driven_to(program: Program, known: str) -> None:
     for _ in range(3):
         rig.start()
     assert rig.most == 0.0
-    assert (rig.approach["Cause"], block["Diagnostic"]) == (Cause.LIFE, 13)
+    assert (rig.approach["Cause"], block["Diagnostic"]) == (ApproachEnd.LIFE, 13)
 
 
 # ---- FB_Approach by itself
@@ -322,7 +322,7 @@ def test_its_own_life_sign_is_faster_than_the_block_s(rig: Rig) -> None:
     rig.run(LIFE_MS - SCAN_MS)
     assert (rig.approach["Velocity"], rig.block["Alive"]) == (300.0, True)
     rig.run(2 * SCAN_MS)
-    assert (rig.approach["Cause"], rig.approach["Velocity"]) == (Cause.LIFE, 285.0)
+    assert (rig.approach["Cause"], rig.approach["Velocity"]) == (ApproachEnd.LIFE, 285.0)
 
 
 @pytest.mark.parametrize(("cycle_ms", "fits"), [(50, True), (0, False), (25, False), (38, False), (80, False)])
@@ -330,7 +330,7 @@ def test_a_wrong_cycle_time_drives_nothing(program: Program, cycle_ms: int, fits
     rig = Rig(*Rig.of(program), CycleMs=cycle_ms)
     rig.run(2500).start().run(200)
     assert (rig.most > 0.0) is fits
-    assert rig.approach["Cause"] == (Cause.NONE if fits else Cause.CYCLE)
+    assert rig.approach["Cause"] == (ApproachEnd.NONE if fits else ApproachEnd.CYCLE)
 
 
 def test_a_setpoint_of_0_is_waited_for_and_then_ends_it(rig: Rig) -> None:
@@ -338,7 +338,7 @@ def test_a_setpoint_of_0_is_waited_for_and_then_ends_it(rig: Rig) -> None:
     rig.run(1500).start().run(9500)
     assert rig.approach["Busy"]
     rig.run(1000)
-    assert (rig.approach["Cause"], rig.approach["Busy"]) == (Cause.WAIT, False)
+    assert (rig.approach["Cause"], rig.approach["Busy"]) == (ApproachEnd.WAIT, False)
     rig.setpoint = 300.0
     assert rig.run(1000).most == 0.0
 

@@ -3,7 +3,6 @@
 No tool has a clock that all others have, too: ramps count calls, and CycleMs is checked against a timer.
 """
 
-from dataclasses import dataclass
 from enum import IntEnum
 
 from gateway.core.state import Reason
@@ -15,7 +14,7 @@ LIFE_MS = 500
 LONGEST_CYCLE_MS = 100
 
 
-class Cause(IntEnum):
+class ApproachEnd(IntEnum):
     """Why an approach ended before the vehicle was in place, or did not begin. Never renumber, only add."""
 
     NONE = 0
@@ -26,36 +25,25 @@ class Cause(IntEnum):
     WAIT = 5
 
 
-@dataclass(frozen=True, slots=True)
-class End:
-    """`applies`: the condition, in the common language. `meaning`: for people, with what to look at."""
-
-    cause: Cause
-    applies: str
-    meaning: str
-
-
 # On the way in, the stop of a vehicle that is at its mark is no end: in_place is still to come.
 _AT_MARK = f"(NOT #Busy) OR ((#Data.reason <> {Reason.TARGET_REACHED:d}) AND (#Data.reason <> {Reason.CLEARING:d}))"
-ENDS: tuple[End, ...] = (
-    End(
-        Cause.LIFE,
+ENDS: dict[ApproachEnd, tuple[str, str]] = {
+    ApproachEnd.LIFE: (
         "(NOT #Alive) OR #LifeTimer.Q",
         f"no life sign of the right bay for {LIFE_MS} ms, or the gateway's block is not Alive: its Diagnostic",
     ),
-    End(Cause.DRIVE, "NOT #DriveReady", "DriveReady is FALSE"),
-    End(
-        Cause.CYCLE,
+    ApproachEnd.DRIVE: ("NOT #DriveReady", "DriveReady is FALSE"),
+    ApproachEnd.CYCLE: (
         "NOT #CycleFits",
         f"CycleMs is not the time between two calls, or longer than {LONGEST_CYCLE_MS} ms; also in the first second",
     ),
-    End(
-        Cause.STOP,
+    ApproachEnd.STOP: (
         f"(NOT #MayMove) AND (NOT #InPlace) AND ({_AT_MARK})",
         "the gateway's block does not let the vehicle move: its Diagnostic and Reason",
     ),
-    End(Cause.WAIT, "#WaitTimer.Q", "the setpoint was 0 for WaitTimeout: register drive_state"),
-)
+    ApproachEnd.WAIT: ("#WaitTimer.Q", "the setpoint was 0 for WaitTimeout: register drive_state"),
+}
+"""Condition, in the common language, and meaning; the first that applies is the cause."""
 
 APPROACH = FunctionBlock(
     "FB_Approach",
@@ -99,7 +87,7 @@ APPROACH = FunctionBlock(
     template("approach.scl").format(
         life=LIFE_MS,
         longest=LONGEST_CYCLE_MS,
-        causes="\n".join(first_of("Problem", ((end.applies, end.cause, end.meaning) for end in ENDS))),
+        causes="\n".join(first_of("Problem", ((applies, end, meaning) for end, (applies, meaning) in ENDS.items()))),
     ),
     "Moves the vehicle at the gateway's setpoint from a rising Start until it is in place. No safety function.",
 )
