@@ -15,6 +15,7 @@ from pathlib import Path
 
 import cv2
 
+from bench.closed_loop import report as closed_loop_report
 from bench.guidance import report as guidance_report
 from bench.guidance import rolling as rolling_bench
 from gateway.config import reference as configdoc
@@ -94,6 +95,7 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
         "verdicts": tables.verdicts,
     },
     "config.md": {"live": tables.live_keys, "keys": lambda: configdoc.markdown(sink_registry.sections())},
+    "closed-loop.md": {"comparison": closed_loop_report.comparison, "faults": closed_loop_report.faults},
     "fmea.md": {"failure modes": failure_modes.markdown},
     "hmi-security.md": {"access": tables.access},
     "modbus-server.md": modbus_server.BLOCKS,
@@ -117,6 +119,7 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
     "vision-robust.md": detection_methods.ROBUST_BLOCKS,
 }
 REPORTS: dict[str, Mapping[str, Callable[[], str]]] = {
+    "closed-loop.md": {"faults": closed_loop_report.faults},
     "guidance.md": {
         "comparison": guidance_report.comparison,
         "grid": guidance_report.grid,
@@ -149,7 +152,7 @@ def texts() -> Iterator[tuple[Path, str]]:
     for name in PLC_EXAMPLES:
         for file, text in export(name, (Target(writes=True),)).items():
             yield DOCS / "plc" / file, text.replace("\r\n", "\n")  # as git keeps it
-    for name, text in (timing_diagrams.figures() | situations.figures()).items():
+    for name, text in (timing_diagrams.figures() | situations.figures() | closed_loop_report.figures()).items():
         yield DOCS / "images" / f"{name}.svg", text
     yield DOCS.parent / "firmware" / "ranger" / "src" / "protocol_constants.h", hcsr04.header()
 

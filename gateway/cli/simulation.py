@@ -38,7 +38,7 @@ from gateway.sim.emulator import EmulatedRanger, check_built
 from gateway.sim.led import Led
 from gateway.sim.ranger import SimulatedRanger, options_of
 from gateway.sim.scenario import Scenario
-from gateway.sim.vehicles import VehicleKind, typical
+from gateway.sim.vehicles import VehicleKind, drive_keys, typical
 from gateway.sim.world import TruckHold
 from gateway.supervisor import Task
 from gateway.vision.source.v4l2_controls import settings_of
@@ -171,6 +171,8 @@ def _overrides(args: argparse.Namespace) -> dict[str, Any]:
         over["camera"] = {"exposure": args.exposure}
     if args.rangers is not None:
         over["ranger"] = {"more": [{"port": f"/dev/ttyACM{n}"} for n in range(1, args.rangers)]}
+    if args.vehicle and args.config is None:
+        over["drive"] = drive_keys(VehicleKind(args.vehicle))
     if args.bays is not None:
         over["bays"] = [{"name": f"bay{n}", "unit_id": n} for n in range(1, args.bays + 1)]
     return over

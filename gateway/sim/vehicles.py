@@ -185,6 +185,19 @@ class SpoutTrolley:
         return at_mm + max(-self._way_mm, min(self._way_mm, wanted_mm - at_mm))
 
 
+def drive_keys(kind: VehicleKind) -> dict[str, float]:
+    """[drive] as one would configure it for any of this kind: the brake downhill, the longest lag, and from the newest
+    image until FB_Approach's life sign ends, 0.6 s."""
+    match kind:
+        case VehicleKind.SHUNTER:
+            own = {"brake_mm_s2": 100.0, "lag_s": 1.5, "acceleration_mm_s2": 60.0}
+        case VehicleKind.WINCH:
+            own = {"brake_mm_s2": 120.0, "lag_s": 0.6}
+        case VehicleKind.TRACTOR:
+            own = {"brake_mm_s2": 300.0, "lag_s": 0.4, "acceleration_mm_s2": 200.0, "min_speed_mm_s": 25.0}
+    return {"latency_s": 0.6, **own}
+
+
 def typical(kind: VehicleKind) -> Vehicle:
     """One of this kind on the level, in the middle of its ranges."""
     match kind:

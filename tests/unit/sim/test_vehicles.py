@@ -15,6 +15,7 @@ from gateway.sim.vehicles import (
     Winch,
     WinchData,
     drawn,
+    drive_keys,
     typical,
     worst,
 )
@@ -92,6 +93,15 @@ def test_equal_seeds_draw_equal_vehicles_within_what_is_found_in_plants() -> Non
         vehicle.drive(200.0, 5.0)
         ways.append(vehicle.way_mm)
     assert ways[0] == ways[1] != ways[2]
+
+
+@pytest.mark.parametrize("kind", list(VehicleKind))
+def test_the_worst_vehicle_keeps_what_is_configured_for_its_kind(kind: VehicleKind) -> None:
+    keys, vehicle = drive_keys(kind), worst(kind)
+    for reference in (100.0, 300.0, 500.0):
+        vehicle.drive(reference, 30.0)
+        speed = vehicle.speed_mm_s
+        assert run_out_mm(vehicle) <= speed * keys["lag_s"] + speed**2 / 2 / keys["brake_mm_s2"] + 0.01
 
 
 def test_a_trolley_moves_both_axes_to_their_places_after_its_lag() -> None:
