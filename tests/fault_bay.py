@@ -19,7 +19,7 @@ from typing import Any
 
 from gateway.bay import BayControl
 from gateway.core.detection import Circle, Detection
-from gateway.core.readings import Quality
+from gateway.core.readings import AgeProof, Quality
 from gateway.core.retained import RetainedState
 from gateway.core.state import FunctionCheck, StateVector
 from gateway.durations import NS_PER_S
@@ -55,6 +55,7 @@ MS = 1_000_000
 ORIGIN_NS = 1000 * NS_PER_S
 WALL_NS = 1_700_000_000 * NS_PER_S
 FPS = 12
+WORDS = 123  # registers that the PLC reads
 BUILD_MS = 60  # a vision process needs this long until its first frame
 REAP_MS = 20
 ENABLE, RESET, RELEASE = 1 << 0, 1 << 2, 1 << 5  # of plc_control: docs/handshake.md
@@ -123,6 +124,13 @@ class Plc:
             return False, False
         stop, may_move, in_place = words[4], words[5], words[36]
         return may_move == 1 and stop == 0, in_place == 1 and stop == 1 and may_move == 0
+
+    def drives(self, t_s: float) -> float:
+        """The drive's setpoint at this scan, mm/s: only with the permit."""
+        words = self.words
+        if words is None or not self.permits(t_s)[0] or not words[110]:
+            return 0.0
+        return float(words[112])
 
 
 class VisionProcess:
@@ -409,7 +417,8 @@ class Bay:
             taken_ns += round(ahead.amount * NS_PER_S)
         if process.results:
             due_ns = max(due_ns, process.results[-1][0])
-        result = FrameResult(process.seq, taken_ns, Detection(circle, predicted=predicted), since_ns)
+        found = Detection(circle, predicted=predicted)
+        result = FrameResult(process.seq, taken_ns, found, since_ns, age_proof=AgeProof.DEVICE_TIME)
         process.results.append((due_ns, process.token, result))
         process.progress = FrameProgress(
             process.token, process.seq, min(taken_ns, self.clock.now), 0, 0, 0, self.clock.now
@@ -447,7 +456,7 @@ class Bay:
         peer = Peer(address)
         read = b"\x83"
         if plc.writes:
-            pdu = struct.pack(">BHHHHBHH", 23, 0, 100, 80, 2, 4, plc.beat, bits)
+            pdu = struct.pack(">BHHHHBHH", 23, 0, WORDS, 80, 2, 4, plc.beat, bits)
             answer = self.answered(pdu, peer)
             if answer[0] == 23:
                 read = answer
@@ -460,8 +469,8 @@ class Bay:
                     self.reset_s = self.t_s
                 plc.bits_written = bits
         if read[0] != 23:
-            read = self.answered(struct.pack(">BHH", 3, 0, 100), peer)
-        plc.heard(struct.unpack(">100H", read[2:]) if read[0] in (3, 23) else None, self.t_s)
+            read = self.answered(struct.pack(">BHH", 3, 0, WORDS), peer)
+        plc.heard(struct.unpack(f">{WORDS}H", read[2:]) if read[0] in (3, 23) else None, self.t_s)
 
     def answered(self, pdu: bytes, peer: Peer) -> bytes:
         """The PDU of the answer to one frame."""

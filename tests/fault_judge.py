@@ -7,6 +7,8 @@ loading may run. What is unsafe, from docs/visit.md and docs/reaction-time.md:
   truck, or while both permits are on;
 - a truck may move that stands where D is 1 and was not released, that has left its place without release, or that was
   released and comes back;
+- a drive's setpoint without enable and permit, or from which the vehicle, as fast as it truly is, could not stop before
+  `guidance.overshoot_mm`, or within `drive.dead_band_mm` of its place;
 - either permit while a sensor, the decision or the gateway is dead, later than docs/reaction-time.md guarantees.
 
 Each is unsafe from the moment on at which the gateway must have noticed: `Limits.late_s`, made of the configuration's
@@ -56,6 +58,7 @@ class Outcome:
     moved_s: float = 0.0  # from the end of the faults until a truck may move
     placed_s: float = 0.0  # from there until it is in place, its way to the mark included
     simulated_s: float = 0.0
+    driven: int = 0  # scans with a setpoint
 
     @property
     def failed(self) -> bool:
@@ -110,7 +113,7 @@ class Judge:
         self.made, self.bay, self.limits = made, bay, Limits(made)
         config = self.limits.config
         self.fusion, self.visit, self.guidance = config.bays[0].fusion, config.bays[0].visit, config.bays[0].guidance
-        self.writes = config.modbus.writes
+        self.drive, self.writes = config.bays[0].drive, config.modbus.writes
         self.place: Truth | None = None  # where the truck was when loading was permitted last
         self.loading = bay.plc.permits(bay.t_s)[1]
         if self.loading or made.phase in ("held", "released"):
@@ -123,6 +126,7 @@ class Judge:
             self.released = bay.truth()
         self.at_mark_s: float | None = None
         self.nearer_s: float | None = None
+        self.near_s: float | None = None  # too near to drive on since
         self.resumed_s = -9.0  # the gateway last ran again after it was stopped
         self.recent: deque[Truth] = deque(maxlen=round(self.limits.late_s / SCAN_S))
         self.began: dict[Fault, float] = {}
@@ -148,6 +152,7 @@ class Judge:
             yield from self._moving(truth, t_s)
         if move or load:
             yield from self._dead(t_s, move=move)
+        yield from self._driving(truth, t_s)
         self.loading = load
 
     def _late(self, since_s: float | None, t_s: float) -> bool:
@@ -219,6 +224,23 @@ class Judge:
         if self.writes and self._late(self.left_s, t_s):
             yield f"may move though it left its place without release, {truth.distance_mm:.0f} mm"
 
+    def _driving(self, truth: Truth, t_s: float) -> Iterator[str]:
+        words, drive = self.bay.plc.words, self.drive
+        if words is None or drive is None:
+            return
+        if words[112] and not (words[110] and words[5] and not words[4]):
+            yield f"a setpoint of {words[112]} mm/s, enable {words[110]}, may_move {words[5]}, stop {words[4]}"
+        before = self.recent[-2] if len(self.recent) > 1 else truth
+        closing_mm_s = max(0.0, (before.distance_mm - truth.distance_mm) / SCAN_S) if before.truck == truth.truck else 0
+        past_mm = truth.distance_mm - self.fusion.distance_threshold_mm
+        stopping_mm = closing_mm_s * (drive.lag_s + drive.latency_s) + closing_mm_s**2 / (2 * drive.brake_mm_s2)
+        short = stopping_mm > past_mm + self.guidance.overshoot_mm
+        there = past_mm + drive.place_mm <= drive.dead_band_mm - SENSOR_MM
+        near = (short or there) and self.bay.plc.drives(t_s) > 0 and self._echo_mm() is None
+        self.near_s = (t_s if self.near_s is None else self.near_s) if near else None
+        if self._late(self.near_s, t_s):
+            yield f"a setpoint at {truth.distance_mm:.0f} mm and {closing_mm_s:.0f} mm/s"
+
     def _dead(self, t_s: float, *, move: bool) -> Iterator[str]:
         what = "may move" if move else "loading"
         for failure in self.bay.failures:
@@ -256,6 +278,7 @@ def play(made: Schedule, tell: Callable[[str], None] | None = None) -> Outcome:
             bay.plc.bits = plan(bay.t_s)
             bay.step()
             outcome.unsafe += [f"{bay.t_s:.2f} s: {line}" for line in judge.scan()]
+            outcome.driven += bay.plc.drives(bay.t_s) > 0
         if not outcome.unsafe:
             _recover(bay, outcome)
     except Exception as error:  # noqa: BLE001 - whatever is raised is a finding, with the seed that brings it

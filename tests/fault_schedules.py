@@ -130,6 +130,7 @@ _QUICK: dict[str, Any] = {
     "fusion": {"recovery_s": 0.4, "period_s": 0.05},
     "visit": {"settle_s": 0.4, "hold_grace_s": 0.3, "leave_s": 0.8},
     "camera": {"reconnect": {"min_s": 0.05, "max_s": 0.2}},
+    "drive": {"lag_s": 0.3, "latency_s": 0.2},
 }
 _LENS = {"focal_px": 600.0, "marker_radius_mm": 90.0}
 

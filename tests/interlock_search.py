@@ -24,6 +24,7 @@ from gateway.core import interlock
 from gateway.core.detection import Circle
 from gateway.core.fusion import Observation
 from gateway.core.interlock import Rules
+from gateway.core.movement import DriveMemory
 from gateway.core.plc import Control, PlcConnection, PlcWrite, Writer
 from gateway.core.readings import DEAD, VISION_FINE, Quality, RangeReading, VisionReading
 from gateway.core.retained import RetainedState
@@ -35,7 +36,7 @@ from tests.stated_conditions import Known, StatedConditions
 MS = 1_000_000
 T0 = 1_000_000_000_000
 PLC, OTHER = Writer("10.0.0.9"), Writer("10.0.0.8")
-STOP, MAY_MOVE, IN_PLACE = 4, 5, 36  # addresses, as docs/registers.md has them
+STOP, MAY_MOVE, IN_PLACE, ENABLE, SPEED = 4, 5, 36, 110, 112  # addresses, as docs/registers.md has them
 TRACK_NS = 1_000_000_000  # older distances say nothing about the speed
 
 # What the next state does not depend on. A field that is not here counts, also one that is added later.
@@ -63,6 +64,8 @@ OUTPUTS_ONLY = frozenset(
         "memory.scale_samples", "memory.scale",
         # listed by `_track_key`
         "memory.track",
+        # listed by `_drive_key`; the setpoint follows from it
+        "memory.drive", "setpoint", "pose",
         # no bay of the spaces has a beacon
         "memory.beacon", "vision.beacon", "range.beacon",
     }
@@ -198,11 +201,12 @@ def complaints(space: Space, node: Node) -> Iterator[str]:
     state, known, now_ns = node
     yield from space.conditions.complaints(known, state, now_ns)
     image = encode(shown(state, now_ns), 0, "big")
-    if (image[STOP], image[MAY_MOVE], image[IN_PLACE]) != (state.stop, state.may_move, state.in_place):
+    outputs = (state.stop, state.may_move, state.in_place, state.setpoint.enable, round(state.setpoint.speed_mm_s))
+    if tuple(image[address] for address in (STOP, MAY_MOVE, IN_PLACE, ENABLE, SPEED)) != outputs:
         yield "the registers differ from the state"
     late_ns = state.valid_until_ns + 1
     late = encode(shown(state, late_ns), 0, "big")
-    if (late[STOP], late[MAY_MOVE], late[IN_PLACE]) != (1, 0, 0):
+    if (late[STOP], late[MAY_MOVE], late[IN_PLACE], late[ENABLE], late[SPEED]) != (1, 0, 0, 0, 0):
         yield "without ticks, the registers do not show stop alone"
     if late_ns - now_ns > 2 * max(space.rules.valid_for_ns, space.step_ms * MS):
         yield "a state is valid for too long"
@@ -254,6 +258,7 @@ def key(space: Space, node: Node) -> Hashable:
             for path, age in zip(TIMES, _ages(_times(state), space.time_limits_ns, now_ns), strict=True)
         ]),
         track,
+        _drive_key(state.memory.drive, now_ns),
         learned,
         _known_values(known),
         known.beat is None,
@@ -284,6 +289,21 @@ def _uncompared(state: StateVector) -> set[str]:
     if state.visit.place is None:
         found.add("visit.covered_since_ns")
     return found
+
+
+def _drive_key(drive: DriveMemory, now_ns: int) -> Hashable:
+    """All of it, with its times as ages and the setpoint's integral counted from now."""
+    if drive == DriveMemory():
+        return None
+    movement, way_mm = drive.movement, drive.way_mm
+    return (
+        now_ns - drive.t_ns,
+        movement and (now_ns - movement.t_ns, dataclasses.replace(movement, t_ns=0)),
+        (drive.still_mm, now_ns - drive.still_ns),
+        tuple((now_ns - t_ns, mm - way_mm) for t_ns, mm in drive.ways),
+        drive.begun and (drive.begun[0] - way_mm, drive.begun[1]),
+        (drive.speed_mm_s, drive.rise_mm_s2, drive.run_mm_s, drive.cut, drive.tries, drive.lag_s, drive.slips_s),
+    )
 
 
 def _learned_key(state: StateVector) -> Hashable:
@@ -399,6 +419,8 @@ def situations(state: StateVector) -> Iterator[str]:
         yield "function check"
     if state.visit.restored:
         yield "in place before the restart"
+    if state.setpoint.speed_mm_s:
+        yield "driven"
 
 
 # -- spaces ---------------------------------------------------------------------------------------------------------
@@ -535,6 +557,14 @@ def spaces() -> dict[str, Space]:
             parse({"modbus": {"writes": True, "plc_addresses": [PLC.address, OTHER.address]}, "fusion": CHECKED}),
             _moves(100, every, "mark rolled away NO_ECHO UNSTABLE STUCK", (_IDLE, _RELEASE, _RESET, _STUCK, _STILL),
                    "OFF MAY_MOVE_OFF MAY_MOVE_KEPT"),
+            100,
+        ),
+        Space(
+            "drive",
+            "as visit, with a drive and steps of 100 ms",
+            _config(fusion=CHECKED, drive={"lag_s": 0.2, "latency_s": 0.1}),
+            _moves(100, "mark rolled away lamp NO_TARGET LINK_DOWN", "mark back rolled away NO_ECHO STUCK",
+                   (_IDLE, _RELEASE, _STUCK, _STILL), "OFF MAY_MOVE_OFF MAY_MOVE_KEPT"),
             100,
         ),
     )  # fmt: skip

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from gateway.core import agreement, fusion, handshake, interlock, shown, visit
+from gateway.core import agreement, drive, fusion, handshake, interlock, shown, visit
 from gateway.core.plc import PlcLink
 from gateway.core.retained import RetainedState
 from gateway.core.state import FunctionCheck, Moved, Tick, Visit
@@ -138,6 +138,7 @@ PLANTED: Mapping[str, Planted] = {
         Planted("off the mark is as good as released", Visit, "unreleased", _moved_only),
         Planted("the latch does not hold", interlock, "_latch", _without_latch),
         Planted("how long a truck has stood counts on over a release", visit, "step", _standing_counts_on),
+        Planted("a drive follows the permit alone", drive, "_doubt", lambda _: lambda state: not state.may_move),
         Planted("a reset is accepted while the sensors do not fit", interlock, "_cause_gone", _doubt_is_no_cause),
     )
 }

@@ -1,4 +1,5 @@
-"""When may_move and in_place may be on, as docs/visit.md, docs/handshake.md and docs/registers.md state it. Pure.
+"""When may_move, in_place and a drive's setpoint may be on, as docs/visit.md, docs/handshake.md, docs/registers.md and
+docs/config.md state it. Pure.
 
 A judge of the gateway's outputs that knows only what was reported to the gateway: readings, writes, function checks and
 the time. It shares no code with gateway/core and reads none of its memory: `after` folds what happened into what is
@@ -82,6 +83,7 @@ class StatedConditions:
     def __init__(self, config: GatewayConfig) -> None:
         bay, self.writes = config.bays[0], config.modbus.writes
         self.fusion, self.visit, self.handshake = bay.fusion, bay.visit, config.modbus.handshake
+        self.drive, self.guidance = bay.drive, bay.guidance
         self.vision_ns = round(self.fusion.vision_deadline_s * S)
         self.range_ns = round(self.fusion.range_deadline_s * S)
         self.start_ns = round(self.fusion.start_grace_s * S)
@@ -376,6 +378,42 @@ class StatedConditions:
             yield "no stop, though it is latched"
         if in_place:
             yield from self._placed(known, now_ns)
+        if state.setpoint.enable or state.setpoint.speed_mm_s:
+            yield from self._driven(known, state, now_ns)
+
+    def _driven(self, known: Known, state: StateVector, now_ns: int) -> Iterator[str]:
+        """A drive follows the permit, and more: nothing may be in doubt, and it can stop before the limit."""
+        setpoint, drive, pair = state.setpoint, self.drive, self._pair(known, now_ns)
+        if drive is None or not 0 <= setpoint.speed_mm_s <= drive.max_speed_mm_s:
+            yield f"a setpoint of {setpoint.speed_mm_s:g} mm/s"
+            return
+        heartbeat = self.writes and self.handshake.heartbeat_required
+        for what, on in (
+            ("no permit", state.stop or not state.may_move),
+            ("a state that is not valid", now_ns - known.tick_ns > self.valid_ns),
+            ("a function check", known.check != "OFF"),
+            ("a lost heartbeat", heartbeat and now_ns - known.beat_ns > self.beat_ns),
+            ("a sensor that is not good", pair is None),
+            ("D = 1", known.d1 is not None),
+            ("sensors that do not fit", known.apart_ns is not None),
+            ("a truck that was in place", known.place is not None and known.watched),
+            ("a release", known.released),
+            ("no enable", bool(setpoint.speed_mm_s) and not setpoint.enable),
+            ("less than the drive turns at", 0 < setpoint.speed_mm_s < drive.min_speed_mm_s),
+        ):
+            if on:
+                yield f"a setpoint beside {what}"
+        if not setpoint.speed_mm_s or pair is None:
+            return
+        circle, mm = pair
+        by_radius_mm = mm - mm * circle.radius_px / self.fusion.radius_threshold_px
+        to_go_mm = max(mm - self.fusion.distance_threshold_mm, by_radius_mm) + drive.place_mm
+        if to_go_mm <= drive.dead_band_mm:
+            yield f"a setpoint, though only {to_go_mm:g} mm are to go"
+        limit_mm = mm - self.fusion.distance_threshold_mm + self.guidance.overshoot_mm
+        stopping_mm = setpoint.stopping_mm
+        if stopping_mm is None or stopping_mm > limit_mm:
+            yield f"a setpoint, with {stopping_mm} mm to stop and {limit_mm:g} mm to the limit"
 
     def _moving(self, known: Known, now_ns: int, what: str) -> Iterator[str]:
         """Rule 1 and 2: both good, D = 0, for clear_hold_s; or released, both alive, and a distance."""

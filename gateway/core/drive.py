@@ -19,8 +19,8 @@ from math import sqrt
 from statistics import median_high
 
 from gateway.config import DriveConfig, FusionConfig, GuidanceConfig
-from gateway.core import motion
-from gateway.core.motion import Cut, DriveMemory, Motion
+from gateway.core import movement
+from gateway.core.movement import Cut, DriveMemory, Movement
 from gateway.core.readings import Quality
 from gateway.core.setpoint import DriveState, Setpoint
 from gateway.core.state import FunctionCheck, Reason, StateVector, VisitPhase
@@ -45,7 +45,7 @@ SLIPS = 5  # approaches from which the way out is learned
 class _Way:
     """What is known of the vehicle now."""
 
-    motion: Motion  # of now
+    movement: Movement  # of now
     to_go_mm: float | None  # to the place; None: the camera does not show it
     closing_mm_s: float
     worst_mm_s: float  # it may be as fast as this
@@ -68,7 +68,7 @@ def step(
         return memory, Setpoint(DriveState.AT_PLACE if state.in_place else waits)
     if _doubt(state):
         return _stopped(state, memory, way, config)
-    if way.to_go_mm is None or not way.motion.known:
+    if way.to_go_mm is None or not way.movement.known:
         memory = replace(memory, speed_mm_s=0.0, rise_mm_s2=0.0)
         return memory, Setpoint(DriveState.NO_DISTANCE, stopping_mm=way.stopping_mm)
     return _driven(state, memory, way, way.to_go_mm, dt_s, config)
@@ -106,28 +106,28 @@ def _moved_mm(memory: DriveMemory, from_ns: int, to_ns: int, config: DriveConfig
     return memory.way_at(to_ns - lag_ns) - memory.way_at(from_ns - lag_ns)
 
 
-def _at(memory: DriveMemory, found: Motion, t_ns: int, config: DriveConfig) -> Motion:
+def _at(memory: DriveMemory, found: Movement, t_ns: int, config: DriveConfig) -> Movement:
     moved_mm = _moved_mm(memory, found.t_ns, t_ns, config)
-    return motion.at(found, t_ns, moved_mm, _acceleration_sd(config))
+    return movement.at(found, t_ns, moved_mm, _acceleration_sd(config))
 
 
 def _followed(memory: DriveMemory, state: StateVector, config: DriveConfig) -> DriveMemory:
     """The memory with the newest reading, and whether the vehicle stays where it is."""
-    reading, old = state.range, memory.motion
+    reading, old = state.range, memory.movement
     if reading.quality is not Quality.GOOD or reading.distance_mm is None:
-        return replace(memory, motion=None, still_mm=None, begun=None)
+        return replace(memory, movement=None, still_mm=None, begun=None)
     moved_mm = 0.0 if old is None else _moved_mm(memory, old.t_ns, reading.t_ns, config)
     sd = _acceleration_sd(config)
-    found = motion.measured(old, reading.distance_mm, reading.t_ns, moved_mm, sd)
+    found = movement.measured(old, reading.distance_mm, reading.t_ns, moved_mm, sd)
     if found is not old:
-        memory = _lag_measured(replace(memory, motion=found), found, config)
+        memory = _lag_measured(replace(memory, movement=found), found, config)
     now_mm = _at(memory, found, state.t_ns, config).distance_mm
     if memory.still_mm is None or abs(now_mm - memory.still_mm) > STILL_MM:
         memory = replace(memory, still_mm=now_mm, still_ns=state.t_ns)
     return memory
 
 
-def _lag_measured(memory: DriveMemory, found: Motion, config: DriveConfig) -> DriveMemory:
+def _lag_measured(memory: DriveMemory, found: Movement, config: DriveConfig) -> DriveMemory:
     """Of a vehicle that began to move from standstill: when was set what it has gone?"""
     if memory.begun is None or memory.begun[1] - found.distance_mm < BEGUN_MM:
         return memory
@@ -137,7 +137,7 @@ def _lag_measured(memory: DriveMemory, found: Motion, config: DriveConfig) -> Dr
         return memory
     lag_s = min(max(0.0, (found.t_ns - set_ns) / NS_PER_S), config.delay_s)
     changed_mm_s = _acting_mm_s(memory, _lag_s(memory, config)) - _acting_mm_s(memory, lag_s)
-    return replace(memory, lag_s=lag_s, motion=replace(found, excess_mm_s=found.excess_mm_s + changed_mm_s))
+    return replace(memory, lag_s=lag_s, movement=replace(found, excess_mm_s=found.excess_mm_s + changed_mm_s))
 
 
 def _acceleration_sd(config: DriveConfig) -> float:
@@ -149,9 +149,9 @@ def _acceleration_sd(config: DriveConfig) -> float:
 def _way(
     state: StateVector, memory: DriveMemory, config: DriveConfig, fusion: FusionConfig, guidance: GuidanceConfig
 ) -> _Way | None:
-    if memory.motion is None or state.range.distance_mm is None:
+    if memory.movement is None or state.range.distance_mm is None:
         return None
-    now = _at(memory, memory.motion, state.t_ns, config)
+    now = _at(memory, memory.movement, state.t_ns, config)
     closing_mm_s = max(0.0, _acting_mm_s(memory, _lag_s(memory, config)) + now.excess_mm_s)
     age_s = max(0.0, (state.t_ns - state.range.t_ns) / NS_PER_S)
     worst_mm_s = max(0.0, closing_mm_s + SIGMAS * now.speed_sd_mm_s)
@@ -170,13 +170,13 @@ def _way(
 
 
 def _to_go_mm(
-    state: StateVector, memory: DriveMemory, now: Motion, config: DriveConfig, fusion: FusionConfig
+    state: StateVector, memory: DriveMemory, now: Movement, config: DriveConfig, fusion: FusionConfig
 ) -> float | None:
     """As guidance has it, but now: R of the frame belongs to where the vehicle was then."""
     circle = state.vision.circle
-    if circle is None or state.vision.quality is not Quality.GOOD or memory.motion is None:
+    if circle is None or state.vision.quality is not Quality.GOOD or memory.movement is None:
         return None
-    then_mm = _at(memory, memory.motion, state.vision.t_ns, config).distance_mm
+    then_mm = _at(memory, memory.movement, state.vision.t_ns, config).distance_mm
     by_radius_mm = then_mm * circle.radius_px / fusion.radius_threshold_px
     return now.distance_mm - min(fusion.distance_threshold_mm, by_radius_mm) + config.place_mm
 
@@ -241,7 +241,7 @@ def _driven(
         return memory, Setpoint(DriveState.SETTLE, True, 0.0, way.stopping_mm)
     if memory.run_mm_s is None:
         run_mm_s = max(config.min_speed_mm_s, min(config.creep_speed_mm_s, ahead_mm / PULSE_S))
-        begun = (memory.way_mm, way.motion.distance_mm) if way.closing_mm_s < STARTS_MM_S else None
+        begun = (memory.way_mm, way.movement.distance_mm) if way.closing_mm_s < STARTS_MM_S else None
         memory = replace(memory, run_mm_s=run_mm_s, begun=begun)
     run_mm_s = memory.run_mm_s or 0.0
     comfortable_mm_s = min(config.max_speed_mm_s, _comfortable(ahead_mm, run_mm_s, config))
@@ -313,9 +313,9 @@ def _cut(memory: DriveMemory, way: _Way, now_ns: int) -> DriveMemory:
         rise_mm_s2=0.0,
         run_mm_s=None,
         begun=None,
-        cut=Cut(way.motion.distance_mm, memory.speed_mm_s, moving),
+        cut=Cut(way.movement.distance_mm, memory.speed_mm_s, moving),
         tries=memory.tries + 1,
-        still_mm=way.motion.distance_mm,
+        still_mm=way.movement.distance_mm,
         still_ns=now_ns,
     )
 
@@ -328,6 +328,6 @@ def _learned(memory: DriveMemory, way: _Way, config: DriveConfig) -> DriveMemory
     memory = replace(memory, cut=None)
     if not cut.moving or not 0.7 <= cut.speed_mm_s / config.creep_speed_mm_s <= 1.5:
         return memory
-    ran_s = (cut.distance_mm - way.motion.distance_mm) / cut.speed_mm_s
+    ran_s = (cut.distance_mm - way.movement.distance_mm) / cut.speed_mm_s
     ran_s = min(max(ran_s, 0.0), _longest_slip_s(config))
     return replace(memory, slips_s=(*memory.slips_s, ran_s)[-SLIPS:])

@@ -6,7 +6,7 @@ from enum import IntEnum
 from gateway.core.beacon import FOUND, Beacon, BeaconStatus
 from gateway.core.detection import Circle
 from gateway.core.marker_wear import MarkerWear
-from gateway.core.motion import DriveMemory
+from gateway.core.movement import DriveMemory
 from gateway.core.plc import Handshake, PlcLink
 from gateway.core.pose import MetricPose
 from gateway.core.readings import (

@@ -20,6 +20,7 @@ def test_no_schedule_of_faults_brings_an_unsafe_permit_and_each_recovers(first: 
     """Replay one: python -m bench.fault_campaign --seed N."""
     outcomes = [play(schedule(seed)) for seed in range(first, first + BLOCK)]
     assert [(o.schedule.seed, o.unsafe, o.stuck) for o in outcomes if o.failed] == []
+    assert sum(outcome.driven for outcome in outcomes) > 0, "a drive has had a setpoint"
 
 
 @pytest.mark.parametrize("seed", [2988, 5469, 8263])

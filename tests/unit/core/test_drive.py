@@ -3,19 +3,26 @@
 import random
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from gateway.config import GatewayConfig, parse
-from gateway.core import interlock
+from gateway.config.strict.errors import FaultsError
+from gateway.core import drive, interlock, movement
 from gateway.core.detection import Circle
 from gateway.core.interlock import Rules
-from gateway.core.motion import DriveMemory
-from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.movement import DriveMemory, Movement
+from gateway.core.plc import Control, PlcWrite, Writer
+from gateway.core.readings import AgeProof, Quality, RangeReading, VisionReading
 from gateway.core.setpoint import DriveState, Setpoint
-from gateway.core.state import StateVector, Tick
+from gateway.core.state import FunctionCheck, StateVector, Tick, Visit, VisitPhase
+
+pytestmark = pytest.mark.one_interpreter
 
 MS = 1_000_000
 T0 = 1_000_000_000_000
@@ -95,7 +102,7 @@ class Vehicle:
         self.now_ms += 20
 
 
-@pytest.mark.one_interpreter
+@pytest.mark.mostly_long(short=1)
 @pytest.mark.parametrize(("lag_s", "at_mm"), [(0.5, 1500.0), (0.15, 900.0), (1.0, 700.0)])
 def test_a_vehicle_comes_to_its_place_without_passing_it(lag_s: float, at_mm: float) -> None:
     vehicle = Vehicle(rules({"lag_s": max(0.5, lag_s)}), at_mm, lag_s)
@@ -114,3 +121,221 @@ def test_without_a_drive_there_is_no_setpoint() -> None:
     assert vehicle.state.may_move
     assert {state.setpoint for state in vehicle.states} == {Setpoint()}
     assert {state.memory.drive for state in vehicle.states} == {DriveMemory()}
+
+
+def test_what_is_learned_of_an_approach_is_what_the_vehicle_does() -> None:
+    """It follows 0.3 s late, is polled every 0.1 s, and needs 0.15 s more to change its speed."""
+    first = Vehicle(rules(), 900.0, 0.3, seed=5)
+    first.runs(16)
+    learned = first.state.memory.drive
+    assert len(learned.slips_s) == 1
+    assert 0.3 <= learned.slips_s[0] <= 0.9
+    assert learned.lag_s is not None
+    assert 0.3 <= learned.lag_s <= 0.6
+
+
+def test_a_vehicle_that_does_not_move_is_not_learned_from_and_the_setpoint_stays_limited() -> None:
+    vehicle = Vehicle(rules(), 900.0, follows=False)
+    vehicle.runs(8)
+    assert vehicle.state.memory.drive.slips_s == ()
+    assert vehicle.state.memory.drive.lag_s is None
+    assert 0 < max(state.setpoint.speed_mm_s for state in vehicle.states) <= 500.0
+
+
+def standing(at_mm: float, drives: Mapping[str, Any] | None = None, **sections: Any) -> Vehicle:
+    """It has stood there for so long that it may move, and does not follow."""
+    made = config(drives, **sections)
+    vehicle = Vehicle(Rules.of(made.bays[0], made), at_mm, follows=False, drops=0.0)
+    vehicle.runs(3)
+    return vehicle
+
+
+def test_short_of_the_place_it_is_moved_again_a_limited_number_of_times() -> None:
+    """It stands 25 mm short. After the last try it stays there, with enable off."""
+    state = standing(315.0, {"lag_s": 0.1, "latency_s": 0.1}).state
+    stood = replace(state.memory.drive, speed_mm_s=0.0, run_mm_s=None, cut=None, ways=(), way_mm=0.0)
+    for tries in (0, drive.TRIES - 1):
+        setpoint = stepped(state, memory=replace(state.memory, drive=replace(stood, tries=tries)))
+        assert (setpoint.state, setpoint.enable) == (DriveState.APPROACH, True)
+        assert setpoint.speed_mm_s >= 10.0
+    setpoint = stepped(state, memory=replace(state.memory, drive=replace(stood, tries=drive.TRIES)))
+    assert (setpoint.state, setpoint.enable, setpoint.speed_mm_s) == (DriveState.SETTLE, False, 0.0)
+
+
+@pytest.mark.parametrize("at_mm", [292.0, 270.0])
+def test_within_the_tolerance_and_beyond_it_the_setpoint_is_never_more_than_0(at_mm: float) -> None:
+    vehicle = standing(at_mm)
+    assert {state.setpoint.speed_mm_s for state in vehicle.states} == {0.0}
+    assert not any(state.setpoint.enable for state in vehicle.states)
+    there = DriveState.AT_PLACE if at_mm > 280 else DriveState.INHIBITED
+    assert vehicle.state.setpoint.state in (there, DriveState.AT_PLACE)
+
+
+def test_the_setpoint_rises_by_acceleration_and_jerk() -> None:
+    vehicle = standing(2500.0, {"acceleration_mm_s2": 80.0, "jerk_mm_s3": 100.0})
+    ticks = [s for s in vehicle.states if s.setpoint.speed_mm_s > 0]
+    rises = [
+        (later.setpoint.speed_mm_s - earlier.setpoint.speed_mm_s) / ((later.t_ns - earlier.t_ns) / 1e9)
+        for earlier, later in pairwise(ticks)
+        if later.t_ns > earlier.t_ns
+    ]
+    assert max(rises) <= 80.0 + 1e-6
+    assert max(after - before for before, after in pairwise(rises)) <= 100.0 * 0.02 + 1e-6
+    assert min(s.setpoint.speed_mm_s for s in ticks) >= 10.0
+
+
+def driven() -> StateVector:
+    vehicle = standing(900.0)
+    assert vehicle.state.setpoint.speed_mm_s > 50.0
+    assert vehicle.state.setpoint.enable
+    return vehicle.state
+
+
+def stepped(state: StateVector, **fields: Any) -> Setpoint:
+    recipe = rules().recipes[0]
+    assert recipe.drive is not None
+    return drive.step(replace(state, **fields), recipe.drive, recipe.fusion, recipe.guidance)[1]
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"stop": True},
+        {"may_move": False},
+        {"d": True},
+        {"d": None},
+        {"function_check": FunctionCheck.MAY_MOVE_KEPT},
+        {"function_check": FunctionCheck.MAY_MOVE_OFF},
+        {"range": RangeReading(T0, Quality.STALE)},
+        {"range": RangeReading(T0, Quality.NO_ECHO)},
+        {"vision": VisionReading(T0, Quality.NO_TARGET)},
+        {"visit": Visit(phase=VisitPhase.LEAVING)},
+        {"visit": Visit(phase=VisitPhase.RELEASED)},
+        {"visit": Visit(released=True)},
+        {"visit": Visit(restored=True)},
+    ],
+    ids=str,
+)
+def test_anything_in_doubt_is_a_setpoint_of_0(fields: Mapping[str, Any]) -> None:
+    state = driven()
+    assert stepped(state).speed_mm_s > 50.0
+    setpoint = stepped(state, **fields)
+    assert (setpoint.enable, setpoint.speed_mm_s) == (False, 0.0)
+    assert setpoint.state in (DriveState.INHIBITED, DriveState.NO_DISTANCE)
+
+
+def test_a_contradiction_an_unproven_age_and_a_missed_heartbeat_are_a_setpoint_of_0() -> None:
+    state = driven()
+    doubts: list[dict[str, Any]] = [
+        {"memory": replace(state.memory, disagree=True)},
+        {"memory": replace(state.memory, disagree_since_ns=state.t_ns)},
+        {"vision": replace(state.vision, age_proof=AgeProof.UNPROVEN)},
+        {"plc": replace(state.plc, missed=True)},
+    ]
+    for doubt in doubts:
+        setpoint = stepped(state, **doubt)
+        assert (setpoint.state, setpoint.enable, setpoint.speed_mm_s) == (DriveState.INHIBITED, False, 0.0)
+
+
+def test_without_ticks_the_setpoint_is_withdrawn_and_begins_anew() -> None:
+    vehicle = standing(900.0)
+    late_ns = vehicle.now_ns + 400 * MS
+    state = interlock.step(vehicle.state, Tick(), late_ns, vehicle.rules)
+    assert state.setpoint.speed_mm_s == 0.0
+    assert not state.setpoint.enable
+    assert state.memory.drive.speed_mm_s == 0.0
+
+
+def test_a_vehicle_that_is_too_fast_to_stop_before_the_limit_is_told_0() -> None:
+    """From 500 mm/s it needs 500 * (0.8 + 0.1) + 500^2 / 300 = 1283 mm."""
+    state = driven()
+    seen = state.memory.drive
+    fast = replace(seen, movement=Movement(state.range.t_ns, 900.0, 500.0, 1.0, 0.0, 1.0), t_ns=state.t_ns, ways=())
+    setpoint = stepped(state, memory=replace(state.memory, drive=replace(fast, speed_mm_s=0.0, way_mm=0.0)))
+    assert setpoint.speed_mm_s == 0.0
+    assert setpoint.stopping_mm is not None
+    assert 1200.0 < setpoint.stopping_mm < 1800.0
+
+
+def test_the_filter_knows_distance_and_speed_at_a_later_time() -> None:
+    found = Movement(T0, 1000.0)
+    for n in range(1, 60):
+        found = movement.measured(found, 1000.0 - 6.0 * n, T0 + n * 60 * MS, 0.0, 75.0)
+    later = movement.at(found, T0 + 59 * 60 * MS + 200 * MS, 0.0, 75.0)
+    assert later.distance_mm == pytest.approx(1000.0 - 6.0 * 59 - 20.0, abs=0.5)
+    assert later.excess_mm_s == pytest.approx(100.0, abs=1.0)
+    assert later.speed_sd_mm_s > found.speed_sd_mm_s > 5.0
+    assert later.distance_sd_mm > found.distance_sd_mm
+    assert movement.measured(found, 500.0, T0 + 3600 * MS, 0.0, 75.0) == Movement(T0 + 3600 * MS, 500.0)
+
+
+distances = st.one_of(st.floats(1.0, 4000.0), st.sampled_from([290.0, 301.0, 320.0, 900.0]))
+seen = st.one_of(
+    st.builds(lambda mm, age: ("range", mm, age), distances, st.integers(0, 900)),
+    st.builds(lambda mm, age: ("camera", mm, age), distances, st.integers(0, 900)),
+    st.builds(lambda mm: ("both", mm, 0), distances),
+    st.sampled_from([("fault", 0.0, 0), ("check", 1.0, 0), ("check", 0.0, 0), ("release", 0.0, 0), ("plc", 0.0, 0)]),
+)
+moments = st.lists(st.tuples(seen, st.sampled_from([0, 1, 20, 20, 60, 100, 240, 3000, -50])), max_size=60)
+
+
+@given(moments, st.booleans())
+def test_on_any_observations_the_setpoint_keeps_to_the_decision(happens: list[Any], writes: bool) -> None:
+    plc = {"modbus": {"writes": writes, "plc_addresses": ["10.0.0.9"]}}
+    made = config(None, **plc)
+    bay_rules, section = Rules.of(made.bays[0], made), made.bays[0].drive
+    assert section is not None
+    now_ns, beat = T0, 0
+    state = interlock.initial("bay1", now_ns, bay_rules)
+    for (what, mm, age_ms), wait_ms in happens:
+        now_ns += wait_ms * MS
+        then_ns, circle = now_ns - age_ms * MS, Circle(320.0, 240.0, PX_MM / max(mm, 1.0))
+        beat += 1
+        told: Any = {
+            "range": [RangeReading(then_ns, Quality.GOOD, mm)],
+            "camera": [VisionReading(then_ns, Quality.GOOD, circle)],
+            "both": [RangeReading(then_ns, Quality.GOOD, mm), VisionReading(then_ns, Quality.GOOD, circle)],
+            "fault": [RangeReading(now_ns, Quality.UNSTABLE)],
+            "check": [FunctionCheck.MAY_MOVE_KEPT if mm else FunctionCheck.OFF],
+            "release": [PlcWrite(Writer("10.0.0.9"), heartbeat=beat, control=1 | 1 << Control.RELEASE)],
+            "plc": [PlcWrite(Writer("10.0.0.9"), heartbeat=beat, control=1)],
+        }[what]
+        for observation in [*told, Tick()]:
+            state = interlock.step(state, observation, now_ns, bay_rules)
+            setpoint = state.setpoint
+            assert 0.0 <= setpoint.speed_mm_s <= section.max_speed_mm_s
+            assert not setpoint.enable or (state.may_move and not state.stop)
+            if setpoint.speed_mm_s == 0.0:
+                continue
+            assert setpoint.enable
+            assert setpoint.speed_mm_s >= section.min_speed_mm_s
+            assert state.range.quality is Quality.GOOD
+            assert state.range.distance_mm is not None
+            assert state.guidance.to_go_mm is not None
+            assert state.guidance.to_go_mm + section.place_mm > section.dead_band_mm
+            assert setpoint.stopping_mm is not None
+            assert setpoint.stopping_mm <= state.range.distance_mm - 300.0 + 100.0
+            assert state.function_check is FunctionCheck.OFF
+
+
+@pytest.mark.parametrize(
+    ("sections", "place"),
+    [
+        ({"drive": {"creep_speed_mm_s": 60.0, "max_speed_mm_s": 50.0}}, "drive.creep_speed_mm_s"),
+        ({"drive": {"min_speed_mm_s": 40.0}}, "drive.min_speed_mm_s"),
+        ({"drive": {"place_mm": 95.0}}, "drive.place_mm"),
+        ({"drive": {"lag_s": 3.0}}, "drive.creep_speed_mm_s"),
+        ({"drive": {}, "recipes": [{"id": 1, "name": "a", "drive": {"place_mm": 95.0}}]}, "recipes.0.drive.place_mm"),
+    ],
+    ids=str,
+)
+def test_a_drive_that_could_not_stop_is_refused(sections: Mapping[str, Any], place: str) -> None:
+    with pytest.raises(FaultsError, match=place.replace(".", r"\.")):
+        parse(sections)
+
+
+def test_a_recipe_changes_the_drive() -> None:
+    made = parse({"drive": {}, "recipes": [{"id": 7, "name": "wagon", "drive": {"creep_speed_mm_s": 20.0}}]})
+    recipe = Rules.of(made.bays[0], made).recipes[7].drive
+    assert recipe is not None
+    assert (recipe.creep_speed_mm_s, recipe.max_speed_mm_s) == (20.0, 500.0)

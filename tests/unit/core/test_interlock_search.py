@@ -23,6 +23,7 @@ TRANSITIONS: Mapping[str, int] = {
     "owners": 2_000,
     "plain": 2_000,
     "shipped": 4_000,
+    "drive": 4_000,
 }
 AT_LEAST = {phase.name.lower() for phase in VisitPhase} - {"empty", "arriving"}
 
@@ -55,6 +56,7 @@ def test_no_state_next_to_a_visit_permits_what_a_stated_condition_forbids(name: 
         ("a restart forgets the truck in place", "visit", 500),
         ("a place of before the restart is one of now", "visit", 2000),
         ("the latch does not hold", "latch", 1500),
+        ("a drive follows the permit alone", "drive", 500),
     ],
 )
 def test_the_search_reports_a_planted_fault(

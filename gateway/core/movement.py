@@ -17,7 +17,7 @@ JUMP_MM = 40.0  # a reading that differs more from what was expected is of somet
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class Movement:
     """What is known at `t_ns` (monotonic), the time of a reading or one since."""
 
     t_ns: int
@@ -54,7 +54,7 @@ class DriveMemory:
     """What the setpoint must remember between steps. Times monotonic ns; None: not so."""
 
     t_ns: int = 0  # of the newest step
-    motion: Motion | None = None  # at the newest good distance
+    movement: Movement | None = None  # at the newest good distance
     still_mm: float | None = None  # the vehicle has been here
     still_ns: int = 0  # since then
     speed_mm_s: float = 0.0  # the setpoint
@@ -92,34 +92,36 @@ class DriveMemory:
         return None
 
 
-def at(motion: Motion, t_ns: int, moved_mm: float, acceleration_sd: float) -> Motion:
+def at(movement: Movement, t_ns: int, moved_mm: float, acceleration_sd: float) -> Movement:
     """Predicted to `t_ns`. `moved_mm`: by the setpoint meanwhile; `acceleration_sd`: standard deviation of the
     accelerations that may act, mm/s2."""
-    dt = (t_ns - motion.t_ns) / NS_PER_S
+    dt = (t_ns - movement.t_ns) / NS_PER_S
     speed_var = (acceleration_sd * dt) ** 2
-    return Motion(
+    return Movement(
         t_ns,
-        motion.distance_mm - moved_mm - motion.excess_mm_s * dt,
-        motion.excess_mm_s,
-        motion.distance_var - 2 * dt * motion.covariance + dt * dt * (motion.speed_var + speed_var / 4),
-        motion.covariance - dt * (motion.speed_var + speed_var / 2),
-        motion.speed_var + speed_var,
+        movement.distance_mm - moved_mm - movement.excess_mm_s * dt,
+        movement.excess_mm_s,
+        movement.distance_var - 2 * dt * movement.covariance + dt * dt * (movement.speed_var + speed_var / 4),
+        movement.covariance - dt * (movement.speed_var + speed_var / 2),
+        movement.speed_var + speed_var,
     )
 
 
-def measured(motion: Motion | None, distance_mm: float, t_ns: int, moved_mm: float, acceleration_sd: float) -> Motion:
+def measured(
+    movement: Movement | None, distance_mm: float, t_ns: int, moved_mm: float, acceleration_sd: float
+) -> Movement:
     """After a good reading. One that is older than the newest, or jumps, is where the filter begins anew."""
-    if motion is not None and t_ns == motion.t_ns:
-        return motion
-    if motion is None or t_ns < motion.t_ns:
-        return Motion(t_ns, distance_mm)
-    before = at(motion, t_ns, moved_mm, acceleration_sd)
+    if movement is not None and t_ns == movement.t_ns:
+        return movement
+    if movement is None or t_ns < movement.t_ns:
+        return Movement(t_ns, distance_mm)
+    before = at(movement, t_ns, moved_mm, acceleration_sd)
     differs_mm = distance_mm - before.distance_mm
     if abs(differs_mm) > JUMP_MM + 3 * before.distance_sd_mm:
-        return Motion(t_ns, distance_mm)
+        return Movement(t_ns, distance_mm)
     variance = before.distance_var + NOISE_MM**2
     of_distance, of_speed = before.distance_var / variance, before.covariance / variance
-    return Motion(
+    return Movement(
         t_ns,
         before.distance_mm + of_distance * differs_mm,
         before.excess_mm_s + of_speed * differs_mm,
