@@ -17,7 +17,7 @@ from gateway.vision.source.specs import check_exposure, source_spec
 from gateway.web import languages
 
 
-def check(config: GatewayConfig, *, source: str, text: str) -> None:
+def check(config: GatewayConfig, source: str, text: str) -> None:
     """What can be checked of ports and addresses without opening them. Raises FaultsError, one line per fault.
 
     `text` is the TOML that `config` was read from, and `source` its name, so that each fault is reported with its line.

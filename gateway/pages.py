@@ -12,7 +12,6 @@ from typing import Any
 
 from gateway import config_check, update_request
 from gateway.bay_file import path_of
-from gateway.config import GatewayConfig
 from gateway.errors import LinkError
 from gateway.net import tls
 from gateway.net.listener import listening, url
@@ -182,8 +181,7 @@ def settings_file(
         if reload is not None:
             loop.call_soon_threadsafe(loop.call_later, RELOAD_S, reload.requested.set)
 
-    def checked(changed: GatewayConfig, name: str, text: str) -> None:
-        config_check.check(changed, source=name, text=text)
-
     take_over = None if reload is None else soon
-    return SettingsFile(Path(source), lambda: in_force.config, startup, checked, take_over, in_force.deciding)
+    return SettingsFile(
+        Path(source), lambda: in_force.config, startup, config_check.check, take_over, in_force.deciding
+    )

@@ -14,7 +14,6 @@ from pathlib import Path
 
 from gateway import config_check
 from gateway.backup import restore
-from gateway.config import GatewayConfig
 from gateway.errors import ConfigError
 
 
@@ -29,10 +28,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
 
-    def check(config: GatewayConfig, name: str, text: str) -> None:
-        config_check.check(config, source=name, text=text)
-
-    made = restore.plan(args.archive, check, force=args.force, outside=args.outside)
+    made = restore.plan(args.archive, config_check.check, force=args.force, outside=args.outside)
     manifest = made.manifest
     print(
         f"{args.archive}: of {manifest.host}, {manifest.made} UTC, gateway {manifest.gateway_version}, "
