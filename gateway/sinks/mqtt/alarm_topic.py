@@ -1,23 +1,19 @@
 """`<bay>/alarms`, retained: the alarms of a bay and of its gateway that are not normal, as ISA-18.2 has them. Pure."""
 
-from typing import Annotated, Literal
+from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from gateway.sinks.contract import ALARM_PRIORITIES, BayAlarms, ShownAlarm
 from gateway.sinks.mqtt import payloads
 from gateway.sinks.mqtt.messages import SCHEMA_VERSION
 from gateway.sinks.mqtt.topics import Gateway
-from gateway.sinks.mqtt.values import iso
-
-Count = Annotated[int, Field(json_schema_extra={"minimum": 0})]
-FROZEN = ConfigDict(frozen=True)
+from gateway.sinks.mqtt.values import Count, Payload, iso
 
 
-class AlarmPayload(BaseModel):
+class AlarmPayload(Payload):
     """One alarm that is not normal. Times are Unix time, ms."""
 
-    model_config = FROZEN
     id: str = Field(description="`<bay>.<kind>`, or `<kind>` of the gateway itself")
     kind: str = Field(description="a row of docs/alarms.md")
     title: str = Field(description="in words, for people; never to be parsed")
@@ -34,10 +30,9 @@ class AlarmPayload(BaseModel):
     shelved_until_ms: Count | None = Field(description="null unless shelved")
 
 
-class AlarmsPayload(BaseModel):
+class AlarmsPayload(Payload):
     """Valid only while the status topic is online and it keeps arriving."""
 
-    model_config = FROZEN
     schema_version: Literal[1] = Field(description="raised when a field is removed or changes its meaning")
     site: str
     bay: str

@@ -5,28 +5,25 @@ that is removed or changes its meaning raises it. A value that is not good is nu
 """
 
 from enum import StrEnum
-from typing import Annotated, Literal
+from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from gateway.core.events import EventKind
 from gateway.core.readings import AgeProof, PictureFault, Quality
+from gateway.sinks.mqtt.values import Count, Payload
 from gateway.sinks.mqtt.visit_payload import VisitPayload
 from gateway.values.models import ShownModel
 
 SCHEMA_VERSION = 1
 SENSORS = ("vision", "range", "cross_check")
 
-# Stated in the schema, not checked here: a miscounting sensor must not silence the gateway.
 Cause = Literal["running", "shutdown", "connection lost"]
-Count = Annotated[int, Field(json_schema_extra={"minimum": 0})]
-FROZEN = ConfigDict(frozen=True)
 
 
-class QualityPayload(BaseModel):
+class QualityPayload(Payload):
     """Why a sensor's value may or may not be used."""
 
-    model_config = FROZEN
     name: str = Field(json_schema_extra={"enum": [quality.name for quality in Quality]})
     code: int = Field(json_schema_extra={"enum": [int(quality) for quality in Quality]})
 
@@ -40,10 +37,9 @@ class ReasonPayload(ShownModel):
     text: str
 
 
-class SensorPayload(BaseModel):
+class SensorPayload(Payload):
     """One sensor: may its value be used, and how old is it?"""
 
-    model_config = FROZEN
     quality: QualityPayload
     age_ms: float | None = Field(description="of the newest observation at `timestamp_ms`; null: nothing received yet")
     detail: str = Field(description="what went wrong, in words, for people; never to be parsed")
@@ -296,10 +292,9 @@ class StatePayload(Measured):
     counters: CountersPayload
 
 
-class WritePayload(BaseModel):
+class WritePayload(Payload):
     """Who wrote to the handshake block, and what it changed."""
 
-    model_config = FROZEN
     address: str = Field(description="IP address of the writer")
     subject: str = Field(description="of its certificate; empty without TLS")
     role: str = Field(description="in its certificate; empty without TLS")
@@ -332,10 +327,9 @@ class Life(StrEnum):
     OFFLINE = "offline"
 
 
-class StorePayload(BaseModel):
+class StorePayload(Payload):
     """The file that keeps undelivered events through a restart."""
 
-    model_config = FROZEN
     ok: bool = Field(description="false: it can't be written now; events wait in memory and are delivered all the same")
     detail: str = Field(description="what is wrong, in words, for people; never to be parsed")
     faults: Count = Field(description="times it began to fail")
@@ -343,10 +337,9 @@ class StorePayload(BaseModel):
     unwritten: Count = Field(description="events that only memory holds at the moment")
 
 
-class DeliveryPayload(BaseModel):
+class DeliveryPayload(Payload):
     """The gateway's MQTT link, since the start of the gateway."""
 
-    model_config = FROZEN
     published: Count = Field(description="messages the broker has acknowledged")
     failed: Count = Field(description="messages it has not; events among them were sent again")
     reconnects: Count = Field(description="connections after the first")
@@ -355,10 +348,9 @@ class DeliveryPayload(BaseModel):
     store: StorePayload | None = Field(None, description="the outbox's file; null: events are kept in memory only")
 
 
-class StatusPayload(BaseModel):
+class StatusPayload(Payload):
     """`<root>/<site>/<instance>/status`, retained; the last will of the gateway."""
 
-    model_config = FROZEN
     schema_version: Literal[1] = Field(description="raised when a field is removed or changes its meaning")
     site: str
     instance: str

@@ -1,23 +1,19 @@
 """A truck's visit as messages and the API hold it. Pure."""
 
-from typing import Annotated, Literal
+from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from gateway.core.state import Reason, VisitPhase
 from gateway.core.visit_summary import VisitEnd, VisitSummary
-from gateway.sinks.mqtt.values import LAST_MS, iso
+from gateway.sinks.mqtt.values import LAST_MS, Count, Payload, iso
 from gateway.values.models import Filler, ShownModel
 from gateway.values.visit_values import VISIT_VALUES
 
-Count = Annotated[int, Field(json_schema_extra={"minimum": 0})]
-FROZEN = ConfigDict(frozen=True)
 
-
-class FaultPayload(BaseModel):
+class FaultPayload(Payload):
     """A reason for `stop` that is a fault, in one visit."""
 
-    model_config = FROZEN
     reason: str = Field(json_schema_extra={"enum": [reason.name for reason in Reason]})
     times: Count
     seconds: float = Field(description="in all")

@@ -4,7 +4,8 @@ from typing import Literal
 
 from pydantic import Field
 
-from gateway.sinks.mqtt.visit_payload import Count, VisitPayload
+from gateway.sinks.mqtt.values import Count
+from gateway.sinks.mqtt.visit_payload import VisitPayload
 from gateway.web.server.models import DetailedView, View
 
 

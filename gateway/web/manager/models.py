@@ -8,7 +8,7 @@ from pydantic import BeforeValidator, Field
 
 from gateway.records.alarm_rates import SOURCE, AlarmRateVerdict
 from gateway.records.statistics import CauseKind
-from gateway.sinks.mqtt.messages import Count
+from gateway.sinks.mqtt.values import Count
 from gateway.web.server.models import View
 
 

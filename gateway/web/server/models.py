@@ -15,7 +15,8 @@ from typing_extensions import TypeAliasType
 from gateway.alarms.records import MAX_NOTE, MAX_SHELVE_MIN
 from gateway.alarms.states import AlarmEvent, AlarmState
 from gateway.core import details
-from gateway.sinks.mqtt.messages import Count, EventPayload, StatePayload, StorePayload
+from gateway.sinks.mqtt.messages import EventPayload, StatePayload, StorePayload
+from gateway.sinks.mqtt.values import Count
 
 Cue = TypeAliasType("Cue", AlarmEvent)  # the name of its schema in docs/openapi.json
 

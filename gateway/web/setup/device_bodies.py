@@ -3,22 +3,19 @@
 from collections.abc import Iterable
 from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from gateway.config import CameraConfig, MqttConfig, RangerConfig
 from gateway.config.strict.errors import explain
 from gateway.errors import ConfigError
 from gateway.web.ipc.devices import STORED_PASSWORDS, LookAtCamera, LookAtRanger
+from gateway.web.tuning.request_models import Body
 
 MAX_PORT = 4096  # characters: a path
 Settings = Annotated[dict[str, Any], Field(max_length=64)]
 
 
-class DeviceBody(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
-
-
-class LookBody(DeviceBody):
+class LookBody(Body):
     """Exactly one of: a camera, a ranger, with the keys of its section. `replaces`: the page's own look before."""
 
     camera: Settings | None = None
@@ -39,7 +36,7 @@ class LookBody(DeviceBody):
         return LookAtRanger(_section(_Ranger, {"ranger": self.ranger}).ranger)
 
 
-class FlashBody(DeviceBody):
+class FlashBody(Body):
     """`bay`: the one that has the port, whose ranger is released first; empty: none has it."""
 
     port: str = Field(min_length=1, max_length=MAX_PORT)
@@ -47,7 +44,7 @@ class FlashBody(DeviceBody):
     replaces: int | None = None
 
 
-class StreamsBody(DeviceBody):
+class StreamsBody(Body):
     """`service`: of a camera that was found; user empty: without login."""
 
     service: str = Field(max_length=1000)
@@ -55,14 +52,14 @@ class StreamsBody(DeviceBody):
     password: str = Field("", max_length=1000, repr=False)
 
 
-class CameraPasswordBody(DeviceBody):
+class CameraPasswordBody(Body):
     """`url`: of the stream, without a login."""
 
     url: str = Field(min_length=1, max_length=1000)
     password: str = Field(min_length=1, max_length=1000, repr=False)
 
 
-class BrokerBody(DeviceBody):
+class BrokerBody(Body):
     """The keys of [mqtt] to try; none: the brokers of the configuration."""
 
     mqtt: Settings | None = None
@@ -71,10 +68,6 @@ class BrokerBody(DeviceBody):
         """Raises ConfigError, also where a password of this machine would go to an address that was just typed."""
         _refuse_stored("mqtt", self.mqtt or ())
         return None if self.mqtt is None else _section(_Mqtt, {"mqtt": self.mqtt}).mqtt
-
-
-class NoBody(DeviceBody):
-    """Nothing is needed."""
 
 
 class _Camera(BaseModel):

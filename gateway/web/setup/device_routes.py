@@ -29,8 +29,9 @@ from gateway.web.ipc.devices import (
 from gateway.web.ipc.messages import CameraPasswordKept, KeepCameraPassword, ReleaseRanger
 from gateway.web.server import lists
 from gateway.web.server.services import RequestCaller, Services, WebServices
-from gateway.web.setup.device_bodies import BrokerBody, CameraPasswordBody, FlashBody, LookBody, NoBody, StreamsBody
+from gateway.web.setup.device_bodies import BrokerBody, CameraPasswordBody, FlashBody, LookBody, StreamsBody
 from gateway.web.setup.device_client import DevicePreview
+from gateway.web.tuning.request_models import EmptyBody
 
 ADDRESSES = Addresses("/api/setup")
 WRITTEN = ("plc_heartbeat", "plc_control", "recipe_select", "plc_age", "plc_writes", "write_conflicts")
@@ -87,13 +88,13 @@ async def _picture(services: WebServices, number: Number) -> Response:
 
 
 @ADDRESSES.post("/look/{number}/end", Level.TECHNICIAN, "end a look")
-async def _end(services: WebServices, number: Number, body: NoBody) -> JSONResponse:
+async def _end(services: WebServices, number: Number, body: EmptyBody) -> JSONResponse:
     services.devices.end(number)
     return JSONResponse({})
 
 
 @ADDRESSES.post("/plc", Level.TECHNICIAN, "try the Modbus port, and show who polls and what was written")
-async def _plc(services: WebServices, body: NoBody) -> JSONResponse:
+async def _plc(services: WebServices, body: EmptyBody) -> JSONResponse:
     client = services.client
     if client.links_ns is None:
         await client.update_links()

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from gateway.core.detection import Circle
 from gateway.vision.offline.evaluation.scoring import ScoredPicture, Scores, scores
@@ -17,14 +17,11 @@ from gateway.web.ipc.testsets import (
     PictureSet,
     SetPicture,
 )
+from gateway.web.server.models import View
 from gateway.web.testsets import scoring
 from gateway.web.testsets.scoring_service import ScoringJob
 
 VerdictName = Literal["close", "loose", "wrong", "missed", "false", "clear"]
-
-
-class View(BaseModel):
-    model_config = ConfigDict(frozen=True)
 
 
 class MarkerView(View):

@@ -12,10 +12,6 @@ SetName = Annotated[str, Field(min_length=1, max_length=MAX_NAME, description="l
 Pixel = Annotated[float, Field(ge=-100_000, le=100_000)]
 
 
-class EmptyBody(Body):
-    """Nothing more to say."""
-
-
 class SetBody(Body):
     """Make or rename a test set."""
 

@@ -24,8 +24,9 @@ from gateway.web.profile import parameter_schema
 from gateway.web.server.services import Bay, RequestCaller, WebServices
 from gateway.web.testsets import models, pictures
 from gateway.web.testsets.models import ProposalView, SetScoreView, TestSetsView
-from gateway.web.testsets.request_models import EmptyBody, LabelBody, PictureBody, ScoreBody, SetBody
+from gateway.web.testsets.request_models import LabelBody, PictureBody, ScoreBody, SetBody
 from gateway.web.testsets.scoring_service import ScoringService
+from gateway.web.tuning.request_models import EmptyBody
 from gateway.web.tuning.tuning_service import TuningService
 from gateway.web.tuning.uploads import MAX_TEXT, UploadError
 

@@ -25,6 +25,10 @@ class Body(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
+class EmptyBody(Body):
+    """Nothing more to say."""
+
+
 class FunctionCheckBody(Body):
     """Begin or end a function check."""
 
