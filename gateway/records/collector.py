@@ -29,6 +29,7 @@ from gateway.records.record import (
     outputs,
     packed,
 )
+from gateway.records.sentences import NOT_IN_TIME
 
 MAX_PENDING_BYTES = 4 * 1024 * 1024  # of one bay, unpacked: some three minutes
 BATCH_BYTES = 48 * 1024  # fits into one message
@@ -82,7 +83,7 @@ class Collector:
             return
         stepped = observation is not None
         if self._missing:
-            self._add(Gap(t_ns=t_ns, lost=self._missing, why="not written in time"))
+            self._add(Gap(t_ns=t_ns, lost=self._missing, why=NOT_IN_TIME()))
             self._missing, stepped = 0, False
         elif self._newest is not None and (said := lapsed(self._newest, t_ns)) is not None:
             self._decide(said)

@@ -14,6 +14,7 @@ from gateway.core.detection import Circle
 from gateway.core.readings import Quality, VisionReading
 from gateway.errors import ConfigError, ProtocolError
 from gateway.records import picture_search, recording
+from gateway.records import sentences as say
 from gateway.records.recording import MissingItem
 from gateway.records.segment import Head, RecordedPicture
 from gateway.vision.detect import registry
@@ -66,14 +67,14 @@ def again(
         head = recording.head_in(path)
         advance()
         if head is None:
-            yield MissingItem(f"{path.name}: its head is damaged")
+            yield MissingItem(say.HEAD_DAMAGED(path.name))
             continue
         try:
             params = (other or _recorded)(head)
         except ConfigError as error:
             if other is not None:
                 raise
-            yield MissingItem(f"{path.name}: {error}")
+            yield MissingItem(say.PART_OF(path.name, error))
             continue
         search = registry.once(params.model_copy(update={"tracking": False}))
         for picture in recording.pictures(path):
@@ -83,7 +84,7 @@ def again(
             try:
                 image = picture_search.decoded(picture)
             except ProtocolError as error:
-                yield MissingItem(f"{path.name}: {error}")
+                yield MissingItem(say.PART_OF(path.name, error))
                 continue
             was = readings.get((picture.head.frame_id, picture.head.t_ns))
             yield FrameAgain(path, head, picture, was, search(image, picture.head.t_ns).circle)

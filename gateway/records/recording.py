@@ -15,6 +15,7 @@ from gateway.config import GatewayConfig
 from gateway.core.visit_summary import VisitEnd, VisitSummary
 from gateway.errors import ConfigError, ProtocolError
 from gateway.records import names
+from gateway.records import sentences as say
 from gateway.records.files import files_in
 from gateway.records.names import PICTURES, SEGMENT
 from gateway.records.record import AnyRecord, Checkpoint, Gap, VisitRecord, observed
@@ -85,7 +86,7 @@ class Continuity:
         if expected is None or head.before is None or head.before.name == expected.name:
             return ""
         self.steps = None
-        return f"everything between {expected.name} and {path.name}"
+        return say.BETWEEN(expected.name, path.name)
 
     def follows(self, record: AnyRecord) -> str:
         """Another record of that segment: what is missing before it; empty: nothing, as far as that can be known."""
@@ -98,8 +99,9 @@ class Continuity:
         if not record.follows or expected in (None, self.steps):
             return ""
         assert self.path is not None
-        lost = "the start of the gateway" if expected == BEGINS else f"{self.steps - expected} steps"
-        return f"{lost} before a complete state in {self.path.name}"
+        if expected == BEGINS:
+            return say.START_BEFORE(self.path.name)
+        return say.STEPS_BEFORE(self.steps - expected, self.path.name)
 
 
 def segments_of(paths: Iterable[Path]) -> list[Path]:
@@ -154,19 +156,19 @@ def records(paths: Iterable[Path], read: Callable[[Path], bytes] = Path.read_byt
                         number += 1
                         if isinstance(record, Gap):
                             continuity.steps = None
-                            yield MissingItem(f"{path.name}: {record.lost} records were {record.why}")
+                            yield MissingItem(say.RECORDS_LOST(path.name, record.lost, record.why))
             except ProtocolError as error:
                 continuity.steps = None
-                yield MissingItem(f"{path.name}: {error}")
+                yield MissingItem(say.PART_OF(path.name, error))
         if head is None:
             continuity.begins(path, None)
-            yield MissingItem(f"{path.name}: its head is damaged")
+            yield MissingItem(say.HEAD_DAMAGED(path.name))
 
 
 def _damaged(path: Path, block: DamagedBytes, size_bytes: int) -> MissingItem:
     if block.offset + block.length == size_bytes:
-        return MissingItem(f"{path.name}: cut off at its end, or damaged there: the last {block.length} bytes")
-    return MissingItem(f"{path.name}: {block.length} bytes at {block.offset} are damaged")
+        return MissingItem(say.CUT_OFF(path.name, block.length))
+    return MissingItem(say.DAMAGED(path.name, block.length, block.offset))
 
 
 def open_visit(folder: Path, boot: str) -> VisitSummary | None:
@@ -195,7 +197,7 @@ def pictures(path: Path) -> Iterator[RecordedPicture | MissingItem]:
             try:
                 yield picture_of(block.payload)
             except ProtocolError as error:
-                yield MissingItem(f"{path.name}: {error}")
+                yield MissingItem(say.PART_OF(path.name, error))
 
 
 def head_in(path: Path) -> Head | None:

@@ -110,6 +110,17 @@ OTHERWISE = _of(
     "otherwise", "{0} records were decided otherwise by gateway {1} than now: the causes are those of this version"
 )
 SO_FOR_LONGER = _of("so_for_longer", "the outputs have been so for longer than was searched")
+# What is missing.
+BETWEEN = _of("missing_between", "everything between {0} and {1}")
+START_BEFORE = _of("missing_start", "the start of the gateway before a complete state in {0}")
+STEPS_BEFORE = _of("missing_steps", "the {0} steps before a complete state in {1}")
+RECORDS_LOST = _of("records_lost", "in {0}, {1} records: {2}")
+NOT_IN_TIME = _of("not_in_time", "not written in time")
+HEAD_DAMAGED = _of("head_damaged", "all of {0}: its head is damaged")
+CUT_OFF = _of("cut_off", "the end of {0}, cut off or damaged: the last {1} bytes")
+DAMAGED = _of("bytes_damaged", "a part of {0}: {1} bytes at {2} are damaged")
+PART_OF = _of("part_of", "a part of {0}: {1}")
+OF_LATER_VERSION = _of("of_later_version", "a part of {0}: not {1} of this version or an earlier one: {2}")
 # The answer in one sentence.
 MAY_MOVE = _of("was_allowed", "The truck was allowed to move: {0}.")
 STOP_ON = _of("stop_on", "Stop was on: {0}.")

@@ -1,12 +1,17 @@
 """The table of sentences: each is found again by its text, with its values, and each is in every language."""
 
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 
 from gateway.core import details
 from gateway.core.details import DETAILS, Detail, told
+from gateway.errors import ProtocolError
 from gateway.modbus.protocol.answers import MAY_NOT_WRITE
+from gateway.records import sentences as account
+from gateway.records.record import unpacked
+from gateway.records.segment import batch_of, head_of
 from gateway.records.sentences import SENTENCES
 from gateway.records.sentences import said as said_of_account
 from gateway.web.languages import languages
@@ -101,3 +106,31 @@ def test_several_certificates_are_several_sentences() -> None:
     assert [one.code for one in said("a: /x expires on 2026-12-01; b: /y expired on 2026-11-01")] == [
         "cert_expires", "cert_expired",
     ]  # fmt: skip
+
+
+def of_another_version(read: Callable[[bytes], object]) -> str:
+    with pytest.raises(ProtocolError) as error:
+        read(b"\xc1")
+    return account.PART_OF("7.seg", error.value)
+
+
+@pytest.mark.parametrize(
+    ("why", "code"),
+    [
+        (account.BETWEEN("3.seg", "5.seg"), "missing_between"),
+        (account.START_BEFORE("5.seg"), "missing_start"),
+        (account.STEPS_BEFORE(12, "5.seg"), "missing_steps"),
+        (account.RECORDS_LOST("5.seg", 3, account.NOT_IN_TIME()), "records_lost"),
+        (account.HEAD_DAMAGED("5.seg"), "head_damaged"),
+        (account.CUT_OFF("5.seg", 12), "cut_off"),
+        (account.DAMAGED("5.seg", 12, 400), "bytes_damaged"),
+        (of_another_version(unpacked), "of_later_version"),
+        (of_another_version(batch_of), "of_later_version"),
+        (of_another_version(head_of), "of_later_version"),
+    ],
+)
+def test_what_is_missing_in_a_recording_is_a_sentence_of_its_own(why: str, code: str) -> None:
+    (found,) = said_of_account(account.MISSING(why))
+    assert found["code"] == "missing"
+    ((inner,),) = found["values"]
+    assert inner["code"] == code

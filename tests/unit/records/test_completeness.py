@@ -238,7 +238,7 @@ class TestTheChain:
         code, lines = said("verify", folder, capsys)
         assert code == 1
         assert lines[-1] == "1 are proven by the segment behind them, 1 fault"
-        assert lines[1].startswith(f"{path.name}: cut off at its end")
+        assert lines[1].startswith(f"the end of {path.name}, cut off or damaged")
 
     def test_list_tells_a_missing_segment_from_a_time_without_records(
         self, whole: Recorded, capsys: pytest.CaptureFixture[str]

@@ -295,9 +295,11 @@ def test_reading_tells_what_is_missing_and_goes_on(tmp_path: Path) -> None:
     path.write_bytes(bytes(data) + ticks(4))
     times, missing = read(tmp_path)
     assert times == [1, 5, 4]
-    assert [why.partition(": ")[2].split(" ")[0] for why in missing] == ["12", str(len(ticks(3)))]
+    at = len(data) - len(ticks(3))
+    damaged = f"a part of {path.name}: {len(ticks(3))} bytes at {at} are damaged"
+    assert missing == [f"in {path.name}, 12 records: not written in time", damaged]
     path.write_bytes(b"")
-    assert read(tmp_path) == ([], [f"{path.name}: its head is damaged"])
+    assert read(tmp_path) == ([], [f"all of {path.name}: its head is damaged"])
 
 
 def test_what_is_no_recording_is_an_error_that_names_it(tmp_path: Path) -> None:
