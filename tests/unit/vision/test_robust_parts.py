@@ -117,7 +117,7 @@ def test_votes_name_the_centre_of_a_disc_that_red_touches_on_one_side() -> None:
     sheet.box(110, 61, 30, 6)
     sheet.disc(70.0, 60.0, 9.0)
     (level, *_) = pyramid(sheet.finished(), 1, 8)
-    best = max(candidates.votes(level), key=lambda seed: seed.weight)
+    best = max(candidates.votes(level, candidates.red_plane(level)), key=lambda seed: seed.weight)
 
     assert (best.u_px, best.v_px) == pytest.approx((70, 60), abs=2)
     assert best.radius_px == pytest.approx(9, abs=1.5)

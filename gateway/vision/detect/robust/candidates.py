@@ -42,9 +42,12 @@ Peak = tuple[int, int, int, float]  # row and column of a cell, number of the ra
 Blob = tuple[float, float, float, float, float, float]  # left, top, width, height, radius (px of the full frame), fill
 
 
-def votes(level: PyramidLevel) -> list[Seed]:
-    """Every edge pixel votes for the centres that lie on its redder side at each of RADII; the peaks are seeds."""
-    red = cv2.GaussianBlur(red_plane(level), (5, 5), 1.0)
+def votes(level: PyramidLevel, plane: Plane) -> list[Seed]:
+    """Every edge pixel votes for the centres that lie on its redder side at each of RADII; the peaks are seeds.
+
+    `plane`: the level's `red_plane`.
+    """
+    red = cv2.GaussianBlur(plane, (5, 5), 1.0)
     if min(red.shape) < 8:
         return []
     planes, kernel = gradients(np.asarray(red, np.float32)), compiled_kernel()
@@ -116,9 +119,9 @@ def _cast(
     return flat.reshape(RADII.size, rows, columns)
 
 
-def blobs(level: PyramidLevel, radii_px: tuple[float, float]) -> list[Seed]:
-    """Connected parts above each of several thresholds of redness that are about as wide as high."""
-    red = np.asarray(cv2.GaussianBlur(red_plane(level), (3, 3), 0.0), np.float32)
+def blobs(level: PyramidLevel, plane: Plane, radii_px: tuple[float, float]) -> list[Seed]:
+    """Connected parts above each of several thresholds of redness that are about as wide as high; `plane` as above."""
+    red = np.asarray(cv2.GaussianBlur(plane, (3, 3), 0.0), np.float32)
     kernel = compiled_kernel()
     limits = 0.8 * radii_px[0], 1.2 * radii_px[1]
     found = _blobs(red, level.factor, limits) if kernel is None else kernel.blobs(red, SHARES, level.factor, limits)

@@ -108,5 +108,7 @@ def _stretched(part: Colours, sigma_px: float) -> tuple[Image, float]:
     smooth = np.asarray(cv2.GaussianBlur(part.astype(np.float32), (0, 0), sigma_px), np.float32)
     low, high = np.percentile(smooth[::4, ::4], TAILS)
     gain = min(MOST_GAIN, max(1.0, RANGE / max(float(high - low), 1.0)))
-    stretched = np.float32(gain) * (smooth - np.float32((low + high) / 2)) + np.float32(128)
-    return np.clip(np.rint(stretched), 0, 255).astype(np.uint8), gain
+    smooth -= np.float32((low + high) / 2)  # in place: each new array of this size costs as much again
+    smooth *= np.float32(gain)
+    smooth += np.float32(128)
+    return np.clip(np.rint(smooth, out=smooth), 0, 255, out=smooth).astype(np.uint8), gain

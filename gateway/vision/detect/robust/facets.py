@@ -89,7 +89,7 @@ def polygon_share(edge: Floats, shown: NDArray[np.bool_]) -> tuple[float, float]
     """
     explained, swing, off = _best_polygon(edge, shown)
     kept = shown & (off <= STRAY * float(np.median(off[shown])) if shown.any() else shown)
-    if np.count_nonzero(kept) >= (1 - MOST_STRAY) * np.count_nonzero(shown):
+    if (1 - MOST_STRAY) * np.count_nonzero(shown) <= np.count_nonzero(kept) < np.count_nonzero(shown):
         explained, swing, _ = _best_polygon(edge, kept)
     return explained, swing
 

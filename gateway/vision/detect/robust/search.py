@@ -187,9 +187,10 @@ def _seeds(levels: Sequence[PyramidLevel], limits: Limits) -> list[Seed]:
     # Levels finer than the smallest disc needs serve close measurement only: most of the time would be spent there.
     finer = sum(level.factor * candidates.RADII[0] <= smallest for level in levels) - 1
     voting = levels[max(0, finer) :]
-    voted = [seed for level in voting for seed in candidates.votes(level)]
+    planes = [candidates.red_plane(level) for level in voting]
+    voted = [seed for level, plane in zip(voting, planes, strict=True) for seed in candidates.votes(level, plane)]
     voted = [seed for seed in voted if 0.75 * smallest <= seed.radius_px <= 1.3 * largest]
-    blobs = candidates.blobs(voting[0], (smallest, largest)) if voting else []
+    blobs = candidates.blobs(voting[0], planes[0], (smallest, largest)) if voting else []
     voted.sort(key=lambda seed: -seed.weight)
     blobs.sort(key=lambda seed: -seed.radius_px)
     return [seed for pair in zip_longest(voted, blobs) for seed in pair if seed is not None]
