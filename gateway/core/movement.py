@@ -29,11 +29,11 @@ class Movement:
 
     @property
     def distance_sd_mm(self) -> float:
-        return sqrt(self.distance_var)
+        return sqrt(max(0.0, self.distance_var))
 
     @property
     def speed_sd_mm_s(self) -> float:
-        return sqrt(self.speed_var)
+        return sqrt(max(0.0, self.speed_var))
 
     @property
     def known(self) -> bool:

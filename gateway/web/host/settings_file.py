@@ -332,8 +332,11 @@ def _values(settings: GatewayConfig, document: Mapping[str, Any]) -> dict[str, A
         for name, section in sink_registry.settings_of(settings)
     }
     for name in SHARED_SECTIONS:
-        model = inner_model(BayConfig.model_fields[name].annotation)
-        if model is not None:
+        field = BayConfig.model_fields[name]
+        model = inner_model(field.annotation)
+        if field.default is None and name not in document:
+            values[name] = None  # absent is off, and has no defaults in force
+        elif model is not None:
             values[name] = model.model_validate(document.get(name, {})).model_dump(mode="json")
     return values
 

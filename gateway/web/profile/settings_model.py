@@ -18,7 +18,8 @@ from gateway.web.profile.settings_edit import IDENTITY
 
 Sinks = Mapping[str, type[BaseModel]]  # model of each table `[sinks.<name>]`
 UNITS = (
-    ("_mm_s", "mm/s"), ("_px_s", "px/s"), ("_megapixels", "megapixels"), ("_minutes", "minutes"), ("_hours", "h"),
+    ("_mm_s", "mm/s"), ("_mm_s2", "mm/s²"), ("_mm_s3", "mm/s³"), ("_px_s", "px/s"),
+    ("_megapixels", "megapixels"), ("_minutes", "minutes"), ("_hours", "h"),
     ("_percent", "%"), ("_days", "days"), ("_deg", "°"), ("_px2", "px²"), ("_kib", "KiB"), ("_mm", "mm"),
     ("_px", "px"), ("_ms", "ms"), ("_us", "µs"), ("_hz", "Hz"), ("_mb", "MB"), ("_c", "°C"), ("_s", "s"), ("_h", "h"),
 )  # fmt: skip

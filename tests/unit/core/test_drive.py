@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.config import GatewayConfig, parse
+from gateway.config import GatewayConfig, decision, parse
 from gateway.config.strict.errors import FaultsError
 from gateway.core import drive, interlock, movement
 from gateway.core.detection import Circle
@@ -339,3 +339,20 @@ def test_a_recipe_changes_the_drive() -> None:
     recipe = Rules.of(made.bays[0], made).recipes[7].drive
     assert recipe is not None
     assert (recipe.creep_speed_mm_s, recipe.max_speed_mm_s) == (20.0, 500.0)
+
+
+def test_a_release_is_void_when_the_drive_changes_but_not_by_its_mere_existence() -> None:
+    recipe: dict[str, Any] = {"id": 7, "name": "wagon"}
+    none, off, on, other = (
+        decision.keys_of(made.bays[0], made)
+        for made in (
+            parse({"recipes": [recipe]}),
+            parse({"recipes": [recipe | {"drive": {}}]}),
+            parse({"drive": {}, "recipes": [recipe]}),
+            parse({"drive": {}, "recipes": [recipe | {"drive": {"place_mm": 5.0}}]}),
+        )
+    )
+    assert none["recipes"] == [{"id": 7, "fusion": {}, "guidance": {}}]
+    assert decision.differing(none, off) == []
+    assert decision.differing(none, on) == ["drive"]
+    assert decision.differing(on, other) == ["recipes"]

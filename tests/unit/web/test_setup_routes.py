@@ -121,6 +121,7 @@ async def test_the_file_is_shown_with_its_schema_and_without_its_passwords(tmp_p
         assert found["values"]["bays"]["B"]["fusion"]["radius_threshold_px"] == 180
         assert found["values"]["sinks"]["postgresql"]["outbox_mb"] == 64
         assert found["values"]["modbus"]["port"] == 502
+        assert found["values"]["drive"] is None
         port = found["json_schema"]["$defs"]["ModbusConfig"]["properties"]["port"]
         assert port == {"default": 502, "description": "0 picks a free one", "maximum": 65535, "minimum": 0,
                         "type": "integer"}  # fmt: skip
@@ -152,6 +153,7 @@ def test_the_schema_takes_what_the_gateway_takes_and_names_unit_secret_and_choic
         jsonschema.Draft202012Validator(found).validate(tomllib.loads((shipped / name).read_text()))
     parts = found["$defs"]
     assert parts["FusionConfig"]["properties"]["distance_threshold_mm"]["x-unit"] == "mm"
+    assert parts["DriveConfig"]["properties"]["jerk_mm_s3"]["x-unit"] == "mm/s³"
     assert parts["HmiUser"]["properties"]["password_hash"]["x-secret"] is True
     assert parts["VisionConfig"]["properties"]["method"]["enum"] == ["robust", "paper"]
     assert found["properties"]["recipes"]["x-named-by"] == "id"
