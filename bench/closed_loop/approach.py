@@ -19,7 +19,7 @@ from gateway.config import DriveConfig, GatewayConfig
 from gateway.core import interlock
 from gateway.core.detection import Circle
 from gateway.core.interlock import Rules
-from gateway.core.motion import DriveMemory
+from gateway.core.movement import DriveMemory
 from gateway.core.plc import Control, PlcWrite, Writer
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.shown import shown

@@ -31,7 +31,7 @@ from typing import Any
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedColumn, TimeRemainingColumn
 
 from bench.closed_loop.approach import RUNS, Aid, Approach, Result, limits, settings
-from gateway.core.motion import DriveMemory
+from gateway.core.movement import DriveMemory
 from gateway.core.setpoint import DriveState
 from gateway.sim.vehicles import VehicleKind
 
