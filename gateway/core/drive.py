@@ -28,7 +28,7 @@ from gateway.durations import NS_PER_S
 
 SIGMAS = 3.0  # the worst case is so many standard deviations off
 RESERVE = 0.1  # of the speed: what the estimate may be off while the vehicle begins to brake
-STILL_MM = 3.0  # a vehicle that stays within this stands
+STILL_MM = 8.0  # a vehicle that stays within this stands: so far the ranger's median moves by itself
 STILL_S = 0.5  # for so long, after the longest delay
 LONGEST_STEP_S = 0.1  # a setpoint rises for no longer than this at once
 TRIES = 4  # of one approach

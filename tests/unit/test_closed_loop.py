@@ -120,10 +120,13 @@ def test_the_judge_sees_a_collision() -> None:
     assert found.deepest_mm < -100
 
 
-@pytest.mark.parametrize("kind", list(VehicleKind))
-def test_a_vehicle_comes_to_its_place_and_never_past_the_tolerance(kind: VehicleKind) -> None:
+@pytest.mark.parametrize(
+    ("kind", "seed"), [(VehicleKind.SHUNTER, 22), (VehicleKind.WINCH, 2), (VehicleKind.TRACTOR, 23)]
+)
+def test_a_vehicle_comes_to_its_place_and_never_past_the_tolerance(kind: VehicleKind, seed: int) -> None:
+    """Two of them first stand short of it, and must be seen to stand through the ranger's noise."""
     trace: list[tuple[float, ...]] = []
-    one = Approach(kind, Aid.SETPOINT, 2, settings(kind, Aid.SETPOINT), trace=trace)
+    one = Approach(kind, Aid.SETPOINT, seed, settings(kind, Aid.SETPOINT), trace=trace)
     found = one.run()
     assert found.in_place
     assert abs(found.error_mm) < 30
