@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from bench.scene import Recipe, draw
+from bench.scene import Recipe, Scene, draw
 from gateway.config import Intrinsics
 from gateway.core.detection import Ellipse
 from gateway.vision.detect.robust.perspective import disc_centre
@@ -22,8 +22,18 @@ class PoseError:
     after_px: float  # to the weighted centre, with the usual prior
 
 
-def pose_error(seed: int) -> PoseError | None:
-    """One picture: rendered, refined, corrected."""
+@dataclass(frozen=True)
+class SeenDisc:
+    """One picture's disc, as it is and as it was found: its rim, and its own centre, px."""
+
+    scene: Scene
+    lens: Intrinsics
+    rim: Ellipse
+    centre: tuple[float, float]
+
+
+def seen_disc(seed: int) -> SeenDisc | None:
+    """Rendered, refined, corrected. None: not found."""
     cv2.setNumThreads(1)
     scene = draw(RECIPE, seed, (45.0, 110.0))
     # A larger frame, with the disc anywhere in it.
@@ -48,15 +58,25 @@ def pose_error(seed: int) -> PoseError | None:
     if rim is None:
         return None
     lens = Intrinsics(fx=scene.focal, fy=scene.focal, cx=scene.width / 2, cy=scene.height / 2, distortion=DISTORTION)
-    normal = -scene.rotation[:, 2]
     found = disc_centre(rim.ellipse, lens)
-    if found is None:
-        return None
+    return None if found is None else SeenDisc(scene, lens, rim.ellipse, found)
+
+
+def tilt_deg(scene: Scene) -> float:
+    """Of the disc against the line of sight."""
     sight = scene.position / np.linalg.norm(scene.position)
+    return float(np.degrees(np.arccos(np.clip(scene.rotation[:, 2] @ sight, -1, 1))))
+
+
+def pose_error(seed: int) -> PoseError | None:
+    seen = seen_disc(seed)
+    if seen is None:
+        return None
+    own, rim = seen.scene.project(seen.scene.position[np.newaxis])[0], seen.rim
     return PoseError(
-        tilt_deg=float(np.degrees(np.arccos(np.clip(-normal @ sight, -1, 1)))),
-        before_px=float(np.hypot(rim.ellipse.u_px - own[0], rim.ellipse.v_px - own[1])),
-        after_px=float(np.hypot(found[0] - own[0], found[1] - own[1])),
+        tilt_deg=tilt_deg(seen.scene),
+        before_px=float(np.hypot(rim.u_px - own[0], rim.v_px - own[1])),
+        after_px=float(np.hypot(seen.centre[0] - own[0], seen.centre[1] - own[1])),
     )
 
 

@@ -9,6 +9,7 @@ from gateway.config import BayConfig, GatewayConfig
 from gateway.core import details, events, fusion, interlock, visit_progress
 from gateway.core.events import MAX_DETAIL_CHARS, Event, EventKind
 from gateway.core.plc import PlcConnection, PlcWrite, Writer, WriteVerdict
+from gateway.core.pose import Sight
 from gateway.core.readings import RangeReading, VisionReading
 from gateway.core.retained import RetainedState
 from gateway.core.scale import possible_radii_px
@@ -115,6 +116,10 @@ class BayControl:
         if untried and self._hub.state(self.name).function_check is FunctionCheck.OFF:
             log.warning("%s: %s: a function check begins", self.name, _untried(untried))
             self.check_function(FunctionCheck.MAY_MOVE_OFF, who)
+
+    def vision_changed(self, config: BayConfig) -> None:
+        """Other settings of vision are in effect."""
+        self._rules = replace(self._rules, sight=Sight.of(config))
 
     def settings_changed(self, what: str, who: Writer) -> None:
         """Other settings were put into effect: an event for the record."""

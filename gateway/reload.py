@@ -116,6 +116,7 @@ class Reloader:
             fixed = any("controls" in change.path for change in own)
             if any(change.path[0] == "bays" for change in own) and (fixed or vision.settings != bay.vision):
                 vision.apply(bay.vision, bay.camera.controls if fixed else None)
+                control.vision_changed(bay)
                 if self.files is not None:
                     control.check_untried(self.files.untried(bay.name), FILE)
             if own:

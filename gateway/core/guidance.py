@@ -14,7 +14,8 @@ from collections.abc import Sequence
 from itertools import combinations
 from statistics import median
 
-from gateway.config import CrossCheck, FusionConfig, GuidanceConfig
+from gateway.config import FusionConfig, GuidanceConfig
+from gateway.core.pose import true_radius_mm
 from gateway.core.readings import Quality, RangeReading
 from gateway.core.state import FunctionCheck, Guidance, GuidanceCode, StateVector, VisitPhase
 from gateway.durations import NS_PER_S
@@ -85,7 +86,7 @@ def advise(
     if circle is not None:
         offset_u = None if config.aim_u_px is None else circle.u_px - config.aim_u_px
         offset_v = None if config.aim_v_px is None else circle.v_px - config.aim_v_px
-        true_mm = _marker_radius_mm(config, fusion.cross_check)
+        true_mm = true_radius_mm(config, fusion.cross_check)
         if offset_u is not None and true_mm is not None and circle.radius_px > 0:
             offset_mm = offset_u * true_mm / circle.radius_px
         if distance_mm is not None:
@@ -218,9 +219,3 @@ def _past_view_mm(state: StateVector, fusion: FusionConfig, config: GuidanceConf
         return None
     past_mm = fusion.distance_threshold_mm - state.range.distance_mm
     return past_mm if past_mm > config.overshoot_mm else None
-
-
-def _marker_radius_mm(config: GuidanceConfig, check: CrossCheck | None) -> float | None:
-    if config.marker_radius_mm is not None or check is None:
-        return config.marker_radius_mm
-    return check.marker_radius_mm

@@ -22,6 +22,7 @@ from gateway.config import (
 from gateway.core import agreement, drive, fusion, guidance, handshake, ne107, scale, shown, visit
 from gateway.core.marker_wear import MarkerWear
 from gateway.core.plc import Control, Handshake, PlcConnection, PlcLink, PlcWrite, ResetVerdict, WriteVerdict
+from gateway.core.pose import MetricPose, Sight, metric_pose
 from gateway.core.readings import Quality, RangeReading
 from gateway.core.retained import RetainedState
 from gateway.core.scale import ScaleSample
@@ -64,6 +65,7 @@ class Rules:
     visit: VisitConfig = field(default_factory=VisitConfig)
     max_range_mm: float | None = None
     beacon_tolerance_ns: int | None = None  # None: the bay has no beacon
+    sight: Sight | None = None  # None: no intrinsics are configured, and no metric pose is known
 
     @property
     def latch_stop(self) -> bool:
@@ -85,11 +87,11 @@ class Rules:
         tolerance_ns = None if beacon is None else round(beacon.tolerance_ms * NS_PER_MS)
         recipes = {0: Recipe(bay.fusion, bay.guidance, bay.drive)}
         if gateway is None:
-            return Rules(recipes, None, bay.visit, max_range_mm, tolerance_ns)
+            return Rules(recipes, None, bay.visit, max_range_mm, tolerance_ns, Sight.of(bay))
         for recipe in gateway.recipes:
             recipes[recipe.id] = Recipe.of(bay, recipe)
         writes = gateway.modbus.handshake if gateway.modbus.writes else None
-        return Rules(recipes, writes, bay.visit, max_range_mm, tolerance_ns)
+        return Rules(recipes, writes, bay.visit, max_range_mm, tolerance_ns, Sight.of(bay))
 
 
 def initial(bay: str, now_ns: int, rules: Rules, retained: RetainedState | None = None) -> StateVector:
@@ -189,6 +191,7 @@ def _step(state: StateVector, observation: fusion.Observation, now_ns: int, rule
         function_check=function_check,
         visit=current,
         marker=(observation if observation.visits else None) if isinstance(observation, MarkerWear) else state.marker,
+        pose=_pose(fused, recipe, rules.sight, speed),
         valid_until_ns=now_ns + rules.valid_for_ns if isinstance(observation, Tick) else state.valid_until_ns,
     )
     advice = guidance.advise(
@@ -208,6 +211,13 @@ def _driven(decided: StateVector, recipe: Recipe, config: DriveConfig) -> StateV
     """The decision is final: the setpoint can only follow it."""
     memory, setpoint = drive.step(decided, config, recipe.fusion, recipe.guidance)
     return replace(decided, memory=replace(decided.memory, drive=memory), setpoint=setpoint)
+
+
+def _pose(fused: Fused, recipe: Recipe, sight: Sight | None, speed: float | None) -> MetricPose | None:
+    """Of sensors that contradict each other neither is believed."""
+    if sight is None or fused.memory.disagree:
+        return None
+    return metric_pose(fused.vision, fused.range, fused.t_ns, sight, recipe.fusion, recipe.guidance, speed)
 
 
 def _accepted_write(

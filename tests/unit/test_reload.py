@@ -18,9 +18,13 @@ class Part:
         self.settings = VisionConfig()
         self.applied: list[tuple[VisionConfig, ControlsConfig | None]] = []
         self.told: list[str] = []
+        self.seen: BayConfig | None = None
 
     def apply(self, vision: VisionConfig, controls: ControlsConfig | None = None) -> None:
         self.applied.append((vision, controls))
+
+    def vision_changed(self, config: BayConfig) -> None:
+        self.seen = config
 
     def settings_changed(self, what: str, who: object) -> None:
         self.told.append(what)
@@ -57,4 +61,5 @@ def test_other_settings_of_vision_and_of_the_cameras_controls_replace_the_vision
     )
     asyncio.run(reloader._reload())
     assert vision.applied == applied
+    assert control.seen == (new if applied else None)
     assert bool(control.told) == bool(applied)
