@@ -217,7 +217,8 @@ def _pose(fused: Fused, recipe: Recipe, sight: Sight | None, speed: float | None
     """Of sensors that contradict each other neither is believed."""
     if sight is None or fused.memory.disagree:
         return None
-    return metric_pose(fused.vision, fused.range, fused.t_ns, sight, recipe.fusion, recipe.guidance, speed)
+    place_mm = 0.0 if recipe.drive is None else recipe.drive.place_mm
+    return metric_pose(fused.vision, fused.range, fused.t_ns, sight, recipe.fusion, recipe.guidance, speed, place_mm)
 
 
 def _accepted_write(

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gateway.config import BayConfig, CrossCheck, FusionConfig, GuidanceConfig, Intrinsics, VisionConfig
+from gateway.config import BayConfig, CrossCheck, DriveConfig, FusionConfig, GuidanceConfig, Intrinsics, VisionConfig
 from gateway.core import interlock
 from gateway.core.detection import Circle, Ellipse
 from gateway.core.interlock import Rules
@@ -152,9 +152,9 @@ def test_never_raises(
     at(seen(Circle(u, v, a)), heard(mm), lens, speed=speed)
 
 
-def _standing(fusion: FusionConfig, distance_mm: float) -> StateVector:
+def _standing(fusion: FusionConfig, distance_mm: float, drive: DriveConfig | None = None) -> StateVector:
     """A truck that has stood for a second, R = 180 px."""
-    rules = Rules.of(BayConfig(vision=VisionConfig(intrinsics=LENS), guidance=MARKER, fusion=fusion))
+    rules = Rules.of(BayConfig(vision=VisionConfig(intrinsics=LENS), guidance=MARKER, fusion=fusion, drive=drive))
     state = interlock.initial("bay1", 0, rules)
     for n in range(1, 60):
         now_ns = n * 20 * MS
@@ -170,6 +170,12 @@ def test_the_state_has_it_where_the_sensors_agree_and_it_is_withdrawn_with_the_r
     assert shown(state, state.valid_until_ns).pose == state.pose
     dead = shown(state, state.valid_until_ns + 1)
     assert (dead.reason, dead.pose) == (Reason.GATEWAY_FAULT, None)
+
+
+def test_with_a_drive_the_place_is_where_it_is_to_stand() -> None:
+    state = _standing(FusionConfig(distance_threshold_mm=310.0), 300.0, DriveConfig(place_mm=25.0))
+    assert state.pose is not None
+    assert state.pose.z_mm == pytest.approx(15.0)
 
 
 def test_of_sensors_that_contradict_each_other_neither_is_believed() -> None:
