@@ -19,7 +19,6 @@ What was seen before may itself have been wrong, and then the truck contradicts 
 """
 
 import math
-from dataclasses import replace
 from statistics import median
 
 from gateway.config import CrossCheck, FusionConfig
@@ -27,6 +26,7 @@ from gateway.core.readings import RangeReading, VisionReading
 from gateway.core.scale import expected_radius_px
 from gateway.core.state import FusionMemory
 from gateway.durations import NS_PER_S
+from gateway.replacing import replace
 
 LARGEST = 1e9  # px or mm; a larger number is not a measurement and does not fit into a register
 FAR_SHARE = 0.5  # of R_th: a smaller circle is that of a truck far from D = 1

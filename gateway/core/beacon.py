@@ -17,9 +17,11 @@ bench/beacon.py.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import IntEnum
 from operator import mul
+
+from gateway.replacing import replace
 
 STEP_NS = 10_000_000  # of lags
 EARLIEST, LATEST = -10, 200  # lags searched, in steps: -0.1 to 2 s

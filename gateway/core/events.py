@@ -1,6 +1,6 @@
 """Events, and what happened between two states. Pure: (old, new) -> events, in a fixed order."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 
 from gateway.core import details
@@ -20,6 +20,7 @@ from gateway.core.shown import lapsed, resumed, valid
 from gateway.core.state import Moved, StateVector
 from gateway.core.visit_summary import VisitSummary
 from gateway.durations import NS_PER_S
+from gateway.replacing import replace
 
 MAX_DETAIL_CHARS = 1000  # of an event that people have caused
 

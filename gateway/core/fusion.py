@@ -17,8 +17,6 @@ decides at every step.
 A circle that does not fit the ranger's distance is a contradiction, and a cause: gateway/core/agreement.py.
 """
 
-from dataclasses import replace
-
 from gateway.config import FusionConfig
 from gateway.core import agreement, beacon, details
 from gateway.core.agreement import FAR_SHARE, in_range
@@ -50,6 +48,7 @@ from gateway.core.state import (
     TruckPosition,
 )
 from gateway.durations import NS_PER_MS, NS_PER_S
+from gateway.replacing import replace
 
 Observation = VisionReading | RangeReading | Tick | PlcWrite | PlcConnection | FunctionCheck | MarkerWear
 BEYOND_SHARE = 0.9  # of the ranger's range: what was learned of the marker may be off by a tenth

@@ -11,7 +11,6 @@ requests: whether a reset or a release ends a stop is decided in interlock.py an
 """
 
 from collections.abc import Callable, Collection, Iterator
-from dataclasses import replace
 from enum import Enum, auto
 
 from gateway.config import HandshakeConfig
@@ -30,6 +29,7 @@ from gateway.core.plc import (
 from gateway.core.readings import Quality
 from gateway.core.state import Sensed, StateVector
 from gateway.durations import NS_PER_S
+from gateway.replacing import replace
 
 WRITABLE = ("plc_heartbeat", "plc_control", "recipe_select")  # in the order of their registers
 

@@ -7,7 +7,7 @@ released, may leave although D is 1 or unknown (docs/visit.md). Guidance and the
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from gateway.config import (
     BayConfig,
@@ -29,6 +29,7 @@ from gateway.core.scale import ScaleSample
 from gateway.core.state import FunctionCheck, Fused, FusionMemory, Moved, Reason, StateVector, Tick, Visit
 from gateway.core.visit import VisitLimits
 from gateway.durations import NS_PER_MS, NS_PER_S
+from gateway.replacing import replace
 
 VALID_PERIODS = 2  # fewer than the usual ten: this is the last line, and slow ticks must not stretch it
 VALID_MIN_S = 0.25  # a busy machine may hold the event loop for a moment

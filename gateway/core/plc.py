@@ -3,8 +3,10 @@
 The numbers are on the wire: never renumber, only add. The transitions are in gateway/core/handshake.py.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum, IntEnum, auto
+
+from gateway.replacing import replace
 
 
 class Control(IntEnum):

@@ -5,10 +5,11 @@ permits anything: neither a checklist nor a release switches an output.
 """
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from gateway.core.readings import FRESH_FRAME, Quality
 from gateway.core.state import FunctionCheck, Reason, StateVector
+from gateway.replacing import replace
 
 OUT_S = 1.0  # a sensor that was unplugged is out for at least so long
 CAMERA_OUT = frozenset({Quality.LINK_DOWN})

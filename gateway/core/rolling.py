@@ -19,7 +19,6 @@ by the visit's bands.
 """
 
 import math
-from dataclasses import replace
 from statistics import median
 
 from gateway.config import GuidanceConfig, VisitConfig
@@ -27,6 +26,7 @@ from gateway.core.detection import Circle
 from gateway.core.readings import Quality
 from gateway.core.state import Fused, ReferencePosition
 from gateway.durations import NS_PER_S
+from gateway.replacing import replace
 
 FRAMES = 2
 GAP_NS = 500_000_000

@@ -6,10 +6,11 @@ on Z, so what was learned is used near the places where it was learned only.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from statistics import median
 
 from gateway.durations import NS_PER_S
+from gateway.replacing import replace
 
 MAX_VISITS = 60  # visits
 MIN_VISITS = 3  # of them, before it is believed

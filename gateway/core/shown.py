@@ -4,12 +4,12 @@ A state is valid until `valid_until_ns`, which every tick of the control task ex
 ticks nothing is decided, and good values must not be shown beside a heartbeat that no longer counts.
 """
 
-from dataclasses import replace
 from typing import Protocol
 
 from gateway.core import fusion
 from gateway.core.plc import TriggerPhase
 from gateway.core.state import Guidance, GuidanceCode, Reason, StateVector
+from gateway.replacing import replace
 
 
 class Dated(Protocol):

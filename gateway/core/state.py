@@ -1,6 +1,6 @@
 """A bay's state vector and the records that it is made of: frozen, plain, units in the names."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import IntEnum
 
 from gateway.core.beacon import FOUND, Beacon, BeaconStatus
@@ -20,6 +20,7 @@ from gateway.core.readings import (
 )
 from gateway.core.scale import MarkerScale, ScaleSample
 from gateway.core.setpoint import Setpoint
+from gateway.replacing import replace
 
 
 class Reason(IntEnum):

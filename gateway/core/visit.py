@@ -10,7 +10,7 @@ A release lets such a truck leave although D is 1 or unknown: the one exception 
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from gateway.config import FusionConfig, GuidanceConfig, VisitConfig
 from gateway.core import details, rolling
@@ -29,6 +29,7 @@ from gateway.core.state import (
     counted_mm,
 )
 from gateway.durations import NS_PER_S
+from gateway.replacing import replace
 
 NEARER_SHARE = 1.2  # R grows by more only when a truck comes nearer, or another one is seen
 LEFT_BEYOND_MM = 700.0  # beyond Z_th, where leave_distance_mm is not configured

@@ -9,7 +9,7 @@ After a restart the visit that was open before goes on, if anything stands in th
 RESUME_S at most; otherwise it has ended meanwhile.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from statistics import median
 
 from gateway.core.detection import Circle
@@ -17,6 +17,7 @@ from gateway.core.state import Moved, Reason, StateVector, VisitPhase
 from gateway.core.visit import VisitLimits
 from gateway.core.visit_summary import MS_PER_S, Fault, VisitEnd, VisitSummary, joined, merged
 from gateway.durations import NS_PER_MS, NS_PER_S
+from gateway.replacing import replace
 
 CONFIRM_S = 1.0
 RIM_FRAMES = 15

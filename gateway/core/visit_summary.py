@@ -1,10 +1,11 @@
 """What is kept of a truck's visit, from arrival to leaving: one frozen record. Pure (docs/records.md)."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 
 from gateway.core import details
 from gateway.core.state import Moved, Reason, VisitPhase
+from gateway.replacing import replace
 
 MS_PER_S = 1000
 Fault = tuple[Reason, int, float]  # reason, how often, seconds in all
