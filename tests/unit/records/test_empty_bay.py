@@ -179,12 +179,11 @@ def test_thresholds_and_short_times_do_not_matter_there(fusion: dict[str, Any]) 
 
 @pytest.mark.long
 @pytest.mark.one_interpreter
-@pytest.mark.parametrize("seed", range(20, 28))
+@pytest.mark.parametrize("seed", range(20, 32))
 def test_with_faults_between_the_trucks_and_stops_that_stay(seed: int, tmp_path: Path) -> None:
-    paths = played(tmp_path, seed, 10, faults=True)
-    for fusion in (NOT_LOADED, NEVER, LATCH, {"distance_threshold_mm": 260.0}, {"vision_deadline_s": 1.0}):
-        assert_same(paths, with_rules(fusion=QUICK | fusion))
-    assert_same(paths, with_rules(visit={"leave_distance_mm": 2000.0}))
+    paths = played(tmp_path, seed, 3, faults=True)
+    others = (NOT_LOADED, NEVER, LATCH, {"distance_threshold_mm": 260.0}, {"vision_deadline_s": 1.0})
+    assert_same(paths, with_rules(fusion=QUICK | others[seed % 5], visit={"leave_distance_mm": 2000.0 - 50 * seed}))
 
 
 @pytest.mark.long
