@@ -20,7 +20,7 @@ from gateway.core.interlock import Rules
 from gateway.core.plc import PlcWrite, Writer
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.setpoint import DriveState, Setpoint
-from gateway.core.state import Tick
+from gateway.core.state import Reason, Tick
 from gateway.modbus.exports import structured_text
 from gateway.modbus.exports.approach import LIFE_MS, ApproachEnd
 from gateway.modbus.exports.target import Target
@@ -337,11 +337,18 @@ def test_a_setpoint_of_0_is_waited_for_and_then_ends_it(rig: Rig) -> None:
 def test_a_drive_that_is_not_enabled_gets_0_at_once_and_goes_on(rig: Rig) -> None:
     rig.run(1500).start().run(2000)
     assert rig.approach["Velocity"] > 150.0
-    rig.image = {"setpoint": Setpoint(DriveState.NO_DISTANCE)}
+    rig.image = {"setpoint": Setpoint(DriveState.NO_DISTANCE, enable=False, speed_mm_s=300.0)}
     rig.run(SCAN_MS)
     assert (rig.approach["Velocity"], rig.approach["Busy"]) == (0.0, True)
     rig.image = {}
     assert rig.run(SCAN_MS).approach["Velocity"] == pytest.approx(5.0)
+
+
+def test_a_stop_beside_a_setpoint_is_0_at_once(rig: Rig) -> None:
+    rig.run(1500).start().run(2000)
+    rig.image = {"stop": True, "may_move": False, "reason": Reason.NO_TARGET}
+    rig.run(SCAN_MS)
+    assert (rig.approach["Velocity"], rig.approach["Cause"]) == (0.0, ApproachEnd.STOP)
 
 
 @pytest.mark.parametrize(
