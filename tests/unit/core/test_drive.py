@@ -171,6 +171,13 @@ def test_within_the_tolerance_and_beyond_it_the_setpoint_is_never_more_than_0(at
     assert vehicle.state.setpoint.state in (there, DriveState.AT_PLACE)
 
 
+def test_within_the_dead_band_it_is_not_driven_on_though_d_is_0() -> None:
+    vehicle = standing(312.0, {"dead_band_mm": 30.0})
+    assert (vehicle.state.d, vehicle.state.may_move) == (False, True)
+    assert {state.setpoint.speed_mm_s for state in vehicle.states} == {0.0}
+    assert vehicle.state.setpoint.state is DriveState.AT_PLACE
+
+
 def test_the_setpoint_rises_by_acceleration_and_jerk() -> None:
     vehicle = standing(2500.0, {"acceleration_mm_s2": 80.0, "jerk_mm_s3": 100.0})
     ticks = [s for s in vehicle.states if s.setpoint.speed_mm_s > 0]
@@ -179,6 +186,7 @@ def test_the_setpoint_rises_by_acceleration_and_jerk() -> None:
         for earlier, later in pairwise(ticks)
         if later.t_ns > earlier.t_ns
     ]
+    assert rises[0] <= 100.0 * 0.06
     assert max(rises) <= 80.0 + 1e-6
     assert max(after - before for before, after in pairwise(rises)) <= 100.0 * 0.02 + 1e-6
     assert min(s.setpoint.speed_mm_s for s in ticks) >= 10.0
