@@ -8,9 +8,10 @@ vector T (its length is the sine, it points to the far side), has to the second 
 
 whose ellipse's centre lies rho^2 T beside c, towards the near side (project the rim: both follow). So M gives rho and
 W, but not its sign: T is W - c or -W - c, as in gateway/vision/detect/robust/perspective.py. Both are weighted by how
-likely a tilt is, and their distance is part of the deviation. The depth is that of the camera and of the ranger,
-weighted by 1 / variance; where they differ by more than their deviations say, that of the result grows as much (Birge
-1932, Phys. Rev. 40, 207).
+likely a tilt is, and their distance is part of the deviation. That holds for tilts up to some 10 degrees.
+
+The depth is that of the camera and of the ranger, weighted by 1 / variance; where they differ by more than their
+deviations say, that of the result grows as much (Birge 1932, Phys. Rev. 40, 207).
 """
 
 from dataclasses import dataclass
