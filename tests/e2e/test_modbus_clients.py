@@ -62,7 +62,7 @@ holding 33 1: 1033
 holding 66 1: 1066
 holding 99 1: 1099
 holding 99 1: 1099
-holding 109 2: error Illegal data address
+holding 122 2: error Illegal data address
 input 123 1: error Illegal data address
 holding 65535 125: error Illegal data address
 discrete 0 16: 1101011111000000

@@ -58,7 +58,7 @@ int main(int argc, char **argv) {
     words("input", modbus_read_input_registers, 0, 123);
     for (int address = 0; address < 100; address += 33) words("holding", modbus_read_registers, address, 1);
     words("holding", modbus_read_registers, 99, 1);
-    words("holding", modbus_read_registers, 109, 2);
+    words("holding", modbus_read_registers, 122, 2);
     words("input", modbus_read_input_registers, 123, 1);
     words("holding", modbus_read_registers, 65535, 125);
     bits("discrete", modbus_read_input_bits, 0, 16);
