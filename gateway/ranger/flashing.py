@@ -46,7 +46,7 @@ def flash(url: str, program: bytes, clock: Clock, progress: Callable[[float], No
     for tries in range(1, TRIES + 1):
         try:
             _write(url, program, clock, told)
-        except stk500.DamagedError:
+        except stk500.TransferError:
             if tries == TRIES:
                 raise
         except LinkError as error:

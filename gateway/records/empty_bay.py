@@ -35,7 +35,7 @@ HARMLESS = TickRecord | DistanceRecord | ConnectionRecord | RegisterImage | Even
 
 
 @dataclass(slots=True)
-class Minute:
+class RecordedMinute:
     """A complete state that follows what was before it, and all behind it; None: what is before the first one."""
 
     begin: tuple[Place, Checkpoint] | None
@@ -96,7 +96,7 @@ class EmptyBay:
             if following is not None:
                 minute, passes = following, follows
 
-    def _own(self, minute: Minute) -> StateVector | None:
+    def _own(self, minute: RecordedMinute) -> StateVector | None:
         """The replay's own state, where it is the recorded one at the begin of this minute in all that may count."""
         own = self.state()
         if own is None or minute.begin is None or not self._are_comparable(minute.begin[0].head):
@@ -112,12 +112,12 @@ class EmptyBay:
         return self._comparable[key] and head.gateway_version == __version__
 
 
-def _minutes(items: Iterable[Item | MissingItem]) -> Iterator[Minute]:
-    minute = Minute(None)
+def _minutes(items: Iterable[Item | MissingItem]) -> Iterator[RecordedMinute]:
+    minute = RecordedMinute(None)
     for item in items:
         if not isinstance(item, MissingItem) and isinstance(record := item[1], Checkpoint) and record.follows:
             yield minute
-            minute = Minute((item[0], record))
+            minute = RecordedMinute((item[0], record))
         else:
             minute.items.append(item)
     yield minute

@@ -32,12 +32,12 @@ class Ask:
 Conversation = Generator[Ask, bytes, None]
 
 
-class DamagedError(ProtocolError):
+class TransferError(ProtocolError):
     """A byte was lost or changed on the way: what was to be written can be written again."""
 
 
 def conversation(image: bytes) -> Conversation:
-    """After `SYNC`. Writes nothing to another chip; reads all back. Raises DamagedError, and ProtocolError, whose text
+    """After `SYNC`. Writes nothing to another chip; reads all back. Raises TransferError, and ProtocolError, whose text
     says what to do."""
     signature = yield from _asked(_SIGN, 3, 0.0)
     if signature != SIGNATURE:
@@ -53,7 +53,9 @@ def conversation(image: bytes) -> Conversation:
     for n, (at, page) in enumerate(pages):
         yield from _asked(_ADDRESS + (at // 2).to_bytes(2, "little"), 0, 0.5 + (n + 1) / len(pages) / 2)
         if (yield from _asked(_READ + size, PAGE_BYTES, 0.5 + (n + 1) / len(pages) / 2)) != page:
-            raise DamagedError(f"byte {at} and following read otherwise than written: repeat it, or take another board")
+            raise TransferError(
+                f"byte {at} and following read otherwise than written: repeat it, or take another board"
+            )
     answer = yield Ask(_LEAVE + _END, 2, 1.0)
     _check(answer, answer[:2] == SYNCED)  # what follows is the program's, at another baud rate
 
@@ -66,7 +68,7 @@ def _asked(command: bytes, size: int, done: float) -> Generator[Ask, bytes, byte
 
 def _check(answer: bytes, good: bool) -> None:
     if not good:
-        raise DamagedError(f"the boot loader's answer is damaged ({answer[:8].hex(' ') or 'nothing'}): repeat it")
+        raise TransferError(f"the boot loader's answer is damaged ({answer[:8].hex(' ') or 'nothing'}): repeat it")
 
 
 def image_of(intel_hex: str) -> bytes:

@@ -18,7 +18,7 @@ from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import FunctionCheck, Moved, StateVector, Tick, Visit
 from gateway.core.visit_summary import VisitSummary
 from gateway.records import empty_bay
-from gateway.records.empty_bay import Minute
+from gateway.records.empty_bay import RecordedMinute
 from gateway.records.record import (
     AnyRecord,
     Checkpoint,
@@ -206,9 +206,9 @@ CIRCLE = Circle(1.0, 2.0, 3.0)
 NEXT_NS = 10 * S + S // 50
 
 
-def minute(*records: AnyRecord, state: StateVector = BAY) -> Minute:
+def minute(*records: AnyRecord, state: StateVector = BAY) -> RecordedMinute:
     items: list[Item | MissingItem] = [(PLACE, record) for record in records]
-    return Minute((PLACE, Checkpoint(t_ns=state.t_ns, state=state, follows=True)), items)
+    return RecordedMinute((PLACE, Checkpoint(t_ns=state.t_ns, state=state, follows=True)), items)
 
 
 def entered(observation: Any, t_ns: int = NEXT_NS) -> AnyRecord:
@@ -235,7 +235,7 @@ DECIDED = Decision.of(replace(BAY, t_ns=NEXT_NS))
 )
 def test_what_an_empty_bay_may_record(record: AnyRecord) -> None:
     assert minute(record).empty()
-    assert not Minute(None, minute(record).items).empty()
+    assert not RecordedMinute(None, minute(record).items).empty()
 
 
 @pytest.mark.parametrize(
@@ -280,7 +280,7 @@ def test_a_bay_in_which_a_truck_still_counts_is_not_empty(state: StateVector) ->
 def test_missing_records_and_another_segment_are_no_empty_bay() -> None:
     other = replace(PLACE, head=msgspec.structs.replace(PLACE.head, boot="b"))
     for item in (MissingItem("x"), (other, entered(Tick()))):
-        assert not Minute(minute().begin, [item]).empty()
+        assert not RecordedMinute(minute().begin, [item]).empty()
 
 
 def test_a_tick_makes_the_decision_valid_for_a_quarter_of_a_second() -> None:
