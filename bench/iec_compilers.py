@@ -89,8 +89,8 @@ int main(void) {{
 def texts() -> Iterator[tuple[str, str]]:
     """Every generated structured text: bays, word orders, with OpenPLC's located variables and configuration."""
     for order in ("big", "little"):
-        bays = tuple(Target(bay=f"bay{n}", unit_id=n, word_order=order, writes=True) for n in range(1, 5))
-        for count in (1, 4):
+        bays = tuple(Target(bay=f"bay{n}", unit_id=n, word_order=order, writes=True) for n in range(1, 4))
+        for count in (1, 3):
             yield f"st, {count} bays, {order}", structured_text.document(bays[:count])
             yield f"openplc, {count} bays, {order}", openplc.files(bays[:count])[openplc.PROGRAM]
 

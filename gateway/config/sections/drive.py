@@ -23,7 +23,7 @@ class DriveConfig(Section):
     )
     lag_s: float = Field(0.5, ge=0, le=10, description="longest time from the drive's setpoint to the motion")
     latency_s: float = Field(
-        0.3, ge=0, le=5, description="longest time from the gateway to the drive: poll, PLC cycle, network"
+        0.6, ge=0, le=5, description="longest time until the drive is stopped: the PLC's life sign, network, two cycles"
     )
     dead_band_mm: float = Field(10.0, ge=1, le=500, description="so near to the place is at the place")
     place_mm: float = Field(

@@ -19,7 +19,9 @@ from gateway.modbus.registers.register_map import BLOCK_WORDS
 PROGRAM = "loading_bay.st"
 DEVICES = "mbconfig.cfg"
 FIRST_WORD = 100  # OpenPLC's own number: the area of slave devices begins at %IW100 and %QW100
-MOST_BAYS = 4  # OpenPLC's own number: 400 words for all slave devices together
+MOST_WORDS = 400  # OpenPLC's own number, of all slave devices together: it writes on beyond its buffer
+MOST_BAYS = MOST_WORDS // BLOCK_WORDS
+FIRST_PERMIT = 4  # byte of the first bay's; it stays where the number of bays changes
 POLL_MS = 100
 _TIMEOUT_MS = 1000
 OUTPUTS = ("MustStop", "Alive", "MayMove", "InPlace", "Moved", "Held", "Rolling")  # from bit 1 on
@@ -58,7 +60,7 @@ def _located(n: int, target: Target) -> list[str]:
     lines = [f"  {bay}_w{word} AT %IW{first + word} : WORD;" for word in range(BLOCK_WORDS)]
     lines += [f"  {bay}_{name} AT %IX{n}.{bit} : BOOL;" for bit, name in enumerate(INPUTS)]
     lines += [f"  {bay}_{name} AT %QX{n}.{bit} : BOOL;" for bit, name in enumerate(OUTPUTS, 1)]
-    lines += [f"  {bay}_{PERMIT} AT %QX{MOST_BAYS + n}.0 : BOOL;"]
+    lines += [f"  {bay}_{PERMIT} AT %QX{FIRST_PERMIT + n}.0 : BOOL;"]
     lines += [f"  {bay}_Diagnostic AT %QW{2 * n} : UINT;", f"  {bay}_Reason AT %QW{2 * n + 1} : UINT;"]
     lines += [f"  {bay}_Recipe AT %MW{n} : UINT;"]
     first = FIRST_WORD + n * len(WRITTEN)

@@ -35,7 +35,7 @@ def config(drive: Mapping[str, Any] | None = None, **sections: Any) -> GatewayCo
 
 
 def rules(drive: Mapping[str, Any] | None = None) -> Rules:
-    made = config(drive)
+    made = config({"latency_s": 0.3} | dict(drive or {}))
     return Rules.of(made.bays[0], made)
 
 

@@ -612,10 +612,10 @@ def test_openplc_writes_where_the_gateway_accepts_it(writes: bool) -> None:
     assert written == expected
 
 
-def test_openplc_has_room_for_four_bays() -> None:
-    bays = tuple(Target(bay=f"bay{n}", unit_id=n) for n in range(1, 6))
-    assert export("openplc", bays[:4])
-    with pytest.raises(ConfigError, match=r"OpenPLC has room for 4 bays, not for 5"):
+def test_openplc_has_room_for_three_bays() -> None:
+    bays = tuple(Target(bay=f"bay{n}", unit_id=n) for n in range(1, 5))
+    assert export("openplc", bays[:3])
+    with pytest.raises(ConfigError, match=r"OpenPLC has room for 3 bays, not for 4"):
         export("openplc", bays)
 
 
