@@ -82,6 +82,21 @@ def test_where_red_ends_once_more_round_a_rim_is_seen_as_without_a_compiler(kern
         assert [kernel.red_ends(levels, rim) for rim in rims] == [red_ends_plain(levels, rim) for rim in rims]
 
 
+@pytest.mark.one_interpreter
+def test_the_same_of_rings_that_the_frame_cuts(kernel: EvidenceKernel) -> None:
+    chance, answers = np.random.default_rng(23), []
+    for _ in range(300):
+        u, v, radius = (float(n) for n in chance.uniform((-10, -10, 15), (170, 130, 60)))
+        picture = np.full((120, 160, 3), (118, 126, 122), np.uint8)
+        for share, colour in ((chance.uniform(1.3, 3), (45.0, 40.0, 190.0)), (1.25, (225.0, 228.0, 226.0))):
+            cv2.circle(picture, (round(u), round(v)), round(radius * float(share)), colour, -1)
+        cv2.circle(picture, (round(u), round(v)), round(radius), (45.0, 40.0, 190.0), -1)
+        levels, rim = pyramid(picture, 1, 8), Ellipse(u, v, radius, radius, 0.0)
+        answers.append(kernel.red_ends(levels, rim))
+        assert answers[-1] == red_ends_plain(levels, rim)
+    assert 30 < sum(answers) < 270
+
+
 @pytest.mark.parametrize(
     ("ring", "outer", "ends"),
     [(1.25, 1.6, True), (1.25, 1.25, False), (1.0, 1.6, True), (1.25, 7.0, False)],
