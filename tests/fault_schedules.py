@@ -130,9 +130,11 @@ _QUICK: dict[str, Any] = {
     "fusion": {"recovery_s": 0.4, "period_s": 0.05},
     "visit": {"settle_s": 0.4, "hold_grace_s": 0.3, "leave_s": 0.8},
     "camera": {"reconnect": {"min_s": 0.05, "max_s": 0.2}},
+}
+_DRIVE: dict[str, Any] = {
+    "fusion": {"cross_check": {"focal_px": 600.0, "marker_radius_mm": 90.0}},
     "drive": {"lag_s": 0.3, "latency_s": 0.2},
 }
-_LENS = {"focal_px": 600.0, "marker_radius_mm": 90.0}
 
 
 def _settings(*layers: Mapping[str, Any], writes: bool = True, **handshake: Any) -> GatewayConfig:
@@ -145,8 +147,8 @@ def _settings(*layers: Mapping[str, Any], writes: bool = True, **handshake: Any)
 
 
 SETTINGS: Mapping[str, GatewayConfig] = {
-    "quick": _settings(_QUICK, heartbeat_deadline_s=0.5),
-    "checked": _settings(_QUICK, {"fusion": {"cross_check": _LENS}, "guidance": {"aim_u_px": 319.5}}),
+    "quick": _settings(_QUICK, _DRIVE, heartbeat_deadline_s=0.5),
+    "checked": _settings(_QUICK, _DRIVE, {"guidance": {"aim_u_px": 319.5}}),
     "latched": _settings(_QUICK, {"fusion": {"latch_stop": True}}, enable_required=True, heartbeat_deadline_s=0.5),
     "reads only": _settings(_QUICK, writes=False),
     "no heartbeat": _settings(_QUICK, heartbeat_required=False, heartbeat_deadline_s=0.5),

@@ -121,9 +121,22 @@ class BayConfig(Section):
     @model_validator(mode="after")
     def _drive_stops_in_time(self) -> Self:
         if self.drive is not None:
+            self._sees_a_wrong_distance(self.fusion.distance_threshold_mm, "fusion", "cross_check")
             for key, what in self.drive.faults(self.guidance.overshoot_mm, self.fusion.range_deadline_s):
                 raise FieldError(what, "drive", key)
         return self
+
+    def _sees_a_wrong_distance(self, threshold_mm: float, *place: str | int) -> None:
+        """By the ranger alone, one that hears something else would let the drive run past the mark."""
+        check, overshoot_mm = self.fusion.cross_check, self.guidance.overshoot_mm
+        if check is None:
+            raise FieldError("is needed with [drive]: nothing else finds a ranger that hears something else", *place)
+        if (tolerance_mm := check.tolerance_at(threshold_mm)) >= overshoot_mm:
+            raise FieldError(
+                f"with [drive], tolerance_mm and tolerance_share at Z_th, {tolerance_mm:g} mm, must be less than "
+                f"guidance.overshoot_mm, {overshoot_mm:g}",
+                *place,
+            )
 
     @model_validator(mode="after")
     def _decides_in_time(self) -> Self:
@@ -205,6 +218,8 @@ class GatewayConfig(Section):
         for bay in self.bays:
             for n, recipe in enumerate(self.recipes):
                 drive = bay.drive and recipe.drive.of(bay.drive)
+                if drive is not None and (threshold_mm := recipe.fusion.distance_threshold_mm) is not None:
+                    bay._sees_a_wrong_distance(threshold_mm, "recipes", n, "fusion", "distance_threshold_mm")
                 for key, what in drive.faults(bay.guidance.overshoot_mm, bay.fusion.range_deadline_s) if drive else ():
                     raise FieldError(f"{what} (with [drive] of bay {bay.name!r})", "recipes", n, "drive", key)
         return self

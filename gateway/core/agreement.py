@@ -75,8 +75,7 @@ def _cross_check(
     z_vision_mm = seen_mm if in_range(seen_mm) else None
     if rng.distance_mm is None:
         return memory, z_vision_mm
-    tolerance_mm = check.tolerance_mm + check.tolerance_share * rng.distance_mm
-    if abs(seen_mm - rng.distance_mm) <= tolerance_mm:
+    if abs(seen_mm - rng.distance_mm) <= check.tolerance_at(rng.distance_mm):
         return _agreed(memory), z_vision_mm
     return _contradicted(memory, now_ns, check.lasting_s), z_vision_mm
 

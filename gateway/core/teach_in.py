@@ -290,7 +290,7 @@ def _contradicting(
     """By the same constants as the decision (gateway/core/agreement.py), of the medians."""
     if check := fusion.cross_check:
         seen_mm = check.focal_px * check.marker_radius_mm / radius_px - check.camera_offset_mm
-        most_mm = check.tolerance_mm + check.tolerance_share * distance_mm
+        most_mm = check.tolerance_at(distance_mm)
         if abs(seen_mm - distance_mm) > most_mm:
             return [
                 f"R and Z do not fit: by [fusion.cross_check] R {radius_px:.1f} px is at {seen_mm:.0f} mm, Z is "

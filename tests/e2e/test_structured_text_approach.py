@@ -38,7 +38,14 @@ SCAN_MS, POLL_MS = 50, 100
 DECELERATION_MM_S2 = 300.0
 PLC = Writer("10.0.0.9")
 DRIVE = {"latency_s": 0.7, "max_speed_mm_s": 120.0}  # the block's life sign, a poll and a cycle
-CONFIG = parse({"modbus": {"writes": True, "plc_addresses": [PLC.address]}, "drive": DRIVE})
+CHECK = {"focal_px": R_TIMES_Z / 100.0, "marker_radius_mm": 100.0}
+CONFIG = parse(
+    {
+        "modbus": {"writes": True, "plc_addresses": [PLC.address]},
+        "fusion": {"cross_check": CHECK},
+        "drive": DRIVE,
+    }
+)
 RULES = Rules.of(CONFIG.bays[0], CONFIG)
 
 

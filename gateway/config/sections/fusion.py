@@ -21,6 +21,10 @@ class CrossCheck(Section):
     tolerance_share: float = Field(0.1, ge=0, le=1, description="added to it, as a share of the ranger's Z")
     lasting_s: float = Field(1.0, ge=0, le=60, description="a disagreement must last for this time to be a fault")
 
+    def tolerance_at(self, distance_mm: float) -> float:
+        """Largest difference taken for agreement at this Z, mm."""
+        return self.tolerance_mm + self.tolerance_share * distance_mm
+
 
 class FusionConfig(Section):
     """Equation 14 and its conditions. Stop comes on as in the paper; by default it goes off later."""

@@ -20,18 +20,20 @@ from gateway.core.movement import DriveMemory, Movement
 from gateway.core.plc import Control, PlcWrite, Writer
 from gateway.core.readings import AgeProof, Quality, RangeReading, VisionReading
 from gateway.core.setpoint import DriveState, Setpoint
-from gateway.core.state import FunctionCheck, StateVector, Tick, Visit, VisitPhase
+from gateway.core.state import FunctionCheck, Reason, StateVector, Tick, Visit, VisitPhase
 
 pytestmark = pytest.mark.one_interpreter
 
 MS = 1_000_000
 T0 = 1_000_000_000_000
 PX_MM = 54_000.0
+CHECK = {"focal_px": 540.0, "marker_radius_mm": 100.0}
 PLACE_MM = 290.0  # Z_th 300, R_th 178 px at 303 mm, place_mm 10
 
 
 def config(drive: Mapping[str, Any] | None = None, **sections: Any) -> GatewayConfig:
-    return parse({"fusion": {"radius_threshold_px": 178.0}, "drive": drive or {}} | sections)
+    fusion = {"radius_threshold_px": 178.0, "cross_check": CHECK}
+    return parse({"fusion": fusion, "drive": drive or {}} | sections)
 
 
 def rules(drive: Mapping[str, Any] | None = None) -> Rules:
@@ -52,6 +54,7 @@ class Vehicle:
     poll_ms: int = 100
     follows: bool = True
     drops: float = 0.02
+    frozen_mm: float = 0.0  # the ranger hears nothing that is nearer
     now_ms: int = 0
     speed_mm_s: float = 0.0
     nearest_mm: float = field(init=False)
@@ -85,7 +88,8 @@ class Vehicle:
         self.at_mm -= self.speed_mm_s * 0.02
         self.nearest_mm = min(self.nearest_mm, self.at_mm)
         if self.now_ms % 60 == 0 and self.chance.random() >= self.drops:
-            self.echoes.append((self.now_ns, round((self.at_mm + self.chance.gauss(0, 1.5)) / 4) * 4.0))
+            heard_mm = max(self.at_mm, self.frozen_mm)
+            self.echoes.append((self.now_ns, round((heard_mm + self.chance.gauss(0, 1.5)) / 4) * 4.0))
             if len(self.echoes) == 3:
                 middle_mm = sorted(mm for _, mm in self.echoes)[1]
                 self.coming.append((40, RangeReading(self.echoes[1][0], Quality.GOOD, middle_mm)))
@@ -112,6 +116,17 @@ def test_a_vehicle_comes_to_its_place_without_passing_it(lag_s: float, at_mm: fl
     assert abs(vehicle.at_mm - PLACE_MM) <= 10.0
     assert vehicle.nearest_mm >= PLACE_MM - 10.0
     assert max(state.setpoint.speed_mm_s for state in vehicle.states) > 100.0
+
+
+@pytest.mark.parametrize("frozen_mm", [340.0, 600.0, 1000.0])
+def test_a_ranger_that_freezes_on_the_way_does_not_let_the_vehicle_pass_the_limit(frozen_mm: float) -> None:
+    """Nor does it go on: camera and ranger contradict each other."""
+    vehicle = Vehicle(rules(), frozen_mm + 100.0, frozen_mm=frozen_mm)
+    vehicle.runs(10)
+    assert vehicle.nearest_mm < frozen_mm - 50.0
+    assert vehicle.nearest_mm >= 200.0
+    assert vehicle.state.reason is Reason.SENSORS_DISAGREE
+    assert vehicle.state.setpoint == Setpoint(DriveState.INHIBITED, stopping_mm=vehicle.state.setpoint.stopping_mm)
 
 
 def test_without_a_drive_there_is_no_setpoint() -> None:
@@ -334,16 +349,22 @@ def test_on_any_observations_the_setpoint_keeps_to_the_decision(happens: list[An
         ({"drive": {"place_mm": 95.0}}, "drive.place_mm"),
         ({"drive": {"lag_s": 3.0}}, "drive.creep_speed_mm_s"),
         ({"drive": {}, "recipes": [{"id": 1, "name": "a", "drive": {"place_mm": 95.0}}]}, "recipes.0.drive.place_mm"),
+        ({"drive": {}, "fusion": {}}, "fusion.cross_check"),
+        ({"drive": {}, "fusion": {"cross_check": CHECK | {"tolerance_mm": 70.0}}}, "fusion.cross_check"),
+        (
+            {"drive": {}, "recipes": [{"id": 1, "name": "a", "fusion": {"distance_threshold_mm": 500.0}}]},
+            "recipes.0.fusion.distance_threshold_mm",
+        ),
     ],
     ids=str,
 )
 def test_a_drive_that_could_not_stop_is_refused(sections: Mapping[str, Any], place: str) -> None:
     with pytest.raises(FaultsError, match=place.replace(".", r"\.")):
-        parse(sections)
+        parse({"fusion": {"cross_check": CHECK}, **sections})
 
 
 def test_a_recipe_changes_the_drive() -> None:
-    made = parse({"drive": {}, "recipes": [{"id": 7, "name": "wagon", "drive": {"creep_speed_mm_s": 20.0}}]})
+    made = config(recipes=[{"id": 7, "name": "wagon", "drive": {"creep_speed_mm_s": 20.0}}])
     recipe = Rules.of(made.bays[0], made).recipes[7].drive
     assert recipe is not None
     assert (recipe.creep_speed_mm_s, recipe.max_speed_mm_s) == (20.0, 500.0)
@@ -351,13 +372,14 @@ def test_a_recipe_changes_the_drive() -> None:
 
 def test_a_release_is_void_when_the_drive_changes_but_not_by_its_mere_existence() -> None:
     recipe: dict[str, Any] = {"id": 7, "name": "wagon"}
+    fusion = {"cross_check": CHECK}
     none, off, on, other = (
         decision.keys_of(made.bays[0], made)
         for made in (
-            parse({"recipes": [recipe]}),
-            parse({"recipes": [recipe | {"drive": {}}]}),
-            parse({"drive": {}, "recipes": [recipe]}),
-            parse({"drive": {}, "recipes": [recipe | {"drive": {"place_mm": 5.0}}]}),
+            parse({"recipes": [recipe], "fusion": fusion}),
+            parse({"recipes": [recipe | {"drive": {}}], "fusion": fusion}),
+            parse({"drive": {}, "recipes": [recipe], "fusion": fusion}),
+            parse({"drive": {}, "recipes": [recipe | {"drive": {"place_mm": 5.0}}], "fusion": fusion}),
         )
     )
     assert none["recipes"] == [{"id": 7, "fusion": {}, "guidance": {}}]

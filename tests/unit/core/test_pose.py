@@ -173,7 +173,8 @@ def test_the_state_has_it_where_the_sensors_agree_and_it_is_withdrawn_with_the_r
 
 
 def test_with_a_drive_the_place_is_where_it_is_to_stand() -> None:
-    state = _standing(FusionConfig(distance_threshold_mm=310.0), 300.0, DriveConfig(place_mm=25.0))
+    check = CrossCheck(focal_px=600.0, marker_radius_mm=90.0)
+    state = _standing(FusionConfig(distance_threshold_mm=310.0, cross_check=check), 300.0, DriveConfig(place_mm=25.0))
     assert state.pose is not None
     assert state.pose.z_mm == pytest.approx(15.0)
 
