@@ -64,7 +64,7 @@ def step(
     way = _way(state, memory, config, fusion, guidance)
     if way is None:
         memory = replace(memory, speed_mm_s=0.0, rise_mm_s2=0.0, run_mm_s=None, cut=None, tries=0)
-        waits = DriveState.NO_DISTANCE if state.may_move and not _doubt(state) else DriveState.INHIBITED
+        waits = DriveState.NO_DISTANCE if state.may_move else DriveState.INHIBITED
         return memory, Setpoint(DriveState.AT_PLACE if state.in_place else waits)
     if _doubt(state):
         return _stopped(state, memory, way, config)

@@ -129,6 +129,18 @@ def test_a_ranger_that_freezes_on_the_way_does_not_let_the_vehicle_pass_the_limi
     assert vehicle.state.setpoint == Setpoint(DriveState.INHIBITED, stopping_mm=vehicle.state.setpoint.stopping_mm)
 
 
+def test_a_vehicle_beyond_the_ranger_s_range_may_move_but_has_no_distance_to_be_driven_by() -> None:
+    bay_rules = replace(rules(), max_range_mm=3000.0)
+    state = interlock.initial("bay1", T0, bay_rules)
+    for n in range(200):
+        now_ns = T0 + n * 20 * MS
+        far = VisionReading(now_ns, Quality.GOOD, Circle(320.0, 240.0, PX_MM / 4000.0))
+        for seen in (far, RangeReading(now_ns, Quality.NO_ECHO), Tick()):
+            state = interlock.step(state, seen, now_ns, bay_rules)
+    assert state.may_move
+    assert state.setpoint == Setpoint(DriveState.NO_DISTANCE)
+
+
 def test_without_a_drive_there_is_no_setpoint() -> None:
     made = parse({"fusion": {"radius_threshold_px": 178.0}})
     vehicle = Vehicle(Rules.of(made.bays[0], made), 900.0)
