@@ -25,6 +25,7 @@ from gateway.modbus.exports import structured_text
 from gateway.modbus.exports.approach import LIFE_MS, ApproachEnd
 from gateway.modbus.exports.target import Target
 from gateway.modbus.registers.register_map import BLOCK_WORDS
+from tests import structured_text as structured_text_runner
 from tests.long import mostly_long
 from tests.permitted import permitted
 from tests.plc_images import ADDRESS, words
@@ -319,8 +320,35 @@ def test_its_own_life_sign_is_faster_than_the_block_s(rig: Rig) -> None:
     rig.stuck = True
     rig.run(LIFE_MS - SCAN_MS)
     assert (rig.approach["Velocity"], rig.block["Alive"]) == (300.0, True)
-    rig.run(2 * SCAN_MS)
+    rig.run(SCAN_MS)
     assert (rig.approach["Cause"], rig.approach["Velocity"]) == (ApproachEnd.LIFE, 285.0)
+
+
+@pytest.mark.parametrize("scans", mostly_long([12, 0, 5, 16, 20]))
+def test_a_plc_that_was_held_does_not_go_on_by_itself(rig: Rig, scans: int) -> None:
+    """Its variables are kept, the gateway is alive, and a new image is there at the first call."""
+    rig.run(1500).start().run(2000 + scans * SCAN_MS)
+    before = rig.approach["Velocity"]
+    assert before > 200.0
+    rig.now_ms += 60_000
+    rig.heartbeat += 600
+    rig.run(SCAN_MS)
+    assert (rig.approach["Busy"], rig.approach["Cause"]) == (False, ApproachEnd.LIFE)
+    assert rig.approach["Velocity"] < before
+    rig.run(2000)
+    assert (rig.block["Alive"], rig.approach["Velocity"]) == (True, 0.0)
+
+
+@pytest.mark.parametrize("name", ["Acceleration", "Deceleration"])
+def test_a_ramp_that_is_no_number_drives_nothing(program: Program, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(structured_text_runner, "_f32", float)  # as most tools compute: with NaN
+    rig = Rig(*Rig.of(program))
+    rig.inputs[name] = math.nan
+    rig.run(1500).start().run(2000)
+    rig.stuck = True
+    rig.run(LIFE_MS)
+    assert rig.approach["Cause"] == ApproachEnd.LIFE
+    assert (rig.approach["Velocity"], rig.approach["Run"], rig.approach["Analog"]) == (0.0, False, 0)
 
 
 @pytest.mark.parametrize(("cycle_ms", "fits"), [(50, True), (0, False), (25, False), (38, False), (80, False)])

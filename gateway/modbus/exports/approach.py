@@ -29,7 +29,7 @@ class ApproachEnd(IntEnum):
 _AT_MARK = f"(NOT #Busy) OR ((#Data.reason <> {Reason.TARGET_REACHED:d}) AND (#Data.reason <> {Reason.CLEARING:d}))"
 ENDS: dict[ApproachEnd, tuple[str, str]] = {
     ApproachEnd.LIFE: (
-        "(NOT #Alive) OR #LifeTimer.Q",
+        "(NOT #Alive) OR #LifeLost",
         f"no life sign of the right bay for {LIFE_MS} ms, or the gateway's block is not Alive: its Diagnostic",
     ),
     ApproachEnd.DRIVE: ("NOT #DriveReady", "DriveReady is FALSE"),
@@ -72,6 +72,7 @@ APPROACH = FunctionBlock(
     ),
     (
         Var("LifeTimer", TIMER, ""),
+        Var("LifeLost", "BOOL", ""),
         Var("LastHeartbeat", "UINT", ""),
         Var("Calls", "UINT", "since ClockTimer was on"),
         Var("ClockTimer", TIMER, ""),
