@@ -134,7 +134,9 @@ def _check(args: argparse.Namespace) -> None:
 def _scenario(args: argparse.Namespace) -> Scenario:
     if args.trials:
         return trials.trial_scenario(seed=1 if args.seed is None else args.seed, n=args.trials)
-    over = {} if args.seed is None else {"seed": args.seed}
+    over: dict[str, Any] = {} if args.seed is None else {"seed": args.seed}
+    if args.vehicle and not args.scenario:  # it drives straight on: beside the axis it would never be in place
+        over |= {"start": {"lateral_mm": 0.0, "vertical_mm": 0.0}, "repeat": False}
     return scenarios.load(scenario_file(args.scenario or "approach"), over)
 
 

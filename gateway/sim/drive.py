@@ -29,14 +29,15 @@ TIMEOUT_S = 1.0
 PERIOD_S = 0.02
 MAX_STEP_S = 0.5  # what a process that was held makes up for at once
 END_MM = 45.0  # of the ranger: nothing comes nearer
+FAR_MM = 5000.0  # nor goes farther away
 
 
 class DriveRegisters:
     """What is written and read, and the vehicle that follows. Pure: `t_s` is world time, and ascends."""
 
-    def __init__(self, vehicle: Vehicle, longest_mm: float) -> None:
+    def __init__(self, vehicle: Vehicle, start_mm: float) -> None:
         self._vehicle = vehicle
-        self._longest_mm = longest_mm
+        self._shortest_mm, self._longest_mm = start_mm - FAR_MM, start_mm - END_MM
         self._control = self._speed = 0
         self._written_s = self._t_s = 0.0
         self._timed_out = False
@@ -69,8 +70,9 @@ class DriveRegisters:
         if steps > 0:
             self._t_s = t_s if t_s - self._t_s > MAX_STEP_S else self._t_s + steps * STEP_S
             vehicle.drive(self._reference_mm_s, steps * STEP_S)
-        if vehicle.way_mm > self._longest_mm:
-            vehicle.way_mm, vehicle.speed_mm_s = self._longest_mm, 0.0
+        ends_mm = max(self._shortest_mm, min(self._longest_mm, vehicle.way_mm))
+        if ends_mm != vehicle.way_mm:
+            vehicle.way_mm, vehicle.speed_mm_s = ends_mm, 0.0
         return vehicle.way_mm, vehicle.speed_mm_s
 
 
@@ -84,7 +86,7 @@ class SimulatedDrive:
         self, vehicle: Vehicle, start_mm: float, path: str, clock: Clock, world_s: Callable[[], float]
     ) -> None:
         self.track = DrivenWay(path)
-        self._registers = DriveRegisters(vehicle, start_mm - END_MM)
+        self._registers = DriveRegisters(vehicle, start_mm)
         self._clock = clock
         self._world_s = world_s
         unit = Unit(self._registers.read, self._registers.write, words=WORDS)

@@ -6,7 +6,7 @@ import socket
 import pytest
 
 from gateway.cli import simulate
-from gateway.cli.simulation import _at_speed, _settings, _variant
+from gateway.cli.simulation import _at_speed, _scenario, _settings, _variant
 from gateway.cli.simulation import simulate as run
 from gateway.config import BayConfig, CameraConfig, GatewayConfig
 from gateway.errors import ConfigError, LinkError
@@ -56,3 +56,11 @@ def test_one_drive_moves_one_vehicle(options: list[str], why: str) -> None:
     simulate.configure(parser)
     with pytest.raises(ConfigError, match=why):
         run(parser.parse_args(["--vehicle", "winch", "--modbus-port", "0", "--no-hmi", *options]))
+
+
+@pytest.mark.parametrize(("options", "lateral_mm"), [([], 0.0), (["--scenario", "approach"], -40.0)])
+def test_a_vehicle_drives_straight_on_to_where_it_is_in_place(options: list[str], lateral_mm: float) -> None:
+    parser = argparse.ArgumentParser()
+    simulate.configure(parser)
+    start = _scenario(parser.parse_args(["--vehicle", "winch", *options])).start
+    assert (start.distance_cm, start.lateral_mm) == (150.0, lateral_mm)

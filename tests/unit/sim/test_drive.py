@@ -17,7 +17,7 @@ PLC = Peer("127.0.0.1")
 
 @pytest.fixture
 def drive() -> DriveRegisters:
-    return DriveRegisters(Tractor(TractorData(step_mm_s=20)), longest_mm=1455.0)
+    return DriveRegisters(Tractor(TractorData(step_mm_s=20)), start_mm=1500.0)
 
 
 def advanced(drive: DriveRegisters, from_s: float, to_s: float, write: tuple[int, int] | None) -> float:
@@ -53,6 +53,11 @@ def test_without_a_writer_it_stops_and_starts_only_after_control_was_0(drive: Dr
 def test_away_from_the_spout_is_negative(drive: DriveRegisters) -> None:
     assert advanced(drive, 0, 3, (1, 0x10000 - 40)) < -60
     assert drive.read()[3] == 0x10000 - 40
+
+
+def test_it_stays_within_the_ways_of_a_scenario(drive: DriveRegisters) -> None:
+    assert advanced(drive, 0, 5, (1, 0x8000)) == 1500 - 5000
+    assert drive.read()[3] == 0
 
 
 def test_status_and_speed_can_not_be_written(drive: DriveRegisters) -> None:
