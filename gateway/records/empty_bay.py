@@ -45,6 +45,12 @@ class RecordedMinute:
     def steps(self) -> int:
         return sum(not isinstance(item, MissingItem) and observed(item[1]) is not None for item in self.items)
 
+    @property
+    def long(self) -> bool:
+        """Do all times pass in it? A recorder that starts anew begins with a complete state, too."""
+        times_ns = [item[1].t_ns for item in self.items if not isinstance(item, MissingItem)]
+        return self.begin is not None and times_ns != [] and times_ns[-1] - self.begin[1].t_ns >= LONGEST_S * NS_PER_S
+
     def empty(self) -> bool:
         """Was the bay empty, and decided about all the time?"""
         if self.begin is None:
@@ -52,6 +58,8 @@ class RecordedMinute:
         place, (state, t_ns) = self.begin[0], (self.begin[1].state, self.begin[1].t_ns)
         visit, memory = state.visit, state.memory
         truck = visit.monitored or visit.released or visit.moved is not Moved.NO
+        if visit.checked or memory.pairs or memory.marker_confirmed:
+            return False  # they end when the bay is clear, which other rules find at another time
         if truck or memory.d or memory.latched or memory.disagree or state.vision.circle is not None or not state.stop:
             return False
         valid_until_ns = state.valid_until_ns
@@ -86,7 +94,7 @@ class EmptyBay:
         for following in chain(minutes, (None,)):
             follows = following is not None and following.empty()
             own = self._own(minute) if passes and follows else None
-            if own is not None and following is not None and following.begin is not None:
+            if own is not None and following is not None and following.begin is not None and following.long:
                 self.steps += minute.steps
                 yield from _anew(*following.begin, own)
             else:

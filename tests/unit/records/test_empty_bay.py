@@ -9,6 +9,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from gateway import __version__
 from gateway.config import GatewayConfig
 from gateway.core.detection import Circle
 from gateway.core.interlock import Rules
@@ -18,7 +19,7 @@ from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.state import FunctionCheck, Moved, StateVector, Tick, Visit
 from gateway.core.visit_summary import VisitSummary
 from gateway.records import empty_bay
-from gateway.records.empty_bay import RecordedMinute
+from gateway.records.empty_bay import EmptyBay, RecordedMinute
 from gateway.records.record import (
     AnyRecord,
     Checkpoint,
@@ -271,10 +272,31 @@ def test_what_an_empty_bay_does_not_record(record: AnyRecord) -> None:
         replace(BAY, memory=replace(BAY.memory, d=True)),
         replace(BAY, memory=replace(BAY.memory, latched=True)),
         replace(BAY, memory=replace(BAY.memory, disagree=True)),
+        # These end when the bay is clear, for which another distance may count.
+        replace(BAY, visit=Visit(checked=True)),
+        replace(BAY, memory=replace(BAY.memory, pairs=((20.0, 2000.0),))),
+        replace(BAY, memory=replace(BAY.memory, marker_confirmed=True)),
     ],
 )
 def test_a_bay_in_which_a_truck_still_counts_is_not_empty(state: StateVector) -> None:
     assert not minute(entered(Tick()), state=state).empty()
+
+
+@pytest.mark.parametrize(("ticks", "passed"), [(12, 0), (14, 1)])
+def test_all_times_pass_before_the_next_truck_also_where_the_recorder_began_anew(ticks: int, passed: int) -> None:
+    """2.4 or 2.8 s between two complete states, of which the second one is followed by a circle."""
+    place = replace(PLACE, head=msgspec.structs.replace(PLACE.head, gateway_version=__version__))
+    begin_ns = BAY.t_ns + S // 5
+    records: list[AnyRecord] = [Checkpoint(t_ns=BAY.t_ns, state=BAY, follows=True), entered(Tick(), begin_ns)]
+    records.append(Checkpoint(t_ns=begin_ns, state=replace(BAY, valid_until_ns=begin_ns + S // 4), follows=True))
+    records += [entered(Tick(), begin_ns + n * S // 5) for n in range(1, ticks + 1)]
+    end_ns = begin_ns + ticks * S // 5
+    records.append(Checkpoint(t_ns=end_ns, state=BAY, follows=True))
+    records.append(FrameRecord(t_ns=end_ns, reading=VisionReading(end_ns, Quality.GOOD, CIRCLE)))
+    same = rules(with_rules())
+    bay = EmptyBay(lambda: BAY, lambda _: same, lambda _: same)
+    assert len(list(bay.left_out((place, record) for record in records))) == len(records)
+    assert bay.steps == passed
 
 
 def test_missing_records_and_another_segment_are_no_empty_bay() -> None:
