@@ -179,11 +179,13 @@ def _since_long(recorded: StateVector, own: StateVector) -> StateVector:
 
 
 def _carried(recorded: StateVector, own: StateVector) -> StateVector:
-    """With what `own` has learned of markers, and what it says and shows of the truck that has left."""
-    memory = replace(recorded.memory, scale_samples=own.memory.scale_samples, scale=own.memory.scale)
+    """With what `own` has learned of markers, has of a drive, and says and shows of the truck that has left."""
+    memory = replace(
+        recorded.memory, scale_samples=own.memory.scale_samples, scale=own.memory.scale, drive=own.memory.drive
+    )
     left = own.visit
     visit = replace(recorded.visit, ended=left.ended, way_out=left.way_out, unseen_since_ns=left.unseen_since_ns)
-    return replace(recorded, memory=memory, visit=visit)
+    return replace(recorded, memory=memory, visit=visit, setpoint=own.setpoint)
 
 
 def _anew(place: Place, checkpoint: Checkpoint, own: StateVector) -> Iterator[Item]:

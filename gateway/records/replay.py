@@ -13,6 +13,8 @@ from gateway import __version__
 from gateway.core import interlock
 from gateway.core.fusion import Observation
 from gateway.core.interlock import Rules
+from gateway.core.movement import DriveMemory
+from gateway.core.setpoint import Setpoint
 from gateway.core.shown import lapsed
 from gateway.core.state import StateVector
 from gateway.modbus.registers.bay_identity import NO_BAY
@@ -71,9 +73,9 @@ class Ongoing:
 @dataclass(slots=True)
 class Replay:
     """`rules_of`: those for a segment. `exact`: they are the recorded ones, so that the registers must be the same;
-    otherwise the replay goes on with its own state, and compares the outputs only. A recording of another version has
-    other fields in its states, and may have another register map: there the states are not compared, nor the images of
-    another map version."""
+    otherwise the replay goes on with its own state, without a drive's, and compares the outputs only. A recording of
+    another version has other fields in its states, and may have another register map: there the states are not
+    compared, nor the images of another map version."""
 
     rules_of: Callable[[Head], tuple[Rules, WordOrder]]
     exact: bool = True
@@ -116,7 +118,7 @@ class Replay:
                 if begins:
                     now.recorded = Decision.of(record.state) if record.follows else None
                 if self.exact or begins:
-                    now.state = _within(record.state, rules)
+                    now.state = _within(record.state if self.exact else _without_drive(record.state), rules)
                     now.step = Step(place, None, now.state, None) if begins else None
             elif isinstance(record, RegisterImage):
                 if now.state is not None and self.exact and _map_version(record) == MAP_VERSION:
@@ -144,6 +146,10 @@ def _judged(step: Step | None, recorded: Decision | None, *, exact: bool) -> Ite
 def _different(place: Place, t_ns: int, what: dict[str, Change]) -> Iterator[Difference]:
     if what:
         yield Difference(place, t_ns, what)
+
+
+def _without_drive(state: StateVector) -> StateVector:
+    return replace(state, memory=replace(state.memory, drive=DriveMemory()), setpoint=Setpoint())
 
 
 def _within(state: StateVector, rules: Rules) -> StateVector:

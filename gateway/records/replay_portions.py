@@ -6,7 +6,7 @@ the segment on at which everything that goes on is the same as in the process be
 
 import hashlib
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import msgspec
@@ -220,10 +220,13 @@ def _rounded(mm: float | None) -> float | None:
 
 
 def _rules_in(settings: GatewayConfig, bay: str | None) -> Callable[[Head], tuple[Rules, WordOrder]]:
-    """Those of `bay`, or of the bay that a segment's head names."""
+    """Those of `bay`, or of the bay that a segment's head names; without its drive, which follows from what is
+    compared, and whose memory would never be as recorded."""
 
     def rules(head: Head) -> tuple[Rules, WordOrder]:
-        return Rules.of(_bay(settings, bay or head.bay), settings), settings.modbus.word_order
+        found = Rules.of(_bay(settings, bay or head.bay), settings)
+        recipes = {number: replace(recipe, drive=None) for number, recipe in found.recipes.items()}
+        return replace(found, recipes=recipes), settings.modbus.word_order
 
     return rules
 

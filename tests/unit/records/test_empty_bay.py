@@ -11,6 +11,7 @@ import pytest
 
 from gateway import __version__
 from gateway.config import GatewayConfig
+from gateway.core import interlock
 from gateway.core.detection import Circle
 from gateway.core.interlock import Rules
 from gateway.core.marker_wear import NOT_KNOWN
@@ -34,7 +35,7 @@ from gateway.records.recording import Item, MissingItem, Place
 from gateway.records.replay_jobs import found_by
 from gateway.records.replay_portions import Portion, ReplayJob
 from gateway.records.segment import Head
-from tests.recorded_bay import Recorded, S, with_visits
+from tests.recorded_bay import T0_NS, Recorded, S, with_visits
 from tests.visit_bench import PLC, Bench, Levels, gateway, truck
 
 LATCH = {"latch_stop": True, "latch_leave_s": 2.0}
@@ -146,6 +147,28 @@ def test_an_empty_bay_is_passed_over_and_each_truck_is_told_the_same(quiet: tupl
     assert short.intervals
     assert all(isinstance(cells["earlier_mm"], float) for cells in short.trucks)
     assert short.empty > 2000
+
+
+@pytest.mark.one_interpreter
+def test_a_drive_recorded_or_not_changes_nothing_of_it(tmp_path: Path) -> None:
+    """What a drive remembers of its trucks is never as recorded where other thresholds are judged."""
+    begin_ns, config = T0_NS, with_rules(drive={})
+    kept = Recorded(tmp_path, config=config)
+    state = interlock.initial("bay1", begin_ns, rules(config))
+    kept.collector(None, state, [])
+    for n in range(1, 500):  # 50 s; a truck is seen from 3 to 13 s on its way to 1 m
+        t_ns, seen = begin_ns + n * S // 10, 30 < n < 130
+        way_mm = 3900.0 - 29.0 * (n - 30) if seen else 3900.0
+        circle = Circle(320.0, 240.0, 60_000 / way_mm)
+        vision = VisionReading(t_ns, Quality.GOOD, circle) if seen else VisionReading(t_ns, Quality.NO_TARGET)
+        for observation in (vision, RangeReading(t_ns, Quality.GOOD, way_mm), Tick()):
+            state = interlock.step(state, observation, t_ns, rules(config))
+            kept.collector(observation, state, [])
+    paths = (str(kept.write(begin_ns)),)
+    assert state.memory.drive.ways
+    short = assert_same(paths, with_rules(drive={}, fusion=QUICK | {"distance_threshold_mm": 1500.0}))
+    assert short.empty > 700
+    assert assert_same(paths, with_rules()).empty > 700
 
 
 def rules(config: GatewayConfig) -> Rules:
