@@ -22,6 +22,7 @@ from gateway.config import reference as configdoc
 from gateway.modbus.exports import tables as register_tables
 from gateway.modbus.exports.registry import export
 from gateway.modbus.exports.target import Target
+from gateway.modbus.registers.register import WRAPS
 from gateway.ranger.hcsr04 import protocol
 from gateway.sinks import registry as sink_registry
 from gateway.web.server import app, openapi
@@ -60,9 +61,20 @@ def sparkplug_assertions() -> str:
 
 
 def registers() -> str:
-    """The table without limits and sentinels, which follow from the type; a star marks a type that has a sentinel."""
-    table = re.sub(r"; limited to [^ ]+", "", register_tables.markdown())
-    return re.sub(r"\| (u?int\d+|float\d+) (\|.*); (?:0x[0-9A-F]+|NaN): no value", r"| \1* \2", table)
+    """The table without limits and sentinels, which follow from the type; a star marks a type that has a sentinel. What
+    the page says of all counters is left out, and the meaning of a name is said once."""
+    table = re.sub(r"; limited to [^ ]+", "", register_tables.markdown()).replace(WRAPS, "count")
+    table = re.sub(r"\| (u?int\d+|float\d+) (\|.*); (?:0x[0-9A-F]+|NaN): no value", r"| \1* \2", table)
+    first: dict[str, str] = {}
+    lines: list[str] = []
+    title = ""
+    for line in table.split("\n"):
+        title = line.removeprefix("### ") if line.startswith("### ") else title
+        number, _, meaning = line.removeprefix("| ").partition(" | ")
+        told = first.setdefault(meaning, title) if meaning.startswith("`") else title
+        name = meaning.split(" ")[0]
+        lines.append(line if told == title else f"| {number} | {name} | as in {told[0].lower()}{told[1:]} |")
+    return "\n".join(lines)
 
 
 def layers() -> str:

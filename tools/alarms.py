@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from itertools import groupby
 
 from gateway.alarms.bay_alarms import BAY_ALARMS, STOPS
-from gateway.alarms.definition import MINUTE_S, Suppression
+from gateway.alarms.definition import Suppression
 from gateway.alarms.states import TRANSITIONS, AlarmEvent, AlarmState
 from gateway.alarms.table import ALARM_DEFINITIONS
 from gateway.modbus.exports.tables import markdown_table
@@ -44,7 +44,7 @@ def summary() -> str:
     """One line an alarm, the most urgent first."""
     bays = {kind.id for kind in BAY_ALARMS}
     return markdown_table(
-        ("id", "alarm", "priority", "respond within", "of", "on-delay", "off-delay", "latching"),
+        ("id", "alarm", "priority", "respond within", "of", "on-delay, s", "off-delay, s", "latching"),
         (
             (
                 f"[`{kind.id}`](#{kind.id})",
@@ -52,8 +52,8 @@ def summary() -> str:
                 kind.priority.name.lower(),
                 _time(kind.respond_min),
                 "bay" if kind.id in bays else "gateway",
-                _seconds(kind.on_delay_s),
-                _seconds(kind.off_delay_s),
+                f"{kind.on_delay_s:g}",
+                f"{kind.off_delay_s:g}",
                 "yes" if kind.latching else "",
             )
             for kind in sorted(ALARM_DEFINITIONS.values(), key=lambda kind: -kind.priority)
@@ -119,10 +119,6 @@ def benchmarks() -> str:
 
 def _time(minutes: int) -> str:
     return f"{minutes} min" if minutes < 120 else f"{minutes // 60} h"
-
-
-def _seconds(seconds: float) -> str:
-    return f"{seconds:g} s" if seconds < 2 * MINUTE_S else f"{seconds / MINUTE_S:g} min"
 
 
 BLOCKS: Mapping[str, Callable[[], str]] = {

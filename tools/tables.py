@@ -56,25 +56,26 @@ def _access_order(rule: Rule) -> tuple[Level, str]:
 
 
 def metrics() -> str:
-    """Every family of /metrics: docs/hmi-api.md."""
-    rows = [f"| `{PREFIX}{INFO[0]}` | | info: {INFO[1]} |"]
+    """Every family of /metrics: docs/hmi-api.md. When a value has no sample, its help says."""
+    rows = [f"| `{PREFIX}{INFO[0]}` | info: {INFO[1]} |"]
     for family in FAMILIES:
         name = family.name + ("_total" if family.form == "counter" else "")
-        labels = ", ".join(f"`{label}`" for label in family.labels if label != "bay")
+        labels = ",".join(label for label in family.labels if label != "bay")
+        name += f"{{{labels}}}" if labels else ""
         form = "" if family.form in ("gauge", "counter") else f"{family.form}: "
-        rows.append(f"| `{PREFIX}{name}` | {labels} | {form}{family.help} |")
-    rows.append(f"| `{PREFIX}{LATENCY[0]}` | | histogram: {LATENCY[1]} |")
-    rows.append(f"| `{PREFIX}{STAGE[0]}` | `stage` | histogram: {STAGE[1]} |")
-    return "\n".join(["| name | labels | meaning |", "|---|---|---|", *rows])
+        rows.append(f"| `{PREFIX}{name}` | {form}{family.help.split('; no sample: ')[0]} |")
+    rows.append(f"| `{PREFIX}{LATENCY[0]}` | histogram: {LATENCY[1]} |")
+    rows.append(f"| `{PREFIX}{STAGE[0]}{{stage}}` | histogram: {STAGE[1]} |")
+    return "\n".join(["| name | meaning |", "|---|---|", *rows])
 
 
 def sparkplug() -> str:
-    """The metrics of a device, as its birth has them: docs/sparkplug.md."""
+    """The metrics of a device, as its birth has them: docs/sparkplug.md. When one is null, the state's schema says."""
     birth = device.metrics(dict.fromkeys(device.ROWS, (None, QualityCode.GOOD)), 0, birth=True)
-    rows = [
-        (f"`{one.name}`", one.datatype.name.capitalize() + (one.unit and f", {one.unit}"), device.ROWS[one.name].words)
-        for one in birth
-    ]
+    rows: list[tuple[str, str, str]] = []
+    for one in birth:
+        kind = one.datatype.name.capitalize() + (one.unit and f", {one.unit}")
+        rows.append((f"`{one.name}`", kind, device.ROWS[one.name].meaning))
     alarms = "state (ISA-18.2) of each alarm of the bay; names: [alarms](alarms.md)"
     rows.append((f"`{device.ALARM}<kind>`", "String", alarms))
     rows.append((f"`{device.GATEWAY_ALARM}<kind>`", "String", "of each alarm of the gateway itself"))
