@@ -107,7 +107,6 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
         "verdicts": tables.verdicts,
     },
     "config.md": {"live": tables.live_keys, "keys": lambda: configdoc.markdown(sink_registry.sections())},
-    "closed-loop.md": {"comparison": closed_loop_report.comparison, "faults": closed_loop_report.faults},
     "fmea.md": {"failure modes": failure_modes.markdown},
     "hmi-security.md": {"access": tables.access},
     "modbus-server.md": modbus_server.BLOCKS,
@@ -124,14 +123,11 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
         "situations": situations.markdown,
         "rolling": rolling_bench.latency_markdown,
     },
-    "vision.md": {
-        "stages": detection_methods.paper_stages,
-        "benchmark": detection_methods.benchmark_conditions,
-    },
+    "vision.md": {"stages": detection_methods.paper_stages},
     "vision-robust.md": detection_methods.ROBUST_BLOCKS,
 }
 REPORTS: dict[str, Mapping[str, Callable[[], str]]] = {
-    "closed-loop.md": {"faults": closed_loop_report.faults},
+    "closed-loop.md": {"comparison": closed_loop_report.comparison, "faults": closed_loop_report.faults},
     "guidance.md": {
         "comparison": guidance_report.comparison,
         "grid": guidance_report.grid,

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
-from gateway.sim.benchmark.conditions import CONDITIONS
 from gateway.vision.detect.paper import method as paper
 from gateway.vision.detect.robust import method as robust
 from gateway.vision.detect.robust.decision import POWERS
@@ -36,11 +35,6 @@ def _robust_weights() -> str:
 
 def _robust_rejections() -> str:
     return _table(("`why`", "meaning"), [(f"`{code}`", meaning) for code, meaning in robust.REJECTIONS.items()])
-
-
-def benchmark_conditions() -> str:
-    rows = [(f"`{c.name}`", c.meaning if c.marker else f"no marker: {c.meaning}") for c in CONDITIONS]
-    return _table(("condition", "what it is"), rows)
 
 
 def _table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
