@@ -1,33 +1,15 @@
-"""The tables of `signal_lamps` in docs/registers.md: lamp and bit, and what each instruction shows. Pure."""
+"""The table of `signal_lamps` in docs/registers.md: what each instruction shows. Pure."""
 
 from collections.abc import Callable, Iterable, Mapping
 
 from gateway.core.state import GuidanceCode
 from gateway.modbus.exports.tables import markdown_table
-from gateway.modbus.registers.bits import coil_of
-from gateway.modbus.registers.lamps import SIGNAL_LAMPS, Lamp, lamps
+from gateway.modbus.registers.lamps import Lamp, lamps
 
 
 def names(word: int) -> str:
     """The lamps that are on in a word of the register, for people."""
     return _listed(lamp for lamp in Lamp if word >> lamp & 1)
-
-
-def wiring() -> str:
-    """Lamp <- register and bit."""
-    return markdown_table(
-        ("lamp", "bit of register", "mask", "bit on function codes 1 and 2", "in the exports"),
-        (
-            (
-                lamp.name.lower(),
-                f"{SIGNAL_LAMPS.address}.{lamp.value}",
-                f"0x{1 << lamp:02X}",
-                str(coil_of(SIGNAL_LAMPS.name, lamp)),
-                f"`{SIGNAL_LAMPS.name}_{lamp.name.lower()}`",
-            )
-            for lamp in Lamp
-        ),
-    )
 
 
 def instructions() -> str:
@@ -45,4 +27,4 @@ def _listed(on: Iterable[Lamp]) -> str:
     return ", ".join(lamp.name.lower() for lamp in on)
 
 
-BLOCKS: Mapping[str, Callable[[], str]] = {"lamp wiring": wiring, "lamp instructions": instructions}
+BLOCKS: Mapping[str, Callable[[], str]] = {"lamp instructions": instructions}
