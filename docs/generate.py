@@ -119,10 +119,7 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
     "sparkplug.md": {"device metrics": tables.sparkplug},
     "sensors.md": {"ranger profiles": tables.ranger_profiles},
     "simulator.md": {"keys and faults": tables.scenario},
-    "visit.md": {
-        "situations": situations.markdown,
-        "rolling": rolling_bench.latency_markdown,
-    },
+    "visit.md": {"situations": situations.markdown},
     "vision.md": {"stages": detection_methods.paper_stages},
     "vision-robust.md": detection_methods.ROBUST_BLOCKS,
 }
@@ -132,6 +129,7 @@ REPORTS: dict[str, Mapping[str, Callable[[], str]]] = {
         "comparison": guidance_report.comparison,
         "grid": guidance_report.grid,
         "against": guidance_report.against,
+        "rolling": rolling_bench.latency_markdown,
         "standing": rolling_bench.standing_markdown,
         "covered": rolling_bench.covered_markdown,
     },

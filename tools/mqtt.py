@@ -91,8 +91,7 @@ def topics_markdown() -> str:
 
 
 def home_assistant_markdown() -> str:
-    rows = ((one.name, f"`{one.shows}`") for one in home_assistant.ENTITIES)
-    return markdown_table(("entity", "from the state's"), rows)
+    return ", ".join(f"{one.name} (`{one.shows}`)" for one in home_assistant.ENTITIES) + "."
 
 
 def examples() -> dict[str, BaseModel]:
