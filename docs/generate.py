@@ -77,6 +77,23 @@ def registers() -> str:
     return "\n".join(lines)
 
 
+def keys() -> str:
+    """The tables of configuration keys; one that is equal to an earlier one refers to it, and a recipe's to what it
+    changes."""
+    first: dict[str, str] = {}
+    parts: list[str] = []
+    for section in configdoc.markdown(sink_registry.sections()).split("### ")[1:]:
+        title, table = section.strip().split("\n\n", 1)
+        same = first.setdefault(table, title)
+        if title.startswith("`[recipes."):
+            names = ", ".join(re.findall(r"^\| (`\w+`)", table, re.MULTILINE))
+            table = f"{names}: as in {title.replace('recipes.', '')}; absent: unchanged."
+        elif same != title:
+            table = f"As {same}."
+        parts.append(f"### {title}\n\n{table}")
+    return "\n\n".join(parts)
+
+
 def layers() -> str:
     """The import contracts' layers, the uppermost first."""
     contracts = tomllib.loads((DOCS.parent / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
@@ -106,7 +123,7 @@ PAGES: dict[str, Mapping[str, Callable[[], str]]] = {
         "requirements": tables.requirements,
         "verdicts": tables.verdicts,
     },
-    "config.md": {"live": tables.live_keys, "keys": lambda: configdoc.markdown(sink_registry.sections())},
+    "config.md": {"live": tables.live_keys, "keys": keys},
     "fmea.md": {"failure modes": failure_modes.markdown},
     "hmi-security.md": {"access": tables.access},
     "modbus-server.md": modbus_server.BLOCKS,

@@ -13,15 +13,9 @@ from gateway.config.strict.section import bounds_of, choices_of, inner_model
 
 
 def markdown(sinks: Iterable[tuple[str, type[BaseModel]]] = ()) -> str:
-    """One table per section: key, default, allowed, meaning; the same one once. `sinks`: title and model of tables
-    `[sinks.<name>]`."""
-    first: dict[str, str] = {}
-    parts: list[str] = []
-    for title, model in (*_sections(), *(section for sink in sinks for section in _nested(*sink))):
-        table = "\n".join(key_table(model))
-        same = first.setdefault(table, title)
-        parts.append(f"### `{title}`\n\n{table if same == title else f'As `{same}`.'}\n")
-    return "\n".join(parts)
+    """One table per section: key, default, allowed, meaning. `sinks`: title and model of tables `[sinks.<name>]`."""
+    found = [*_sections(), *(nested for title, model in sinks for nested in _nested(title, model))]
+    return "\n".join("\n".join([f"### `{title}`", "", *key_table(model), ""]) for title, model in found)
 
 
 def key_table(model: type[BaseModel]) -> list[str]:
