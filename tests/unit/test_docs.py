@@ -38,6 +38,27 @@ def test_a_missing_or_unknown_block_is_an_error(text: str) -> None:
         generate.page(text, {"a": lambda: "x"})
 
 
+def test_what_refers_to_another_table_stands_there() -> None:
+    keys = dict(re.findall(r"^### (\S+)\n\n(.*?)(?=\n### |\Z)", generate.keys(), re.MULTILINE | re.DOTALL))
+    said = {title: re.findall(r"(?:^As|as in) (`\[[\w.]+\]`)", text) for title, text in keys.items()}
+    assert said["`[ranger.reconnect]`"] == ["`[mqtt.reconnect]`"]
+    assert said["`[recipes.drive]`"] == ["`[drive]`"]
+    assert all(keys[other].startswith("| key |") for others in said.values() for other in others)
+    assert all(f"| {name} |" in keys["`[fusion]`"] for name in re.findall(r"`\w+`", keys["`[recipes.fusion]`"]))
+    full, short = (
+        {
+            part.split("\n")[0].lower(): dict(re.findall(r"\| (`\w+`) \| (.*) \|\n", part))
+            for part in text.split("### ")[1:]
+        }
+        for text in (generate.register_tables.markdown() + "\n", generate.registers() + "\n")
+    )
+    assert short["codes of ne107"]["`failure`"] == "as in bits of ne107_active"
+    for title, rows in short.items():
+        for name, meaning in rows.items():
+            first = meaning.removeprefix("as in ").lower() if meaning.startswith("as in ") else title
+            assert full[first][name] == full[title][name]
+
+
 def test_check_fails_on_drift_and_writes_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
