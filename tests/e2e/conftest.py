@@ -1,5 +1,6 @@
 """The order of these modules, and what several of them use."""
 
+import signal
 from collections.abc import Callable
 from pathlib import Path
 
@@ -7,6 +8,9 @@ import pytest
 
 from gateway.cli.main import main
 from tests.e2e.processes import Done
+
+# A shell lets what it begins in the background ignore Ctrl-C, and every process that the tests start with it.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 FIRST = {
     f"test_{name}" for name in ("visit", "simulate", "firmware_in_the_loop", "tracking", "hmi_process", "bench_wire")

@@ -10,7 +10,7 @@ from pymodbus.client import AsyncModbusTcpClient
 
 from gateway.core.plc import Control
 from gateway.modbus.registers.bits import coil_of
-from gateway.modbus.registers.register_map import BLOCK_WORDS, decode
+from gateway.modbus.registers.register_map import BLOCK_WORDS, MAP_VERSION, decode
 from tests.e2e.served_bay import ServedBay
 from tests.virtual_time import on_gateway_loop
 
@@ -52,7 +52,7 @@ async def test_whoever_is_none_of_plc_addresses_reads_and_does_not_write() -> No
     bay = bay_with()
 
     async with bay.open() as listening, client(listening.first, STRANGER) as stranger:
-        assert (await image(stranger))["map_version"] == 7
+        assert (await image(stranger))["map_version"] == MAP_VERSION
         tries = [
             await stranger.write_register(80, 1),
             await stranger.write_registers(80, [1, 2, 3]),
