@@ -152,7 +152,9 @@ def test_an_empty_bay_is_passed_over_and_each_truck_is_told_the_same(quiet: tupl
 @pytest.mark.one_interpreter
 def test_a_drive_recorded_or_not_changes_nothing_of_it(tmp_path: Path) -> None:
     """What a drive remembers of its trucks is never as recorded where other thresholds are judged."""
-    begin_ns, config = T0_NS, with_rules(drive={})
+    lens = {"focal_px": 600.0, "marker_radius_mm": 100.0, "tolerance_share": 0.0}  # a drive needs it
+    driven = QUICK | {"cross_check": lens}
+    begin_ns, config = T0_NS, with_rules(drive={}, fusion=driven)
     kept = Recorded(tmp_path, config=config)
     state = interlock.initial("bay1", begin_ns, rules(config))
     kept.collector(None, state, [])
@@ -166,9 +168,9 @@ def test_a_drive_recorded_or_not_changes_nothing_of_it(tmp_path: Path) -> None:
             kept.collector(observation, state, [])
     paths = (str(kept.write(begin_ns)),)
     assert state.memory.drive.ways
-    short = assert_same(paths, with_rules(drive={}, fusion=QUICK | {"distance_threshold_mm": 1500.0}))
+    short = assert_same(paths, with_rules(drive={}, fusion=driven | {"distance_threshold_mm": 1500.0}))
     assert short.empty > 700
-    assert assert_same(paths, with_rules()).empty > 700
+    assert assert_same(paths, with_rules(fusion=driven)).empty > 700
 
 
 def rules(config: GatewayConfig) -> Rules:
