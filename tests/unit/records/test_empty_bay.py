@@ -52,14 +52,14 @@ class Yard(Bench):
         return VisionReading(t_ns, Quality.NO_TARGET) if gone and self.vision_fault is None else super()._picture(t_ns)
 
 
-def played(folder: Path, seed: int, trucks: int, *, faults: bool) -> tuple[str, ...]:
-    """So many trucks, some 20 s each, and an empty bay of some 30 s between them: the segments, of 40 s. With `faults`:
-    the PLC releases late or never, sensors die, a technician comes and the gateway starts anew or stands still."""
+def played(folder: Path, seed: int, trucks: int, *, faults: bool, empty_s: float = 30.0) -> tuple[str, ...]:
+    """So many trucks, some 20 s each, and an empty bay of some `empty_s` behind each: the segments, of 40 s. With
+    `faults`: the PLC releases late or never, sensors die, a technician comes, the gateway restarts or stands still."""
     chance = random.Random(f"empty bay {seed}")
     legs: list[dict[str, Any]] = []
     for _ in range(trucks):
         legs.append({"distance_cm": chance.uniform(23, 29), "speed_cm_s": 60, "hold_s": chance.uniform(4, 12)})
-        legs.append({"distance_cm": 390, "speed_cm_s": 60, "hold_s": chance.uniform(25, 35)})
+        legs.append({"distance_cm": 390, "speed_cm_s": 60, "hold_s": chance.uniform(empty_s - 5, empty_s + 5)})
     config = gateway(fusion=QUICK | {"latch_stop": bool(seed % 2)})
     kept = Recorded(folder, config=config)
     bench = Yard(truck(*legs, start={"distance_cm": 390}, seed=seed), config, seed=seed)
@@ -207,20 +207,22 @@ def test_thresholds_and_short_times_do_not_matter_there(fusion: dict[str, Any]) 
 @pytest.mark.one_interpreter
 @pytest.mark.parametrize("seed", range(20, 32))
 def test_with_faults_between_the_trucks_and_stops_that_stay(seed: int, tmp_path: Path) -> None:
-    paths = played(tmp_path, seed, 3, faults=True)
+    paths = played(tmp_path, seed, 2, faults=True)
     others = (NOT_LOADED, NEVER, LATCH, {"distance_threshold_mm": 260.0}, {"vision_deadline_s": 1.0})
     assert_same(paths, with_rules(fusion=QUICK | others[seed % 5], visit={"leave_distance_mm": 2000.0 - 50 * seed}))
 
 
 @pytest.mark.long
 @pytest.mark.one_interpreter
-def test_several_processes_say_the_same(quiet: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_several_processes_say_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(empty_bay, "LONGEST_S", 30.0)  # as in the other processes
+    monkeypatch.setattr("gateway.records.collector.CHECKPOINT_NS", 31 * S)
+    paths = played(tmp_path, 12, 2, faults=False, empty_s=110.0)
     for fusion in ({}, NEVER):
         other = with_rules(fusion=QUICK | fusion)
-        one = found(quiet, other)
+        one = found(paths, other)
         assert one.empty > 1000
-        assert found(quiet, other, jobs=2) == one
+        assert found(paths, other, jobs=2) == one
 
 
 PLACE = Place(Path("x.seg"), Head(
