@@ -301,7 +301,8 @@ def _drive_key(drive: DriveMemory, now_ns: int) -> Hashable:
         movement and (now_ns - movement.t_ns, dataclasses.replace(movement, t_ns=0)),
         (drive.still_mm, now_ns - drive.still_ns),
         tuple((now_ns - t_ns, mm - way_mm) for t_ns, mm in drive.ways),
-        drive.begun and (drive.begun[0] - way_mm, drive.begun[1]),
+        drive.begun and (now_ns - drive.begun[0], drive.begun[1], drive.begun[2]),
+        (drive.follows_mm_s, drive.peak_mm_s, now_ns - drive.peak_ns),
         (drive.speed_mm_s, drive.rise_mm_s2, drive.run_mm_s, drive.cut, drive.tries, drive.lag_s, drive.slips_s),
     )
 

@@ -39,6 +39,7 @@ AIR_C = 20.0
 WIRE_S = 0.035  # a line at 9600 baud, and its way to the host
 COAST_FRAMES = 8
 LEAD_S = 1.5  # the sensors come up before the PLC's program begins
+STANDS_MM_S = 1.0  # slower than this: a rope still gives a little
 STOOD_S = 2.0  # standing in place for this time: the approach is over
 GAVE_UP_S = 30.0  # likewise, though it is not in place
 LIMIT_S = 180.0
@@ -177,7 +178,7 @@ class Approach:
         deepest_mm, collided = self.start_mm, False
         while self.t_s < (FAULTY_S if self.failures else LIMIT_S):
             self.step()
-            if self.vehicle.speed_mm_s or self.reference_mm_s:
+            if abs(self.vehicle.speed_mm_s) > STANDS_MM_S or self.reference_mm_s:
                 stood_s = self.t_s
                 moved_s = self.t_s if moved_s is None else moved_s
             deepest_mm = min(deepest_mm, self.distance_mm - self.mark_mm)

@@ -4,19 +4,29 @@ It decides nothing: it follows stop and may_move. Any fault or doubt is a setpoi
 the vehicle, as fast as it may be by what is known, could not stop before the limit, `guidance.overshoot_mm` past D = 1,
 with the worst brake and after the longest delay.
 
-On the way, the setpoint is the least of
+On the way, the setpoint v is the least of
 
-    sqrt(creep^2 + 2 a (d - creep T))           to come to the place at creep speed, d after the delay T
-    b (-T + sqrt(T^2 + 2 d_limit / b))          to stop before the limit; from d = v T + v^2 / (2 b)
+    sqrt(creep^2 + 2 GENTLE b (d - creep T))    to come to the place at creep speed, d after the measured delay T
+    v from W + x D + (v + x)^2 / (2 b) = d_limit - reserve     to stop before the limit, if the next step sets 0
 
-and of what jerk and acceleration permit a rising one. It is 0 so early that the vehicle runs out at the place: the time
-for which it runs on is learned from approach to approach. A vehicle that stands short of its place is moved once more,
+with D = lag_s + latency_s and b the worst brake. At worst the vehicle follows what was set up to D ago: the PLC holds
+an image until its life sign ends, then the drive needs its lag. Set to 0 now, it goes on by at most
+
+    W = the integral over the last D of the highest setpoint from then until now
+
+and then by its braking way. What it has followed sooner is in the measured distance already, and is not counted again
+as v D; only x is, by which it may be faster than any setpoint of the last D. A setpoint that falls faster than b counts
+as one that falls by b. Before the setpoint rises by dv, W is taken as W + dv D.
+
+A rising setpoint keeps to jerk and acceleration, too. It is 0 so early that the vehicle runs out at the place: how late
+it follows is measured while the setpoint falls, and how late it stands is learned from approach to approach, within
+what the lag permits. A vehicle that stands short of its place is moved once more,
 TRIES times at most; then it stays where it is, and `enable` is off.
 """
 
 from dataclasses import dataclass, replace
 from math import sqrt
-from statistics import median_high
+from statistics import median
 
 from gateway.config import DriveConfig, FusionConfig, GuidanceConfig
 from gateway.core import movement
@@ -27,16 +37,20 @@ from gateway.core.state import FunctionCheck, Reason, StateVector, VisitPhase
 from gateway.durations import NS_PER_S
 
 SIGMAS = 3.0  # the worst case is so many standard deviations off
-RESERVE = 0.1  # of the speed: what the estimate may be off while the vehicle begins to brake
+RESERVE = 0.1  # of the speed: so much faster it may seem by the next step
+RESERVE_MM = 8.0  # likewise, nearer
+GENTLE = 0.8  # of the worst brake: on the way to the place
 STILL_MM = 8.0  # a vehicle that stays within this stands: so far the ranger's median moves by itself
 STILL_S = 0.5  # for so long, after the longest delay
 LONGEST_STEP_S = 0.1  # a setpoint rises for no longer than this at once
 TRIES = 4  # of one approach
 PULSE_S = 0.6  # a setpoint lasts so long, also for a short way
-CREEP_S = 0.5  # at creep speed before the setpoint becomes 0
-STARTS_MM_S = 15.0  # a vehicle that is slower starts from standstill
-BEGUN_MM = 60.0  # after so long a way the lag is measured
-KEPT_S = 1.0  # integrals are kept for so long after the longest delay: the age of a reading
+SOONER = 0.85  # of the lag: a drive that stops needs no time to correct its speed
+SOONEST = 0.75  # likewise: what is learned of it is not less
+CREEP_S = 0.3  # at creep speed before the setpoint becomes 0
+FALLEN = 0.85  # of its highest value: the setpoint has fallen, and half the longest delay later it is measured
+FALLS_MM_S = 60.0  # for so much of a fall the lag is measured
+KEPT_S = 3.0  # integrals are kept for so long after the longest delay: a fall, and the age of a reading
 WAY_NS = 50_000_000  # between two integrals that are kept
 SLIPS = 5  # approaches from which the way out is learned
 
@@ -48,10 +62,9 @@ class _Way:
     movement: Movement  # of now
     to_go_mm: float | None  # to the place; None: the camera does not show it
     closing_mm_s: float
-    worst_mm_s: float  # it may be as fast as this
-    limit_mm: float  # and the limit as near
+    limit_mm: float  # the limit is not nearer than this
     stopping_mm: float
-    age_s: float  # of the distance
+    worst_mm_s: float  # it may be as fast as this
     stands: bool
 
 
@@ -75,22 +88,16 @@ def step(
 
 
 def slip_s(memory: DriveMemory, config: DriveConfig) -> float:
-    """For how long the vehicle runs on, at the speed that it had when the setpoint became 0."""
-    if memory.slips_s:
-        return median_high(memory.slips_s)
-    return min(_longest_slip_s(config), _lag_s(memory, config) + _braking_s(config))
-
-
-def _braking_s(config: DriveConfig) -> float:
-    return config.creep_speed_mm_s / (2 * config.brake_mm_s2)
-
-
-def _longest_slip_s(config: DriveConfig) -> float:
-    return config.delay_s + _braking_s(config)
+    """So late the vehicle comes to a standstill, compared with the worst brake that acts at once."""
+    lag_s = _lag_s(memory, config)
+    if memory.lag_s is None or 0 < memory.peak_mm_s <= config.creep_speed_mm_s:
+        return lag_s
+    learned_s = median(memory.slips_s) if memory.slips_s else SOONER * lag_s
+    return min(max(learned_s, SOONEST * lag_s), lag_s)
 
 
 def _lag_s(memory: DriveMemory, config: DriveConfig) -> float:
-    """So late the vehicle follows its setpoint: as measured when it began to move, else at the longest."""
+    """So late the vehicle follows its setpoint: as measured while it slowed down, else at the longest."""
     return config.delay_s if memory.lag_s is None else memory.lag_s
 
 
@@ -128,22 +135,42 @@ def _followed(memory: DriveMemory, state: StateVector, config: DriveConfig) -> D
 
 
 def _lag_measured(memory: DriveMemory, found: Movement, config: DriveConfig) -> DriveMemory:
-    """Of a vehicle that began to move from standstill: when was set what it has gone?"""
-    if memory.begun is None or memory.begun[1] - found.distance_mm < BEGUN_MM:
+    """While the setpoint falls, and only it limits the vehicle: how late does it act for the way that was gone?"""
+    speed_mm_s, begun = memory.speed_mm_s, memory.begun
+    if speed_mm_s == 0 or found.t_ns - memory.peak_ns < config.delay_s / 2 * NS_PER_S:
+        return replace(memory, begun=None)
+    begins = (found.t_ns, found.distance_mm, speed_mm_s)
+    if begun is None or found.t_ns - begun[0] > KEPT_S * NS_PER_S:
+        return replace(memory, begun=begins)
+    if speed_mm_s > begun[2] - FALLS_MM_S:
         return memory
-    set_ns = memory.time_of(memory.begun[0] + memory.begun[1] - found.distance_mm)
-    memory = replace(memory, begun=None)
-    if set_ns is None:
-        return memory
-    lag_s = min(max(0.0, (found.t_ns - set_ns) / NS_PER_S), config.delay_s)
+    gone_mm, longest_ns = begun[1] - found.distance_mm, config.delay_s * NS_PER_S
+    if memory.way_at(found.t_ns - longest_ns) - memory.way_at(begun[0] - longest_ns) < gone_mm:
+        return replace(memory, begun=begins)  # a rise, too, may have moved it so far
+    lag_s = _late_s(memory, begun[0], found.t_ns, gone_mm, config)
+    lag_s = lag_s if memory.lag_s is None else (memory.lag_s + lag_s) / 2
     changed_mm_s = _acting_mm_s(memory, _lag_s(memory, config)) - _acting_mm_s(memory, lag_s)
-    return replace(memory, lag_s=lag_s, movement=replace(found, excess_mm_s=found.excess_mm_s + changed_mm_s))
+    found = replace(found, excess_mm_s=found.excess_mm_s + changed_mm_s)
+    return replace(memory, lag_s=lag_s, begun=begins, movement=found)
+
+
+def _late_s(memory: DriveMemory, from_ns: int, to_ns: int, gone_mm: float, config: DriveConfig) -> float:
+    """By so much was a falling setpoint late that moved the vehicle so far."""
+    short_s, long_s = 0.0, config.delay_s
+    for _ in range(10):
+        late_s = (short_s + long_s) / 2
+        late_ns = late_s * NS_PER_S
+        if memory.way_at(to_ns - late_ns) - memory.way_at(from_ns - late_ns) < gone_mm:
+            short_s = late_s
+        else:
+            long_s = late_s
+    return (short_s + long_s) / 2
 
 
 def _acceleration_sd(config: DriveConfig) -> float:
     """Of what the vehicle does otherwise than it is told: SIGMAS of the speed's deviations then cover a brake that
     does not act."""
-    return max(config.acceleration_mm_s2, config.brake_mm_s2) / 2
+    return max(config.acceleration_mm_s2, config.brake_mm_s2) / SIGMAS
 
 
 def _way(
@@ -156,15 +183,19 @@ def _way(
     age_s = max(0.0, (state.t_ns - state.range.t_ns) / NS_PER_S)
     worst_mm_s = max(0.0, closing_mm_s + SIGMAS * now.speed_sd_mm_s)
     nearest_mm = min(now.distance_mm - SIGMAS * now.distance_sd_mm, state.range.distance_mm - worst_mm_s * age_s)
+    coming_mm, told_mm_s = _coming(memory, config.delay_s)
+    excess_mm_s = max(0.0, worst_mm_s - told_mm_s)
     still_ns = state.t_ns - memory.still_ns
     return _Way(
         now,
         _to_go_mm(state, memory, now, config, fusion),
         closing_mm_s,
-        worst_mm_s,
         nearest_mm - (fusion.distance_threshold_mm - guidance.overshoot_mm),
-        config.stopping_mm(worst_mm_s, age_s),
-        age_s,
+        coming_mm
+        + config.stopping_mm(excess_mm_s, 0.0)
+        + excess_mm_s * memory.follows_mm_s / config.brake_mm_s2
+        + memory.follows_mm_s**2 / (2 * config.brake_mm_s2),
+        worst_mm_s,
         still_ns >= (config.delay_s + STILL_S) * NS_PER_S,
     )
 
@@ -230,7 +261,7 @@ def _driven(
             return memory, Setpoint(DriveState.SETTLE, True, 0.0, way.stopping_mm)
         memory = _learned(memory, way, config)
     slip = slip_s(memory, config)
-    ahead_mm = to_go_mm - _coming_mm(memory, slip)
+    ahead_mm = to_go_mm - _coming_mm(memory, slip) - memory.follows_mm_s**2 / (2 * config.brake_mm_s2)
     if memory.speed_mm_s > 0 and (there or ahead_mm <= 0):
         return _cut(memory, way, state.t_ns), Setpoint(DriveState.SETTLE, True, 0.0, way.stopping_mm)
     if there:
@@ -240,48 +271,77 @@ def _driven(
     if ahead_mm <= 0:
         return memory, Setpoint(DriveState.SETTLE, True, 0.0, way.stopping_mm)
     if memory.run_mm_s is None:
-        run_mm_s = max(config.min_speed_mm_s, min(config.creep_speed_mm_s, ahead_mm / PULSE_S))
-        begun = (memory.way_mm, way.movement.distance_mm) if way.closing_mm_s < STARTS_MM_S else None
-        memory = replace(memory, run_mm_s=run_mm_s, begun=begun)
+        run_mm_s = max(config.min_speed_mm_s, min(config.creep_speed_mm_s, ahead_mm / (slip + PULSE_S)))
+        memory = replace(memory, run_mm_s=run_mm_s, peak_mm_s=0.0)
     run_mm_s = memory.run_mm_s or 0.0
     comfortable_mm_s = min(config.max_speed_mm_s, _comfortable(ahead_mm, run_mm_s, config))
-    memory = _ramped(memory, min(comfortable_mm_s, _safe(way, memory, run_mm_s, config)), dt_s, config)
-    driving = DriveState.CREEP if comfortable_mm_s <= config.creep_speed_mm_s else DriveState.APPROACH
+    safe_mm_s = _safe(way, memory, config)
+    creeps = comfortable_mm_s <= config.creep_speed_mm_s
+    if creeps and memory.speed_mm_s > 0 and safe_mm_s < config.min_speed_mm_s:
+        memory, driving = _cut(memory, way, state.t_ns), DriveState.SETTLE
+    else:
+        memory = _ramped(memory, min(comfortable_mm_s, safe_mm_s), dt_s, config)
+        driving = DriveState.CREEP if creeps else DriveState.APPROACH
     return memory, Setpoint(driving, True, memory.speed_mm_s, way.stopping_mm)
 
 
 def _comfortable(ahead_mm: float, run_mm_s: float, config: DriveConfig) -> float:
-    """Comes to `run_mm_s`, CREEP_S before the place."""
-    gentle_mm_s2 = min(config.acceleration_mm_s2, config.brake_mm_s2)
+    """Comes to `run_mm_s`, CREEP_S before the place. A run that is too short for creep speed is not faster."""
+    if run_mm_s < config.creep_speed_mm_s:
+        return run_mm_s
+    gentle_mm_s2 = GENTLE * config.brake_mm_s2
     return sqrt(run_mm_s**2 + 2 * gentle_mm_s2 * max(0.0, ahead_mm - CREEP_S * run_mm_s))
 
 
-def _safe(way: _Way, memory: DriveMemory, run_mm_s: float, config: DriveConfig) -> float:
-    """A setpoint from which the vehicle can stop before the limit. What was set before moves it first."""
+def _safe(way: _Way, memory: DriveMemory, config: DriveConfig) -> float:
+    """A setpoint from which the vehicle can still stop before the limit when the next step sets 0."""
     if way.stopping_mm > way.limit_mm:
         return 0.0
-    doubt_mm_s = way.worst_mm_s - way.closing_mm_s + RESERVE * memory.speed_mm_s
-    left_mm = way.limit_mm - _coming_mm(memory, config.delay_s)
-    fastest_mm_s = _fastest(left_mm, config.delay_s + way.age_s, config.brake_mm_s2) - doubt_mm_s
-    return max(run_mm_s, fastest_mm_s)
+    brake_mm_s2, delay_s, follows_mm_s = config.brake_mm_s2, config.delay_s, memory.follows_mm_s
+    coming_mm, told_mm_s = _coming(memory, delay_s)
+    left_mm = way.limit_mm - RESERVE_MM - coming_mm
+    excess_mm_s = max(0.0, way.worst_mm_s + RESERVE * memory.speed_mm_s - told_mm_s)
+    falling_mm_s = _fastest(left_mm - excess_mm_s * delay_s, LONGEST_STEP_S, brake_mm_s2) - excess_mm_s
+    if falling_mm_s <= follows_mm_s:
+        return falling_mm_s
+    rising_mm_s = _fastest(left_mm + follows_mm_s * delay_s, delay_s, brake_mm_s2) - excess_mm_s
+    return max(follows_mm_s, rising_mm_s)
+
+
+def _coming(memory: DriveMemory, delay_s: float) -> tuple[float, float]:
+    """How far what was set in the last `delay_s` may still move the vehicle, each setpoint until a lower one acts; and
+    the highest of them."""
+    since_ns = memory.t_ns - delay_s * NS_PER_S
+    way_mm, fastest_mm_s = 0.0, memory.follows_mm_s
+    later_ns, later_mm = memory.t_ns, memory.way_mm
+    for t_ns, mm in reversed(memory.ways):
+        if later_ns > t_ns:
+            fastest_mm_s = max(fastest_mm_s, (later_mm - mm) * NS_PER_S / (later_ns - t_ns))
+        way_mm += fastest_mm_s * (later_ns - max(t_ns, since_ns)) / NS_PER_S
+        later_ns, later_mm = t_ns, mm
+        if t_ns <= since_ns:
+            return way_mm, fastest_mm_s
+    return way_mm + fastest_mm_s * (later_ns - since_ns) / NS_PER_S, fastest_mm_s
 
 
 def _coming_mm(memory: DriveMemory, delay_s: float) -> float:
-    """How far the setpoints of the last `delay_s` will still move the vehicle."""
+    """How far the setpoints of the last `delay_s` will still move a vehicle that follows them so late."""
     return memory.way_mm - memory.way_at(memory.t_ns - delay_s * NS_PER_S)
 
 
 def _advanced(memory: DriveMemory, now_ns: int, config: DriveConfig) -> tuple[DriveMemory, float]:
     """The memory with its setpoint's integral until now; and the time since the step before, s."""
     dt_s = max(0, now_ns - memory.t_ns) / NS_PER_S
-    way_mm, ways = memory.way_mm + memory.speed_mm_s * dt_s, memory.ways
+    follows_mm_s = max(memory.speed_mm_s, memory.follows_mm_s - config.brake_mm_s2 * dt_s)
+    way_mm, ways = memory.way_mm + (memory.follows_mm_s + follows_mm_s) / 2 * dt_s, memory.ways
     if not ways or now_ns - ways[-1][0] >= WAY_NS:
-        oldest_ns = now_ns - (_longest_slip_s(config) + KEPT_S) * NS_PER_S
+        oldest_ns = now_ns - (config.delay_s + KEPT_S) * NS_PER_S
         first = next((n for n, (t_ns, _) in enumerate(ways) if t_ns > oldest_ns), len(ways))
         ways = (*ways[max(0, first - 1) :], (now_ns, way_mm))
         if ways[0][1] == way_mm:  # nothing was set meanwhile
             ways = ways[-1:]
-    return replace(memory, t_ns=now_ns, way_mm=way_mm, ways=ways), min(dt_s, LONGEST_STEP_S)
+    advanced = replace(memory, t_ns=now_ns, way_mm=way_mm, ways=ways, follows_mm_s=follows_mm_s)
+    return advanced, min(dt_s, LONGEST_STEP_S)
 
 
 def _fastest(way_mm: float, delay_s: float, brake_mm_s2: float) -> float:
@@ -301,19 +361,24 @@ def _ramped(memory: DriveMemory, goal_mm_s: float, dt_s: float, config: DriveCon
         to_rise = sqrt(2 * config.jerk_mm_s3 * (goal_mm_s - speed_mm_s))
         rise = min(memory.rise_mm_s2 + config.jerk_mm_s3 * dt_s, config.acceleration_mm_s2, to_rise)
         speed_mm_s = min(goal_mm_s, speed_mm_s + rise * dt_s)
-    return replace(memory, speed_mm_s=speed_mm_s, rise_mm_s2=rise)
+    peak_mm_s = max(memory.peak_mm_s, speed_mm_s)
+    peak_ns = memory.t_ns if speed_mm_s >= FALLEN * peak_mm_s else memory.peak_ns
+    follows_mm_s = max(memory.follows_mm_s, speed_mm_s)
+    return replace(
+        memory, speed_mm_s=speed_mm_s, rise_mm_s2=rise, peak_mm_s=peak_mm_s, peak_ns=peak_ns, follows_mm_s=follows_mm_s
+    )
 
 
 def _cut(memory: DriveMemory, way: _Way, now_ns: int) -> DriveMemory:
     """The setpoint becomes 0, and the vehicle runs out."""
-    moving = way.closing_mm_s >= memory.speed_mm_s / 2
+    moving = abs(way.closing_mm_s - memory.speed_mm_s) <= memory.speed_mm_s / 2
     return replace(
         memory,
         speed_mm_s=0.0,
         rise_mm_s2=0.0,
         run_mm_s=None,
         begun=None,
-        cut=Cut(way.movement.distance_mm, memory.speed_mm_s, moving),
+        cut=Cut(now_ns, way.movement.distance_mm, memory.speed_mm_s, moving),
         tries=memory.tries + 1,
         still_mm=way.movement.distance_mm,
         still_ns=now_ns,
@@ -321,13 +386,13 @@ def _cut(memory: DriveMemory, way: _Way, now_ns: int) -> DriveMemory:
 
 
 def _learned(memory: DriveMemory, way: _Way, config: DriveConfig) -> DriveMemory:
-    """It stands: for how long it has run on. Only a run at creep speed shows it well."""
+    """It stands: how late it followed. A slower run than creep speed does not show it well."""
     cut = memory.cut
     if cut is None:
         return memory
     memory = replace(memory, cut=None)
-    if not cut.moving or not 0.7 <= cut.speed_mm_s / config.creep_speed_mm_s <= 1.5:
+    if not cut.moving or cut.speed_mm_s < 0.7 * config.creep_speed_mm_s:
         return memory
-    ran_s = (cut.distance_mm - way.movement.distance_mm) / cut.speed_mm_s
-    ran_s = min(max(ran_s, 0.0), _longest_slip_s(config))
-    return replace(memory, slips_s=(*memory.slips_s, ran_s)[-SLIPS:])
+    ran_mm = cut.distance_mm - way.movement.distance_mm
+    late_s = _late_s(memory, cut.t_ns, memory.t_ns, ran_mm, config)
+    return replace(memory, slips_s=(*memory.slips_s, late_s)[-SLIPS:])

@@ -44,6 +44,7 @@ class Movement:
 class Cut:
     """The setpoint became 0 for the vehicle to run out. `moving`: it drove as it was told."""
 
+    t_ns: int
     distance_mm: float
     speed_mm_s: float
     moving: bool
@@ -59,14 +60,17 @@ class DriveMemory:
     still_ns: int = 0  # since then
     speed_mm_s: float = 0.0  # the setpoint
     rise_mm_s2: float = 0.0  # its acceleration
-    way_mm: float = 0.0  # its integral
+    way_mm: float = 0.0  # integral of `follows_mm_s`
     ways: tuple[tuple[int, float], ...] = ()  # (t_ns, way_mm) for as long as a setpoint may act, oldest first
     run_mm_s: float | None = None  # creep speed of the run that goes on
-    begun: tuple[float, float] | None = None  # (way_mm, distance_mm) where it began, until lag_s is measured
+    follows_mm_s: float = 0.0  # the setpoint as the worst brake follows it
+    peak_mm_s: float = 0.0  # the highest setpoint of the run
+    peak_ns: int = 0  # then it was near that for the last time
+    begun: tuple[int, float, float] | None = None  # t_ns, distance mm, setpoint: since then the lag is measured
     cut: Cut | None = None
     tries: int = 0  # runs of this approach that have ended
     lag_s: float | None = None  # the vehicle follows its setpoint so late
-    slips_s: tuple[float, ...] = ()  # for how long it ran on, newest last
+    slips_s: tuple[float, ...] = ()  # so late it came to a standstill, newest last
 
     def resumed(self) -> "DriveMemory":
         """After a time in which nothing was decided."""
@@ -81,15 +85,6 @@ class DriveMemory:
                 return earlier[1] + min(1.0, share) * (later[1] - earlier[1])
             later = earlier
         return later[1]
-
-    def time_of(self, way_mm: float) -> float | None:
-        """When the integral was this; None: not within what is kept."""
-        later = self.t_ns, self.way_mm
-        for earlier in reversed(self.ways):
-            if earlier[1] <= way_mm < later[1]:
-                return earlier[0] + (way_mm - earlier[1]) / (later[1] - earlier[1]) * (later[0] - earlier[0])
-            later = earlier
-        return None
 
 
 def at(movement: Movement, t_ns: int, moved_mm: float, acceleration_sd: float) -> Movement:

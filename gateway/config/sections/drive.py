@@ -15,7 +15,7 @@ class DriveConfig(Section):
     creep_speed_mm_s: float = Field(30.0, ge=1, le=500, description="speed of the last way before the place")
     min_speed_mm_s: float = Field(10.0, ge=0, le=500, description="the drive does not turn below it: never between")
     acceleration_mm_s2: float = Field(
-        100.0, ge=5, le=2000, description="of a rising setpoint, and of one that falls on the way to the place"
+        100.0, ge=5, le=2000, description="of a rising setpoint; towards the place it falls as the worst brake can do"
     )
     jerk_mm_s3: float = Field(200.0, ge=5, le=20_000, description="of a rising setpoint: change of its acceleration")
     brake_mm_s2: float = Field(

@@ -54,6 +54,7 @@ class Vehicle:
     poll_ms: int = 100
     follows: bool = True
     drops: float = 0.02
+    lost_ms: int | None = None  # from then on no poll is answered; the life sign ends `latency_s` after the last one
     frozen_mm: float = 0.0  # the ranger hears nothing that is nearer
     now_ms: int = 0
     speed_mm_s: float = 0.0
@@ -101,7 +102,12 @@ class Vehicle:
         for seen in [*due, Tick()]:
             self.state = interlock.step(self.state, seen, self.now_ns, self.rules)
             self.states.append(self.state)
-        if self.now_ms % self.poll_ms == 0:
+        drive_config = self.rules.recipes[0].drive
+        latency_ms = drive_config.latency_s * 1000 if drive_config else 0
+        if self.lost_ms is not None and self.now_ms >= self.lost_ms:
+            if self.now_ms >= self.lost_ms - self.lost_ms % self.poll_ms + latency_ms:
+                self.polled.append((self.now_ms, 0.0))
+        elif self.now_ms % self.poll_ms == 0:
             self.polled.append((self.now_ms, self.state.setpoint.speed_mm_s))
         self.now_ms += 20
 
@@ -139,6 +145,51 @@ def test_a_vehicle_beyond_the_ranger_s_range_may_move_but_has_no_distance_to_be_
             state = interlock.step(state, seen, now_ns, bay_rules)
     assert state.may_move
     assert state.setpoint == Setpoint(DriveState.NO_DISTANCE)
+
+
+@pytest.mark.parametrize("lost_ms", [3020, 4510, 5010, 5510, 6010, 6510, 7010, 7510, 8010, 9010])
+def test_polls_that_end_at_the_worst_moment_leave_it_before_the_limit(lost_ms: int) -> None:
+    """The worst brake, and a lag of 0.35 s beside the 0.15 s by which it follows; the PLC holds the newest setpoint."""
+    vehicle = Vehicle(rules(), 1800.0, lag_s=0.35, lost_ms=lost_ms)
+    vehicle.runs(lost_ms / 1000 + 6)
+    assert vehicle.speed_mm_s == 0.0
+    assert vehicle.nearest_mm > 300.0 - 100.0
+
+
+def test_what_was_set_goes_on_for_the_longest_delay_each_setpoint_until_a_lower_one_acts() -> None:
+    """100 mm/s for 1 s, then 40 mm/s for 0.3 s: after 0.8 s, 0.5 s of the former and 0.3 s of the latter are to come.
+    In the other order the higher one may act in all of the time."""
+    now_ns = T0 + 1300 * MS
+    falls = DriveMemory(t_ns=now_ns, way_mm=112.0, follows_mm_s=40.0, ways=((T0, 0.0), (T0 + 1000 * MS, 100.0)))
+    assert drive._coming(falls, 0.8) == pytest.approx((62.0, 100.0))
+    rises = DriveMemory(t_ns=now_ns, way_mm=70.0, follows_mm_s=100.0, ways=((T0, 0.0), (T0 + 1000 * MS, 40.0)))
+    assert drive._coming(rises, 0.8) == pytest.approx((80.0, 100.0))
+    assert drive._coming(DriveMemory(t_ns=now_ns, follows_mm_s=50.0), 0.8) == pytest.approx((40.0, 50.0))
+
+
+def test_a_setpoint_that_drops_counts_as_the_worst_brake_follows_it() -> None:
+    """From 300 mm/s at 150 mm/s2: 0.3 * 300 - 0.3^2 * 150 / 2 = 83.25 mm in 0.3 s."""
+    made = config().bays[0].drive
+    assert made is not None
+    memory, _ = drive._advanced(DriveMemory(t_ns=T0, follows_mm_s=300.0), T0 + 300 * MS, made)
+    assert (memory.follows_mm_s, memory.way_mm) == pytest.approx((255.0, 83.25))
+
+
+def test_how_late_a_falling_setpoint_acts_is_found_from_the_way() -> None:
+    """It falls by 100 mm/s2 from 300 mm/s; the vehicle is 0.4 s late: from 1 s to 2 s it goes as set from 0.6 to 1.6 s,
+    300 - 100 * 1.1 = 190 mm."""
+    made = config().bays[0].drive
+    assert made is not None
+    ways = tuple((T0 + n * 50 * MS, 300 * n * 0.05 - 50 * (n * 0.05) ** 2) for n in range(41))
+    memory = DriveMemory(t_ns=T0 + 2000 * MS, way_mm=400.0, ways=ways)
+    assert drive._late_s(memory, T0 + 1000 * MS, T0 + 2000 * MS, 190.0, made) == pytest.approx(0.4, abs=0.01)
+
+
+def test_a_short_way_is_run_so_slowly_that_its_run_out_fits() -> None:
+    """30 mm to go, 1.1 s of delay and PULSE_S: 18 mm/s, not the 30 mm/s of creep speed."""
+    vehicle = standing(320.0)
+    fastest = max(state.setpoint.speed_mm_s for state in vehicle.states)
+    assert 10.0 <= fastest <= 24.0
 
 
 def test_without_a_drive_there_is_no_setpoint() -> None:
@@ -183,7 +234,7 @@ def test_short_of_the_place_it_is_moved_again_a_limited_number_of_times() -> Non
     stood = replace(state.memory.drive, speed_mm_s=0.0, run_mm_s=None, cut=None, ways=(), way_mm=0.0)
     for tries in (0, drive.TRIES - 1):
         setpoint = stepped(state, memory=replace(state.memory, drive=replace(stood, tries=tries)))
-        assert (setpoint.state, setpoint.enable) == (DriveState.APPROACH, True)
+        assert (setpoint.state, setpoint.enable) == (DriveState.CREEP, True)
         assert setpoint.speed_mm_s >= 10.0
     setpoint = stepped(state, memory=replace(state.memory, drive=replace(stood, tries=drive.TRIES)))
     assert (setpoint.state, setpoint.enable, setpoint.speed_mm_s) == (DriveState.SETTLE, False, 0.0)
