@@ -153,8 +153,9 @@ SETTINGS: Mapping[str, GatewayConfig] = {
     "reads only": _settings(_QUICK, writes=False),
     "no heartbeat": _settings(_QUICK, heartbeat_required=False, heartbeat_deadline_s=0.5),
     "shipped": _settings(),
+    "unchecked": _settings(_QUICK, heartbeat_deadline_s=0.5),
 }
-WEIGHTS = (5, 2, 2, 2, 1, 1)  # of them, in this order
+WEIGHTS = (5, 2, 2, 2, 1, 1, 0)  # of them, in this order; the last is for single tests
 
 # -- schedules ------------------------------------------------------------------------------------------------------
 
