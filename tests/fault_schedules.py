@@ -147,15 +147,15 @@ def _settings(*layers: Mapping[str, Any], writes: bool = True, **handshake: Any)
 
 
 SETTINGS: Mapping[str, GatewayConfig] = {
-    "quick": _settings(_QUICK, _DRIVE, heartbeat_deadline_s=0.5),
+    "quick": _settings(_QUICK, heartbeat_deadline_s=0.5),
     "checked": _settings(_QUICK, _DRIVE, {"guidance": {"aim_u_px": 319.5}}),
     "latched": _settings(_QUICK, {"fusion": {"latch_stop": True}}, enable_required=True, heartbeat_deadline_s=0.5),
     "reads only": _settings(_QUICK, writes=False),
     "no heartbeat": _settings(_QUICK, heartbeat_required=False, heartbeat_deadline_s=0.5),
     "shipped": _settings(),
-    "unchecked": _settings(_QUICK, heartbeat_deadline_s=0.5),
+    "driven": _settings(_QUICK, _DRIVE, heartbeat_deadline_s=0.5),
 }
-WEIGHTS = (5, 2, 2, 2, 1, 1, 0)  # of them, in this order; the last is for single tests
+WEIGHTS = (5, 2, 2, 2, 1, 1, 0)  # of them, in this order; the last is not drawn, but taken for quick
 
 # -- schedules ------------------------------------------------------------------------------------------------------
 
