@@ -66,7 +66,10 @@ def played(folder: Path, seed: int, trucks: int, *, faults: bool, empty_s: float
     kept.now_ns = lambda: bench.now_ns
     told, plc = with_visits(kept, bench), Levels(bench)
     begin_ns, fault_s, release_s = bench.now_ns, chance.uniform(8, 20) if faults else 1e9, 0.0
-    while len(told) < trucks or not bench.world.truth(bench.t_s - 20, image_speed=False).distance_mm > 3800:
+    longest_s = trucks * (empty_s + 45)  # a fault may let a truck go unnoticed
+    while bench.t_s < longest_s and (
+        len(told) < trucks or not bench.world.truth(bench.t_s - 20, image_speed=False).distance_mm > 3800
+    ):
         bench.run(bench.t_s + 0.5)
         bench.moments.clear()
         if bench.state.in_place and not plc.bits:
