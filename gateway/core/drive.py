@@ -7,16 +7,17 @@ with the worst brake and after the longest delay.
 On the way, the setpoint v is the least of
 
     sqrt(creep^2 + 2 GENTLE b (d - creep T))    to come to the place at creep speed, d after the measured delay T
-    v from W + x D + (v + x)^2 / (2 b) = d_limit - reserve     to stop before the limit, if the next step sets 0
+    v from k W + x D + (k v + x)^2 / (2 b) = d_limit - reserve     to stop before the limit, if the next step sets 0
 
-with D = lag_s + latency_s and b the worst brake. At worst the vehicle follows what was set up to D ago: the PLC holds
-an image until its life sign ends, then the drive needs its lag. Set to 0 now, it goes on by at most
+with D = lag_s + latency_s, b the worst brake, and k = FASTER. At worst the vehicle follows, k times as fast, what was
+set up to D ago: the PLC holds an image until its life sign ends, then the drive needs its lag. Set to 0 now, it goes on
+by at most k W,
 
     W = the integral over the last D of the highest setpoint from then until now
 
 and then by its braking way. What it has followed sooner is in the measured distance already, and is not counted again
-as v D; only x is, by which it may be faster than any setpoint of the last D. A setpoint that falls faster than b counts
-as one that falls by b. Before the setpoint rises by dv, W is taken as W + dv D.
+as v D; only x is, by which it may be faster than k times any setpoint of the last D. A setpoint that falls faster than
+b counts as one that falls by b. Before the setpoint rises by dv, W is taken as W + dv D.
 
 A rising setpoint keeps to jerk and acceleration, too. It is 0 so early that the vehicle runs out at the place: how late
 it follows is measured while the setpoint falls, and how late it stands is learned from approach to approach, within
@@ -37,8 +38,8 @@ from gateway.core.state import FunctionCheck, Reason, StateVector, VisitPhase
 from gateway.durations import NS_PER_S
 
 SIGMAS = 3.0  # the worst case is so many standard deviations off
-RESERVE = 0.1  # of the speed: so much faster it may seem by the next step
-RESERVE_MM = 8.0  # likewise, nearer
+FASTER = 1.1  # times its setpoint: a drive may be so fast
+RESERVE_MM = 8.0  # so much nearer it may seem by the next step
 GENTLE = 0.8  # of the worst brake: on the way to the place
 STILL_MM = 8.0  # a vehicle that stays within this stands: so far the ranger's median moves by itself
 STILL_S = 0.5  # for so long, after the longest delay
@@ -184,17 +185,16 @@ def _way(
     worst_mm_s = max(0.0, closing_mm_s + SIGMAS * now.speed_sd_mm_s)
     nearest_mm = min(now.distance_mm - SIGMAS * now.distance_sd_mm, state.range.distance_mm - worst_mm_s * age_s)
     coming_mm, told_mm_s = _coming(memory, config.delay_s)
-    excess_mm_s = max(0.0, worst_mm_s - told_mm_s)
+    excess_mm_s = max(0.0, worst_mm_s - FASTER * told_mm_s)
     still_ns = state.t_ns - memory.still_ns
     return _Way(
         now,
         _to_go_mm(state, memory, now, config, fusion),
         closing_mm_s,
         nearest_mm - (fusion.distance_threshold_mm - guidance.overshoot_mm),
-        coming_mm
-        + config.stopping_mm(excess_mm_s, 0.0)
-        + excess_mm_s * memory.follows_mm_s / config.brake_mm_s2
-        + memory.follows_mm_s**2 / (2 * config.brake_mm_s2),
+        FASTER * coming_mm
+        + excess_mm_s * config.delay_s
+        + (FASTER * memory.follows_mm_s + excess_mm_s) ** 2 / (2 * config.brake_mm_s2),
         worst_mm_s,
         still_ns >= (config.delay_s + STILL_S) * NS_PER_S,
     )
@@ -299,13 +299,13 @@ def _safe(way: _Way, memory: DriveMemory, config: DriveConfig) -> float:
         return 0.0
     brake_mm_s2, delay_s, follows_mm_s = config.brake_mm_s2, config.delay_s, memory.follows_mm_s
     coming_mm, told_mm_s = _coming(memory, delay_s)
-    left_mm = way.limit_mm - RESERVE_MM - coming_mm
-    excess_mm_s = max(0.0, way.worst_mm_s + RESERVE * memory.speed_mm_s - told_mm_s)
-    falling_mm_s = _fastest(left_mm - excess_mm_s * delay_s, LONGEST_STEP_S, brake_mm_s2) - excess_mm_s
+    left_mm = way.limit_mm - RESERVE_MM - FASTER * coming_mm
+    excess_mm_s = max(0.0, way.worst_mm_s - FASTER * told_mm_s)
+    falling_mm_s = (_fastest(left_mm - excess_mm_s * delay_s, LONGEST_STEP_S, brake_mm_s2) - excess_mm_s) / FASTER
     if falling_mm_s <= follows_mm_s:
         return falling_mm_s
-    rising_mm_s = _fastest(left_mm + follows_mm_s * delay_s, delay_s, brake_mm_s2) - excess_mm_s
-    return max(follows_mm_s, rising_mm_s)
+    rising_mm_s = _fastest(left_mm + FASTER * follows_mm_s * delay_s, delay_s, brake_mm_s2) - excess_mm_s
+    return max(follows_mm_s, rising_mm_s / FASTER)
 
 
 def _coming(memory: DriveMemory, delay_s: float) -> tuple[float, float]:

@@ -167,6 +167,19 @@ def test_what_was_set_goes_on_for_the_longest_delay_each_setpoint_until_a_lower_
     assert drive._coming(DriveMemory(t_ns=now_ns, follows_mm_s=50.0), 0.8) == pytest.approx((40.0, 50.0))
 
 
+@pytest.mark.parametrize(("limit_mm", "safe_mm_s"), [(200.0, 117.45), (80.0, 19.95), (60.0, 0.0)])
+def test_a_drive_a_tenth_faster_than_its_setpoint_stops_before_the_limit(limit_mm: float, safe_mm_s: float) -> None:
+    """Set down from 100 to 40 mm/s; 62 mm are to come, at worst 68.2 mm. Of 80 mm, 8 mm are the reserve: 19.95 mm/s,
+    driven at 21.95 mm/s for 0.1 s, needs 2.2 mm, and 1.6 mm to brake."""
+    memory = DriveMemory(
+        t_ns=T0 + 1300 * MS, way_mm=112.0, follows_mm_s=40.0, ways=((T0, 0.0), (T0 + 1000 * MS, 100.0))
+    )
+    made = config({"latency_s": 0.3}).bays[0].drive
+    assert made is not None
+    way = drive._Way(Movement(T0, 900.0), 500.0, 80.0, limit_mm, 0.0, 110.0, False)
+    assert drive._safe(way, memory, made) == pytest.approx(safe_mm_s, abs=0.01)
+
+
 def test_a_setpoint_that_drops_counts_as_the_worst_brake_follows_it() -> None:
     """From 300 mm/s at 150 mm/s2: 0.3 * 300 - 0.3^2 * 150 / 2 = 83.25 mm in 0.3 s."""
     made = config().bays[0].drive
