@@ -183,7 +183,10 @@ def _way(
     closing_mm_s = max(0.0, _acting_mm_s(memory, _lag_s(memory, config)) + now.excess_mm_s)
     age_s = max(0.0, (state.t_ns - state.range.t_ns) / NS_PER_S)
     worst_mm_s = max(0.0, closing_mm_s + SIGMAS * now.speed_sd_mm_s)
-    nearest_mm = min(now.distance_mm - SIGMAS * now.distance_sd_mm, state.range.distance_mm - worst_mm_s * age_s)
+    nearest_mm = min(
+        now.distance_mm - SIGMAS * now.distance_sd_mm,
+        state.range.distance_mm - max(worst_mm_s, FASTER * memory.follows_mm_s) * age_s,
+    )
     coming_mm, told_mm_s = _coming(memory, config.delay_s)
     excess_mm_s = max(0.0, worst_mm_s - FASTER * told_mm_s)
     still_ns = state.t_ns - memory.still_ns
