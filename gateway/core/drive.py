@@ -65,7 +65,8 @@ class _Way:
     closing_mm_s: float
     limit_mm: float  # the limit is not nearer than this
     stopping_mm: float
-    worst_mm_s: float  # it may be as fast as this
+    coming_mm: float  # so far what was set may still move it
+    excess_mm_s: float  # so much faster it may be than anything that was set
     stands: bool
 
 
@@ -77,7 +78,7 @@ def step(
     memory = _followed(memory, state, config)
     way = _way(state, memory, config, fusion, guidance)
     if way is None:
-        memory = replace(memory, speed_mm_s=0.0, rise_mm_s2=0.0, run_mm_s=None, cut=None, tries=0)
+        memory = _ended(memory)
         waits = DriveState.NO_DISTANCE if state.may_move else DriveState.INHIBITED
         return memory, Setpoint(DriveState.AT_PLACE if state.in_place else waits)
     if _doubt(state):
@@ -198,7 +199,8 @@ def _way(
         FASTER * coming_mm
         + excess_mm_s * config.delay_s
         + (FASTER * memory.follows_mm_s + excess_mm_s) ** 2 / (2 * config.brake_mm_s2),
-        worst_mm_s,
+        coming_mm,
+        excess_mm_s,
         still_ns >= (config.delay_s + STILL_S) * NS_PER_S,
     )
 
@@ -240,7 +242,7 @@ def _stopped(state: StateVector, memory: DriveMemory, way: _Way, config: DriveCo
     """Stop is on, or something is in doubt. By D alone, the vehicle runs out, and its way is learned."""
     at_mark = state.d is True and state.reason is Reason.TARGET_REACHED
     if not at_mark:
-        memory = replace(memory, speed_mm_s=0.0, rise_mm_s2=0.0, run_mm_s=None, cut=None, tries=0)
+        memory = _ended(memory)
         reached = DriveState.AT_PLACE if state.in_place else DriveState.INHIBITED
         return memory, Setpoint(reached, stopping_mm=way.stopping_mm)
     if memory.speed_mm_s > 0:
@@ -301,9 +303,7 @@ def _safe(way: _Way, memory: DriveMemory, config: DriveConfig) -> float:
     if way.stopping_mm > way.limit_mm:
         return 0.0
     brake_mm_s2, delay_s, follows_mm_s = config.brake_mm_s2, config.delay_s, memory.follows_mm_s
-    coming_mm, told_mm_s = _coming(memory, delay_s)
-    left_mm = way.limit_mm - RESERVE_MM - FASTER * coming_mm
-    excess_mm_s = max(0.0, way.worst_mm_s - FASTER * told_mm_s)
+    left_mm, excess_mm_s = way.limit_mm - RESERVE_MM - FASTER * way.coming_mm, way.excess_mm_s
     falling_mm_s = (_fastest(left_mm - excess_mm_s * delay_s, LONGEST_STEP_S, brake_mm_s2) - excess_mm_s) / FASTER
     if falling_mm_s <= follows_mm_s:
         return falling_mm_s
@@ -370,6 +370,11 @@ def _ramped(memory: DriveMemory, goal_mm_s: float, dt_s: float, config: DriveCon
     return replace(
         memory, speed_mm_s=speed_mm_s, rise_mm_s2=rise, peak_mm_s=peak_mm_s, peak_ns=peak_ns, follows_mm_s=follows_mm_s
     )
+
+
+def _ended(memory: DriveMemory) -> DriveMemory:
+    """This approach is over; the next one begins anew."""
+    return replace(memory, speed_mm_s=0.0, rise_mm_s2=0.0, run_mm_s=None, cut=None, tries=0)
 
 
 def _cut(memory: DriveMemory, way: _Way, now_ns: int) -> DriveMemory:

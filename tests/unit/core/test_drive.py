@@ -176,7 +176,8 @@ def test_a_drive_a_tenth_faster_than_its_setpoint_stops_before_the_limit(limit_m
     )
     made = config({"latency_s": 0.3}).bays[0].drive
     assert made is not None
-    way = drive._Way(Movement(T0, 900.0), 500.0, 80.0, limit_mm, 0.0, 110.0, False)
+    coming_mm, _ = drive._coming(memory, made.delay_s)
+    way = drive._Way(Movement(T0, 900.0), 500.0, 80.0, limit_mm, 0.0, coming_mm, 0.0, False)
     assert drive._safe(way, memory, made) == pytest.approx(safe_mm_s, abs=0.01)
 
 
