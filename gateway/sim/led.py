@@ -1,39 +1,28 @@
 """The beacon's LED between the simulated board, which switches it, and the simulated camera, which sees it.
 
-They are in two processes, so a file has the newest cycles of the board, each in a place of its own: it never grows.
+They are in two processes, so a file has the newest cycles of the board.
 """
 
-import os
 import struct
 from dataclasses import dataclass
-from pathlib import Path
 
 from gateway.config import CameraConfig
+from gateway.sim.ring_file import RingFile, records
 from gateway.vision.source.framing import Framing, SizePx
 
 CYCLES = 256  # 15 s: so far back the late and repeated pictures of a scenario may reach
 CYCLE = struct.Struct("=qq")  # begin, ns of the clock, and whether the LED is lit; firmware/bench writes it, too
 
 
-class LedFile:
+class LedFile(RingFile):
     """The writer's end, made with the first cycle."""
 
     def __init__(self, path: str) -> None:
-        self._path = path
-        self._file: int | None = None
-        self._count = 0
+        super().__init__(path, CYCLE, CYCLES)
 
     def show(self, t_ns: int, lit: bool) -> None:
         """From `t_ns` on, which is not earlier than the one before."""
-        if self._file is None:
-            self._file = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
-        os.pwrite(self._file, CYCLE.pack(t_ns, lit), self._count % CYCLES * CYCLE.size)
-        self._count += 1
-
-    def close(self) -> None:
-        if self._file is not None:
-            os.close(self._file)
-        self._file = None
+        self.put(t_ns, lit)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,11 +45,7 @@ class Led:
 
     def lit(self, from_ns: int, until_ns: int) -> float:
         """In which share of this time it is lit, 0 to 1. In what no cycle is known of, it is dark."""
-        try:
-            data = Path(self.path).read_bytes()
-        except FileNotFoundError:  # the board was not asked for the beacon yet
-            return 0.0
-        cycles = sorted(CYCLE.iter_unpack(data[: len(data) // CYCLE.size * CYCLE.size]))
+        cycles = records(self.path, CYCLE)  # none: the board was not asked for the beacon yet
         until_ns = max(until_ns, from_ns + 1)
         ends = [*(begin_ns for begin_ns, _ in cycles[1:]), until_ns]
         lit_ns: int = sum(
