@@ -15,6 +15,7 @@ from functools import partial
 from gateway.clock import SystemClock
 from gateway.config import GatewayConfig
 from gateway.errors import GatewayError
+from gateway.gateway_facts import FactsCollector
 from gateway.hub import Hub
 from gateway.logs.folding import LogCounts
 from gateway.modbus.server.modbus_service import Listening, ModbusService
@@ -71,8 +72,11 @@ async def run(
         shared = Shared(config, Hub(bay.name for bay in config.bays), clock, secrets.token_hex(8), resources)
         sensors = build_sensors(shared, ports)
         in_force = InForce(config, sensors.visions)
+        certificates = CertificateEnds(config, clock)
+        facts = FactsCollector(in_force.whole, source, clock, certificates)
         # What subscribes does so before the bays are built, or the start events would be missed.
-        outputs = build_outputs(shared, sensors, in_force)
+        shared.hub.listen(facts.note)
+        outputs = build_outputs(shared, sensors, in_force, facts.now)
         extra = extra_tasks(shared.hub)
         modbus = ModbusService(config.modbus, clock)
         records: dict[str, TaskRecord] = {}
@@ -84,7 +88,8 @@ async def run(
             recorder=outputs.recorder,
             modbus=modbus.now,
             tasks=records,
-            certificates=CertificateEnds(config, clock),
+            certificates=certificates,
+            facts=facts.now,
             log=log_counts,
         )
         service = ServiceState(notifier or Notifier(), shared.hub.bays, lambda: status.summary(clock.now_ns()))

@@ -32,6 +32,7 @@ from gateway.shared_state import SharedStateWriter
 from gateway.sinks import registry as sink_registry
 from gateway.sinks.contract import AlarmStep, Sink
 from gateway.supervisor import Task
+from gateway.values.gateway_values import GatewayFacts
 from gateway.vision.process.vision_service import VisionService, vision_template
 from gateway.vision.source.contract import SourceSpec
 from gateway.vision.source.specs import check_exposure, source_spec
@@ -148,8 +149,8 @@ def _vote(
     emit(voter.take(n, reading, clock.now_ns()))
 
 
-def build_outputs(shared: Shared, sensors: Sensors, in_force: InForce) -> BayOutputs:
-    """Raises ConfigError."""
+def build_outputs(shared: Shared, sensors: Sensors, in_force: InForce, facts: Callable[[], GatewayFacts]) -> BayOutputs:
+    """`facts`: of the gateway itself. Raises ConfigError."""
     config, hub, clock = shared.config, shared.hub, shared.clock
     history = EventHistory(hub)
     recorder = RecorderService(config, clock, sensors.frames, shared.boot, sensors.template)
@@ -161,7 +162,7 @@ def build_outputs(shared: Shared, sensors: Sensors, in_force: InForce) -> BayOut
         partial(_on_alarm, recorder, listeners),
     )
     shown, listen = ShownAlarms(alarms), listeners.append
-    sinks = sink_registry.opened(config, hub, clock, shared.boot, shared.resources, shown, listen)
+    sinks = sink_registry.opened(config, hub, clock, shared.boot, shared.resources, shown, listen, facts)
     vectors = {
         bay.name: shared.resources.enter_context(SharedStateWriter(config.instance, bay.name)) for bay in config.bays
     }

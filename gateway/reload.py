@@ -48,6 +48,12 @@ class InForce:
         """What the keys of the bay's decision are made of: another object where they may be others."""
         return self.config, self.visions[bay].settings
 
+    def whole(self) -> GatewayConfig:
+        """With the applied settings of vision in it."""
+        applied = {bay.name: self.visions[bay.name].settings for bay in self.config.bays}
+        bays = tuple(bay.model_copy(update={"vision": applied[bay.name]}) for bay in self.config.bays)
+        return self.config.model_copy(update={"bays": bays})
+
     def deciding(self, bay: str) -> dict[str, Any]:
         """The keys of the bay's decision."""
         (own,) = [one for one in self.config.bays if one.name == bay]

@@ -14,11 +14,13 @@ from gateway.core.events import Event, EventKind
 from gateway.core.readings import Quality, RangeReading, RangeStats, VisionReading, VisionStats
 from gateway.core.scale import MarkerScale, ScaleSample
 from gateway.core.state import FusionMemory, Reason, StateVector
+from gateway.core.visit_summary import VisitEnd, VisitSummary
 from gateway.modbus.exports.tables import markdown_table
 from gateway.sinks.contract import BayAlarms, ShownAlarm
 from gateway.sinks.mqtt import home_assistant, messages, payloads, topic_plan
 from gateway.sinks.mqtt.alarm_topic import alarms_payload
 from gateway.sinks.mqtt.topics import Gateway, Topics
+from gateway.values.gateway_values import GatewayFacts
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 MS = 1_000_000
@@ -94,6 +96,17 @@ def home_assistant_markdown() -> str:
     return ", ".join(f"{one.name} (`{one.shows}`)" for one in home_assistant.ENTITIES) + "."
 
 
+VISIT = VisitSummary(
+    WALL_NS // MS - 900_000,
+    612.4,
+    VisitEnd.CLEAR,
+    in_place_s=480.0,
+    times_in_place=1,
+    faults=((Reason.RANGE_STALE, 1, 2.5),),
+)
+FACTS = GatewayFacts("3f5a" * 16, "3f5a" * 16, "ended", "updated", {"hmi": 83}, "https://bay-1.plant.example:8080/")
+
+
 def examples() -> dict[str, BaseModel]:
     """One message of each kind, of a truck that has just reached its place."""
     gateway = Gateway(Topics("loading", "site1", "gateway"), ("bay1",), "0.1.0", "9f86d081884c7d65")
@@ -139,7 +152,14 @@ def examples() -> dict[str, BaseModel]:
         store=messages.StorePayload(ok=True, detail="", faults=0, recovered=0, unwritten=0),
     )
     return {
-        "status": payloads.status_payload(gateway, "running", WALL_NS, delivery),
+        "status": payloads.status_payload(
+            gateway,
+            "running",
+            WALL_NS,
+            delivery,
+            payloads.gateway_payload(FACTS, 61),
+            [payloads.bay_health(state, "Loading bay 3", BayAlarms((ALARM,), (), True), VISIT, offset_ns)],
+        ),
         "will": payloads.status_payload(gateway, "connection lost"),
         "state": payloads.state_payload(state, gateway, offset_ns, stale_after_ms=2500),
         "event": payloads.event_payload(

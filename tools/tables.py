@@ -71,7 +71,7 @@ def metrics() -> str:
 
 def sparkplug() -> str:
     """The metrics of a device, as its birth has them: docs/sparkplug.md. When one is null, the state's schema says."""
-    birth = device.metrics(dict.fromkeys(device.ROWS, (None, QualityCode.GOOD)), 0, birth=True)
+    birth = device.metrics(dict.fromkeys(device.ROWS.keys() - device.NODE, (None, QualityCode.GOOD)), 0, birth=True)
     rows: list[tuple[str, str, str]] = []
     for one in birth:
         kind = one.datatype.name.capitalize() + (one.unit and f", {one.unit}")

@@ -5,15 +5,19 @@ Every fault is one line: file:line: key = value: what is wrong (allowed range). 
 examples:
   gateway check config/gateway.toml
   gateway check config/gateway.toml --full     every key with its value, defaults included
+  gateway check config/gateway.toml --digest > config/gateway.toml.reviewed
+                                               what identifies this configuration, for a fleet (docs/fleet.md)
   gateway check --keys                         every key there is: meaning, default, range (Markdown)
 """
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 
 from gateway import config, config_check
 from gateway.clock import SystemClock
 from gateway.config import GatewayConfig, HmiConfig, reference
+from gateway.config.digest import digest
 from gateway.config.sections.ranger_profiles import PROFILES
 from gateway.config.strict.errors import without_password
 from gateway.config.strict.toml_file import read_toml
@@ -27,6 +31,7 @@ from gateway.web.host import releases
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("config", type=Path, nargs="?", metavar="CONFIG.toml")
     parser.add_argument("--full", action="store_true", help="print every key with its value, defaults included")
+    parser.add_argument("--digest", action="store_true", help="print the digest of what it sets instead")
     parser.add_argument("--keys", action="store_true", help="print the table of all keys instead")
 
 
@@ -69,23 +74,31 @@ def main(args: argparse.Namespace) -> int:
     config_check.check(settings, source=str(args.config), text=text)
     config_check.check_languages(settings, source=str(args.config), text=text)
     sinks = tuple(sink_registry.settings_of(settings))
+    if args.digest:
+        print(digest(settings))
+        return 0
     if args.full:
         print("\n".join(f"{key} = {value}" for key, value in sink_registry.shown_settings(settings)))
         return 0
     if not document:
         print(f"{args.config}: sets nothing, so every value is a default (gateway check --keys)")
+    _describe(args.config, settings, [name for name, _ in sinks])
+    return 0
+
+
+def _describe(path: Path, settings: GatewayConfig, sinks: Sequence[str]) -> None:
     modbus = settings.modbus
     served = [f"Modbus TCP on {modbus.host}:{modbus.port}"] if modbus.plain else []
     if modbus.tls is not None:
         served.append(f"Modbus/TCP Security on {modbus.host}:{modbus.tls.port}")
-    print(f"{args.config}: good. Site {settings.site}, {', '.join(served)},")
+    print(f"{path}: good. Site {settings.site}, {', '.join(served)},")
     if modbus.writes:
         roles = ", ".join(modbus.tls.write_roles) if modbus.tls else ""
         who = f"over TLS only, by role {roles}" if modbus.tls else f"by {', '.join(modbus.plc_addresses)}"
         print(f"  writes to the handshake block: {who}")
     for line in warnings(settings):
         print(f"  warning: {line}")
-    others = "".join(f", {name}" for name, _ in sinks)
+    others = "".join(f", {name}" for name in sinks)
     brokers = ", then ".join(map(without_password, settings.mqtt.brokers)) if settings.mqtt else "not used"
     print(f"  MQTT {brokers}{others}")
     if settings.hmi.enabled:
@@ -101,4 +114,3 @@ def main(args: argparse.Namespace) -> int:
                 print(f"  bay {bay.name}: ranger {n}, profile {sensor.profile}: {values}")
         if idle := registry.method(bay.vision.method).without_effect(bay.vision):
             print(f'  bay {bay.name}: no effect with vision.method = "{bay.vision.method}": {", ".join(idle)}')
-    return 0

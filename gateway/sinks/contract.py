@@ -24,6 +24,7 @@ from gateway.config.strict.section import Section
 from gateway.core.events import Event
 from gateway.core.state import StateVector
 from gateway.errors import SettingError  # noqa: F401 - sinks of others import it from here
+from gateway.values.gateway_values import GatewayFacts
 
 
 class EventQueue(Protocol):
@@ -101,6 +102,12 @@ class BayAlarms:
         return sum(alarm.active for alarm in (*self.bay, *self.gateway))
 
     @property
+    def by_priority(self) -> dict[str, int]:
+        """How many are active, of each of ALARM_PRIORITIES."""
+        active = [alarm.priority for alarm in (*self.bay, *self.gateway) if alarm.active]
+        return {priority: active.count(priority) for priority in ALARM_PRIORITIES}
+
+    @property
     def highest_priority(self) -> str | None:
         """Of the active ones; None: none is."""
         found = [ALARM_PRIORITIES.index(alarm.priority) for alarm in (*self.bay, *self.gateway) if alarm.active]
@@ -166,7 +173,8 @@ class LinkStatus:
 @dataclass(frozen=True, slots=True)
 class SinkContext:
     """What a sink is made of. `settings`: its section of the configuration. `boot`: random number of this start.
-    `listen_to_alarms`: as Bays.listen, of each change of an alarm but those that are suppressed by design."""
+    `listen_to_alarms`: as Bays.listen, of each change of an alarm but those that are suppressed by design. `facts`: of
+    the gateway itself, now; never waits."""
 
     config: GatewayConfig
     settings: Any
@@ -176,6 +184,7 @@ class SinkContext:
     resources: ExitStack  # closed after `close`
     alarms: AlarmSource = no_alarms
     listen_to_alarms: Callable[[Callable[[AlarmStep], None]], None] = no_alarm_steps
+    facts: Callable[[], GatewayFacts] = GatewayFacts
 
 
 class Sink(Protocol):

@@ -18,6 +18,7 @@ from gateway.config.strict.section import Section
 from gateway.errors import ConfigError, SettingError
 from gateway.registry import Registry, imported
 from gateway.sinks.contract import AlarmSource, AlarmStep, Bays, Sink, SinkContext, SinkType, no_alarm_steps, no_alarms
+from gateway.values.gateway_values import GatewayFacts
 
 
 def _mqtt_checks(config: GatewayConfig) -> Sequence[Callable[[], object]]:
@@ -57,10 +58,11 @@ def opened(
     resources: ExitStack,
     alarms: AlarmSource = no_alarms,
     listen_to_alarms: Callable[[Callable[[AlarmStep], None]], None] = no_alarm_steps,
+    facts: Callable[[], GatewayFacts] = GatewayFacts,
 ) -> list[Sink]:
     """The configured sinks. Raises ConfigError for a sink that is not known, and for settings that can't work."""
     return [
-        kind.open(SinkContext(config, settings, bays, clock, boot, resources, alarms, listen_to_alarms))
+        kind.open(SinkContext(config, settings, bays, clock, boot, resources, alarms, listen_to_alarms, facts))
         for kind, settings in _configured(config)
     ]
 

@@ -11,9 +11,12 @@ from pydantic import Field
 
 from gateway.core.events import EventKind
 from gateway.core.readings import AgeProof, PictureFault, Quality
+from gateway.core.visit_summary import VisitEnd
 from gateway.sinks.mqtt.values import Count, Payload
 from gateway.sinks.mqtt.visit_payload import VisitPayload
+from gateway.values.gateway_values import GATEWAY_VALUES
 from gateway.values.models import ShownModel
+from gateway.values.visit_values import VISIT_VALUES
 
 SCHEMA_VERSION = 1
 SENSORS = ("vision", "range", "cross_check")
@@ -337,6 +340,70 @@ class StorePayload(Payload):
     unwritten: Count = Field(description="events that only memory holds at the moment")
 
 
+class ConfigurationPayload(ShownModel):
+    """Digests of the gateway's configuration: `gateway check --digest`."""
+
+    rows = GATEWAY_VALUES
+    level = "configuration."
+    in_force: str
+    reviewed: str | None
+    as_reviewed: bool | None
+
+
+class UpdatePayload(ShownModel):
+    """The newest `gateway update`."""
+
+    rows = GATEWAY_VALUES
+    level = "update."
+    stage: str
+    outcome: str | None
+
+
+class GatewayPayload(ShownModel):
+    """What the gateway says of itself."""
+
+    rows = GATEWAY_VALUES
+    configuration: ConfigurationPayload
+    update: UpdatePayload | None = Field(description="null: there was none")
+    certificate_days: dict[str, int] = Field(
+        description="until the first certificate of `modbus`, `hmi` and `mqtt` ends; without TLS left out"
+    )
+    pages: str | None
+
+
+class ActiveAlarmsPayload(Payload):
+    """How many alarms of bay and gateway are active, by priority."""
+
+    high: Count
+    medium: Count
+    low: Count
+
+
+class LastVisitPayload(ShownModel):
+    """The newest visit that is over."""
+
+    rows = VISIT_VALUES
+    begun_ms: Count
+    end: VisitEnd
+    length_s: float
+    moved: Literal["NO", "DISTANCE", "MARKER"]
+    fault_times: Count
+
+
+class BayHealthPayload(ShownModel):
+    """A bay's health when the status was sent. Its outputs are in its state."""
+
+    bay: str
+    title: str = Field(description="`title` of the bay; empty: none")
+    function_check: str
+    ne107: Ne107Payload
+    reason: ReasonPayload
+    veil: float | None = Field(description="share of the contrast that dust takes, 0 to 1; null: no fresh frame")
+    marker: MarkerPayload | None = Field(description="null: fewer than 10 visits")
+    alarms: ActiveAlarmsPayload | None = Field(description="null: nothing evaluates them")
+    last_visit: LastVisitPayload | None = Field(description="null: none since the start")
+
+
 class DeliveryPayload(Payload):
     """The gateway's MQTT link, since the start of the gateway."""
 
@@ -364,3 +431,5 @@ class StatusPayload(Payload):
         description="the same, ISO 8601, UTC", json_schema_extra={"anyOf": [{"format": "date-time"}, {"type": "null"}]}
     )
     delivery: DeliveryPayload | None = Field(description="null in the will")
+    gateway: GatewayPayload | None = Field(None, description="null in the will")
+    health: tuple[BayHealthPayload, ...] = Field((), description="of each bay; empty in the will")

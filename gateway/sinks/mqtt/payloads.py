@@ -3,6 +3,7 @@
 Times are Unix time; `offset_ns` is what turns the monotonic clock into it (wall minus monotonic, ns).
 """
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -11,14 +12,19 @@ from pydantic import BaseModel
 from gateway.core import fusion
 from gateway.core.events import Event, EventKind
 from gateway.core.state import Reason, StateVector
+from gateway.core.visit_summary import VisitSummary
 from gateway.durations import NS_PER_MS
-from gateway.sinks.contract import StoreStatus
+from gateway.sinks.contract import BayAlarms, StoreStatus
 from gateway.sinks.mqtt.messages import (
     SCHEMA_VERSION,
     SENSORS,
+    ActiveAlarmsPayload,
+    BayHealthPayload,
     Cause,
     DeliveryPayload,
     EventPayload,
+    GatewayPayload,
+    LastVisitPayload,
     Life,
     QualityPayload,
     StatePayload,
@@ -28,9 +34,10 @@ from gateway.sinks.mqtt.messages import (
 )
 from gateway.sinks.mqtt.topics import Gateway
 from gateway.sinks.mqtt.values import LAST_MS, iso
-from gateway.sinks.mqtt.visit_payload import visit_payload
+from gateway.sinks.mqtt.visit_payload import VISIT, visit_payload
 from gateway.sinks.outbox.outbox import OutboxEntry
 from gateway.values.bay_values import BAY_VALUES
+from gateway.values.gateway_values import GATEWAY_VALUES, GatewayFacts
 from gateway.values.models import Filler
 
 MAX_TEXT_CHARS = 500
@@ -85,6 +92,8 @@ def status_payload(
     cause: Cause,
     wall_ns: int | None = None,
     delivery: DeliveryPayload | None = None,
+    own: GatewayPayload | None = None,
+    health: Iterable[BayHealthPayload] = (),
 ) -> StatusPayload:
     return StatusPayload(
         schema_version=SCHEMA_VERSION,
@@ -98,6 +107,30 @@ def status_payload(
         timestamp_ms=None if wall_ns is None else unix_ms(wall_ns),
         timestamp=None if wall_ns is None else iso(unix_ms(wall_ns)),
         delivery=delivery,
+        gateway=own,
+        health=tuple(health),
+    )
+
+
+def gateway_payload(facts: GatewayFacts, mqtt_days: int | None) -> GatewayPayload:
+    """`mqtt_days`: until the first certificate of the broker's link ends; None: without TLS."""
+    days = dict(facts.certificate_days) | ({} if mqtt_days is None else {"mqtt": mqtt_days})
+    return Filler(GATEWAY_VALUES, {}, {}).fill(GatewayPayload, facts, 0, certificate_days=days)
+
+
+def bay_health(
+    state: StateVector, title: str, alarms: BayAlarms, last_visit: VisitSummary | None, offset_ns: int
+) -> BayHealthPayload:
+    active = ActiveAlarmsPayload(**alarms.by_priority) if alarms.evaluated else None
+    return BAY.fill(
+        BayHealthPayload,
+        state,
+        offset_ns,
+        bay=state.bay,
+        title=title,
+        veil=None if (veil := BAY_VALUES["picture.veil"].of(state)) is None else round(veil, 2),
+        alarms=active,
+        last_visit=None if last_visit is None else VISIT.fill(LastVisitPayload, last_visit, 0),
     )
 
 

@@ -34,6 +34,7 @@ from gateway.sinks.mqtt.topics import Gateway, MqttMessage, Topics
 from gateway.sinks.mqtt.value_topics import ValueTopics
 from gateway.sinks.outbox.durable import limits, opened_outbox
 from gateway.sinks.outbox.outbox import Outbox
+from gateway.values.gateway_values import GatewayFacts
 
 log = logging.getLogger(__name__)
 
@@ -73,6 +74,8 @@ class MqttPublisher:
         self._topics = Topics.of_config(config, site, instance)
         self._gateway = Gateway(self._topics, hub.bays, __version__, context.boot)
         self._alarms = context.alarms
+        self._facts = context.facts
+        self._titles = {bay.name: bay.title for bay in context.config.bays}
         self._state_topics = [(kind, kind.build) for kind in PLAN if kind.build is not None]
         self._values = {bay: ValueTopics(self._topics, bay, config.values_period_s) for bay in hub.bays}
         self._session = BrokerSession(
@@ -348,8 +351,16 @@ class MqttPublisher:
         return MqttMessage(topic, home_assistant.discovery(self._gateway, bay, self._stale_after_ms), retain=True)
 
     def _status_message(self, cause: messages.Cause) -> MqttMessage:
-        payload = payloads.status_payload(self._gateway, cause, self._clock.wall_ns(), self.stats)
+        facts = self._facts()
+        own = payloads.gateway_payload(facts, self._session.figures.get("certificate_days"))
+        health = [self._health(bay, facts) for bay in self._hub.bays]
+        payload = payloads.status_payload(self._gateway, cause, self._clock.wall_ns(), self.stats, own, health)
         return MqttMessage(self._topics.status, payloads.encode(payload), retain=True)
+
+    def _health(self, bay: str, facts: GatewayFacts) -> messages.BayHealthPayload:
+        state, alarms = self._shown(bay), self._alarms(bay, self._clock.now_ns())
+        visit = facts.last_visits.get(bay)
+        return payloads.bay_health(state, self._titles.get(bay, ""), alarms, visit, self._offset_ns())
 
     def _offset_ns(self) -> int:
         return self._clock.wall_ns() - self._clock.now_ns()

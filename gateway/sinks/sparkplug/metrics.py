@@ -3,14 +3,16 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import partial
 from typing import Any
 
 from gateway.core.readings import Quality
 from gateway.core.state import StateVector
 from gateway.core.visit_summary import VisitSummary
-from gateway.sinks.contract import BayAlarms
+from gateway.sinks.contract import ALARM_PRIORITIES, BayAlarms
 from gateway.sinks.sparkplug.wire import DataType, Metric, QualityCode, Value
 from gateway.values.bay_values import BAY_VALUES
+from gateway.values.gateway_values import GATEWAY_VALUES, GatewayFacts
 from gateway.values.value import Value as Shown
 from gateway.values.visit_values import VISIT_VALUES
 
@@ -72,6 +74,16 @@ DEVICE = {
     "PLC/Link": "plc.link",
     "PLC/Stop Latched": "plc.stop_latched",
     "PLC/Recipe": "plc.recipe",
+    "Function Check": "function_check",
+}
+NODE = {  # of the gateway itself
+    "Configuration/In Force": "configuration.in_force",
+    "Configuration/Reviewed": "configuration.reviewed",
+    "Configuration/As Reviewed": "configuration.as_reviewed",
+    "Update/Stage": "update.stage",
+    "Update/Outcome": "update.outcome",
+    "Certificates/Days": "certificate_days",
+    "Properties/Pages": "pages",
 }
 VISIT = {  # of the newest visit that is over
     "Visit/Last/Begun": "begun_ms",
@@ -118,6 +130,10 @@ def _alarms(name: str, kind: type, meaning: str, read: Callable[[BayAlarms], Val
     )
 
 
+def _of_priority(priority: str, alarms: BayAlarms) -> int:
+    return alarms.by_priority[priority]
+
+
 SURROUNDINGS: tuple[Shown[Surroundings], ...] = (
     Shown("Outbox/Waiting", int, "changes kept that were not sent in this session", lambda s: s.waiting),
     Shown("Outbox/Dropped", int, "changes given up since the start", lambda s: s.dropped),
@@ -125,6 +141,8 @@ SURROUNDINGS: tuple[Shown[Surroundings], ...] = (
     _alarms("Alarms/Unacknowledged", int, "alarms of bay and gateway that wait for an operator",
             lambda a: a.unacknowledged),
     _alarms("Alarms/Active", int, "alarms whose cause holds", lambda a: a.active),
+    *(_alarms(f"Alarms/Active {priority.capitalize()}", int, f"of these with priority {priority}",
+              partial(_of_priority, priority)) for priority in ALARM_PRIORITIES),
     _alarms("Alarms/Highest Priority", str, "of the active ones: low, medium, high; none",
             lambda a: a.highest_priority or "none"),
 )  # fmt: skip
@@ -135,6 +153,7 @@ ROWS: dict[str, Shown[Any]] = {
     **{name: BAY_VALUES[value] for name, value in DEVICE.items()},
     **{name: VISIT_VALUES[value] for name, value in VISIT.items()},
     **{row.name: row for row in SURROUNDINGS},
+    **{name: GATEWAY_VALUES[value] for name, value in NODE.items()},
 }
 
 HISTORY = ("Stop", "May Move", "In Place", "Moved", "Reason/Code", "Reason/Name")
@@ -165,6 +184,11 @@ def visit_readings(visit: VisitSummary | None) -> dict[str, Reading]:
     if visit is None:
         return dict.fromkeys(VISIT, (None, QualityCode.BAD))
     return {name: _reading(name, visit, QualityCode.GOOD) for name in VISIT}
+
+
+def node_readings(facts: GatewayFacts) -> dict[str, Reading]:
+    """Those of the gateway itself."""
+    return {name: _reading(name, facts, QualityCode.GOOD) for name in NODE}
 
 
 def _reading(name: str, source: object, quality: QualityCode) -> Reading:

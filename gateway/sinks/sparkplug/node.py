@@ -19,6 +19,7 @@ from gateway.sinks.sparkplug import metrics
 from gateway.sinks.sparkplug.history import BayChange, History
 from gateway.sinks.sparkplug.metrics import BAYS_ALIVE, BD_SEQ, HISTORY, NODE_REBIRTH, Reading, Surroundings
 from gateway.sinks.sparkplug.wire import DataType, Metric, Payload, WireError, booleans, encode
+from gateway.values.gateway_values import GatewayFacts
 
 NAMESPACE = "spBv1.0"
 SEQ_MODULO = 256
@@ -67,6 +68,7 @@ class EdgeNode:
     doubt_ms: int = 20_000  # a lost connection may have been dead for this time before it was noticed
     typed_data: bool = True  # data carry datatypes, as births do
     alarms: Callable[[str], BayAlarms] = lambda bay: BayAlarms()
+    facts: Callable[[], GatewayFacts] = GatewayFacts
     stats: Stats = field(default_factory=Stats)
     _bd_seq: int = -1
     _seq: int = -1
@@ -76,6 +78,7 @@ class EdgeNode:
     _host_ms: int = -1  # timestamp of the newest STATE believed in this session
     _sent_values: dict[str, dict[str, Reading]] = field(default_factory=dict)  # by device with a birth
     _sent_alive: int = 0
+    _sent_facts: dict[str, Reading] = field(default_factory=dict)
     _visits: dict[str, VisitSummary] = field(default_factory=dict)  # the newest of each bay since the start
 
     @property
@@ -196,10 +199,9 @@ class EdgeNode:
                 if changed:
                     self._sent_values[bay] = now
                     out.append(self._data(bay, metrics.metrics(changed, now_ms), now_ms))
-        if len(self._sent_values) != self._sent_alive:
-            self._sent_alive = len(self._sent_values)
+        if found := self._node_changes(now_ms):
             self.stats.data += 1
-            out.append(self._sequenced("NDATA", "", (self._alive(now_ms),), now_ms))
+            out.append(self._sequenced("NDATA", "", found, now_ms))
         return out + self._kept(now_ms)
 
     def changed(self, state: StateVector, timestamp_ms: int) -> None:
@@ -239,6 +241,7 @@ class EdgeNode:
         self._seq, self._born, self._rebirth_due = -1, True, False
         self._sent_values.clear()
         self._sent_alive = sum(state is not None for state in states.values())
+        self._sent_facts = metrics.node_readings(self.facts())
         self.stats.births += 1
         node = (
             Metric(BD_SEQ, now_ms, DataType.INT64, self._bd_seq),
@@ -247,10 +250,22 @@ class EdgeNode:
             Metric("Properties/Version", now_ms, DataType.STRING, self.version),
             Metric("Properties/Bays", now_ms, DataType.STRING, ", ".join(states)),
             self._alive(now_ms),
+            *metrics.metrics(self._sent_facts, now_ms, birth=True),
         )
         out = [self._sequenced("NBIRTH", "", node, now_ms)]
         out += [self._device_birth(bay, state, now_ms) for bay, state in states.items() if state is not None]
         return out + self._kept(now_ms)
+
+    def _node_changes(self, now_ms: int) -> tuple[Metric, ...]:
+        """What has changed of the gateway itself since it was last sent."""
+        alive, facts = len(self._sent_values), metrics.node_readings(self.facts())
+        changed = {name: reading for name, reading in facts.items() if reading != self._sent_facts[name]}
+        out = metrics.metrics(changed, now_ms)
+        if alive != self._sent_alive:
+            self._sent_alive = alive
+            out = (self._alive(now_ms), *out)
+        self._sent_facts = facts
+        return out
 
     def _alive(self, now_ms: int) -> Metric:
         return Metric(BAYS_ALIVE, now_ms, DataType.INT32, self._sent_alive)

@@ -82,6 +82,7 @@ class SparkplugPublisher:
             doubt_ms=2000 * config.keepalive_s,  # a dead connection is noticed within 1.5 keepalives
             typed_data=self._settings.datatypes_in_data,
             alarms=lambda bay: context.alarms(bay, clock.now_ns()),
+            facts=context.facts,
         )
         client_id = f"{config.client_id or f'gateway-{site}-{instance}'}-sparkplug"
         # A proper end publishes the NDEATH, too: section 6.4.25.

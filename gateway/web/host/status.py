@@ -22,6 +22,7 @@ from gateway.records.recorder_service import RecorderService
 from gateway.sinks.contract import Sink
 from gateway.status_file import BayNow, ModbusClient, ModbusPort, Status
 from gateway.supervisor import TaskRecord
+from gateway.values.gateway_values import GatewayFacts
 from gateway.web.ipc.messages import BOUNDS_S, CAPTURE_TO_RESULT, Histogram, SystemStatus, TaskStatus
 
 _BOUNDS_NS = tuple(round(bound_s * NS_PER_S) for bound_s in BOUNDS_S)
@@ -110,6 +111,7 @@ class StatusCollector:
     config_fault: str = ""  # why the configuration file that was to be read again was not loaded
     keys_waiting: int = 0  # of that file, for a restart
     certificates: CertificateEnds | None = None
+    facts: Callable[[], GatewayFacts] = GatewayFacts
     log: Callable[[], LogCounts] = LogCounts
     pages: Callable[[], str] = str  # where they are opened, in words; empty: they have a configured address
 
@@ -126,7 +128,7 @@ class StatusCollector:
             alarms=monitor.summary(MAX_ALARMS),
             changes=monitor.changes(),
             latencies=self.latencies.histograms(),
-            certificate_days={} if self.certificates is None else self.certificates.days_left(),
+            facts=self.facts(),
             log=self.log(),
         )
 

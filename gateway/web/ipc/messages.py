@@ -23,6 +23,7 @@ from gateway.modbus.server.traffic import ServerNow
 from gateway.processes.channel import Failed
 from gateway.processes.codec import Codec, Message
 from gateway.sinks.contract import LinkStatus
+from gateway.values.gateway_values import GatewayFacts
 from gateway.vision.transport.messages import ControlsReport
 from gateway.vision.transport.ring_spec import RingSpec
 from gateway.web.profile.settings_edit import MAX_CHANGES, SettingChange
@@ -278,7 +279,7 @@ class SystemStatus:
     alarms: AlarmSummary = field(default_factory=AlarmSummary)
     changes: tuple[AlarmChange, ...] = ()  # of alarms, the newest few
     latencies: tuple[Histogram, ...] = ()
-    certificate_days: dict[str, int] = field(default_factory=dict)  # until the first of each server's ends
+    facts: GatewayFacts = field(default_factory=GatewayFacts)
     log: LogCounts = field(default_factory=LogCounts)
 
     def sink(self, name: str) -> LinkStatus | None:

@@ -37,15 +37,19 @@ from gateway.core.state import (
     REASON_MEANING,
     FusionMemory,
     GuidanceCode,
+    Moved,
     Reason,
     StateVector,
     Visit,
     VisitPhase,
 )
+from gateway.core.visit_summary import VisitEnd, VisitSummary
+from gateway.sinks.contract import BayAlarms, ShownAlarm
 from gateway.sinks.mqtt import messages, payloads
 from gateway.sinks.mqtt.payloads import encode, event_payload, state_payload, status_payload
 from gateway.sinks.mqtt.topic_plan import PLAN
 from gateway.sinks.mqtt.topics import Gateway, Topics
+from gateway.values.gateway_values import GatewayFacts
 from tests.mqtt_messages import checked
 from tools import mqtt
 
@@ -365,6 +369,8 @@ def test_the_status_and_the_will() -> None:
         "timestamp_ms": 1_700_000_000_123,
         "timestamp": "2023-11-14T22:13:20.123Z",
         "delivery": {"published": 5, "failed": 4, "reconnects": 3, "dropped": 2, "queued": 1, "store": None},
+        "gateway": None,
+        "health": [],
     }
     assert sent(status_payload(GATEWAY, "connection lost")) == common | {
         "status": "offline",
@@ -372,8 +378,49 @@ def test_the_status_and_the_will() -> None:
         "timestamp_ms": None,
         "timestamp": None,
         "delivery": None,
+        "gateway": None,
+        "health": [],
     }
     assert sent(status_payload(GATEWAY, "shutdown", WALL_NS, delivery))["status"] == "offline"
+
+
+def test_the_status_says_what_is_known_of_the_gateway_and_of_each_bay() -> None:
+    """Nothing in it may be taken for an output: those are in the state, which expires."""
+    facts = GatewayFacts("a" * 64, "b" * 64, "proving", "", {"hmi": 12}, "https://north:8080/")
+    visit = VisitSummary(
+        1_700_000_000_000, 61.23, VisitEnd.CLEAR, moved=Moved.MARKER, faults=((Reason.RANGE_STALE, 2, 3.0),)
+    )
+    alarms = BayAlarms((alarm("high"), alarm("low"), alarm("low", active=False)), (alarm("low"),), evaluated=True)
+    bays = [payloads.bay_health(GOOD, "Loading 2", alarms, visit, OFFSET_NS),
+            payloads.bay_health(StateVector(bay="bay1"), "", BayAlarms(), None, OFFSET_NS)]  # fmt: skip
+    found = sent(status_payload(GATEWAY, "running", WALL_NS, None, payloads.gateway_payload(facts, 30), bays))
+    assert found["gateway"] == {
+        "configuration": {"in_force": "a" * 64, "reviewed": "b" * 64, "as_reviewed": False},
+        "update": {"stage": "proving", "outcome": None},
+        "certificate_days": {"hmi": 12, "mqtt": 30},
+        "pages": "https://north:8080/",
+    }
+    known, unknown = found["health"]
+    assert (known["bay"], known["title"], known["function_check"]) == ("bay2", "Loading 2", "OFF")
+    assert known["alarms"] == {"high": 1, "medium": 0, "low": 2}
+    assert known["last_visit"] == {
+        "begun_ms": 1_700_000_000_000, "end": "clear", "length_s": 61.23, "moved": "MARKER", "fault_times": 2,
+    }  # fmt: skip
+    assert [unknown[name] for name in ("veil", "marker", "alarms", "last_visit")] == [None] * 4
+    assert {"stop", "may_move", "in_place"}.isdisjoint(known)
+
+
+def test_without_an_update_and_a_reviewed_configuration_both_are_null() -> None:
+    own = payloads.gateway_payload(GatewayFacts("a" * 64), None)
+    found = sent(status_payload(GATEWAY, "running", WALL_NS, own=own))
+    assert found["gateway"] == {
+        "configuration": {"in_force": "a" * 64, "reviewed": None, "as_reviewed": None},
+        "update": None, "certificate_days": {}, "pages": None,
+    }  # fmt: skip
+
+
+def alarm(priority: str, *, active: bool = True) -> ShownAlarm:
+    return ShownAlarm("bay2.x", "x", "X", priority, "unacknowledged", True, active, 0)
 
 
 def test_a_state_that_is_not_computed_any_more_is_stop_without_values() -> None:

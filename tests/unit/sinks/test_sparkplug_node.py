@@ -17,6 +17,7 @@ from gateway.sinks.outbox.durable import DurableOutbox
 from gateway.sinks.outbox.outbox import MemoryOutbox, Outbox, OutboxEntry, OutboxLimits
 from gateway.sinks.sparkplug.history import History
 from gateway.sinks.sparkplug.node import EdgeNode, Identity
+from gateway.values.gateway_values import GatewayFacts
 from tests.e2e.sparkplug_plant import rebirth_request, schema
 
 T0 = 1_700_000_000_000
@@ -392,6 +393,25 @@ def values(message: MqttMessage) -> dict[str, tuple[Any, int]]:
     return found
 
 
+def test_what_the_gateway_says_of_itself_is_born_and_each_change_is_data_of_the_node() -> None:
+    edge = node()
+    now = [GatewayFacts("a" * 64)]
+    edge.facts = lambda: now[0]
+    born = values(session(edge, 0)[0])
+    names = ("Configuration/In Force", "Configuration/Reviewed", "Configuration/As Reviewed", "Certificates/Days")
+    assert [born[name] for name in names] == [("a" * 64, 192), (None, 0), (None, 0), (None, 0)]
+    assert edge.states(STATES, T0 + 1) == []
+    now[0] = GatewayFacts("a" * 64, "a" * 64, certificate_days={"hmi": 40, "modbus": 30})
+    (data,) = edge.states(STATES, T0 + 2)
+    assert data.topic == "spBv1.0/group/NDATA/node"
+    assert values(data) == {
+        "Configuration/Reviewed": ("a" * 64, 192),
+        "Configuration/As Reviewed": (True, 192),
+        "Certificates/Days": (30, 192),
+    }
+    assert edge.states(STATES, T0 + 3) == []
+
+
 def test_alarms_are_metrics_from_the_birth_on_and_each_step_is_data() -> None:
     edge = node()
     now = [alarm("normal", active=False)]
@@ -400,6 +420,9 @@ def test_alarms_are_metrics_from_the_birth_on_and_each_step_is_data() -> None:
     assert {name: found for name, found in born.items() if name.startswith("Alarms/")} == {
         "Alarms/Unacknowledged": (0, 192),
         "Alarms/Active": (0, 192),
+        "Alarms/Active High": (0, 192),
+        "Alarms/Active Medium": (0, 192),
+        "Alarms/Active Low": (0, 192),
         "Alarms/Highest Priority": ("none", 192),
         "Alarms/State/camera_down": ("normal", 192),
         "Alarms/Gateway State/broker_lost": ("normal", 192),
@@ -409,6 +432,7 @@ def test_alarms_are_metrics_from_the_birth_on_and_each_step_is_data() -> None:
     assert values(raised) == {
         "Alarms/Unacknowledged": (1, 192),
         "Alarms/Active": (1, 192),
+        "Alarms/Active High": (1, 192),
         "Alarms/Highest Priority": ("high", 192),
         "Alarms/State/camera_down": ("unacknowledged", 192),
     }
@@ -421,7 +445,7 @@ def test_alarms_are_metrics_from_the_birth_on_and_each_step_is_data() -> None:
     now[0] = replace(now[0], evaluated=False)
     (silent,) = edge.states(STATES, T0 + 3)
     assert {name.partition("/")[0] for name in values(silent)} == {"Alarms"}
-    assert len(values(silent)) == 5
+    assert len(values(silent)) == 8
     assert set(values(silent).values()) == {(None, 500)}
 
 

@@ -1,9 +1,11 @@
 """Links of a gateway in which everything there is has something to tell."""
 
+from gateway.core.visit_summary import VisitSummary
 from gateway.logs.folding import LogCounts
 from gateway.modbus.server.limits import Refusal
 from gateway.modbus.server.traffic import PeerNow, ServerNow
 from gateway.sinks.contract import LinkStatus, StoreStatus
+from gateway.values.gateway_values import GatewayFacts
 from gateway.web.ipc.messages import BOUNDS_S, CAPTURE_TO_RESULT, Histogram, SystemStatus, TaskStatus
 
 
@@ -66,6 +68,10 @@ def historian() -> LinkStatus:
     return LinkStatus("historian", True, "connected", "db:5432", figures={"rows": 12})
 
 
+LAST = VisitSummary(1_700_000_000_000, 60.0)
+FACTS = GatewayFacts("a" * 64, "b" * 64, "ended", "updated", {"modbus": 12}, "https://bay-1:8080/", {"bay1": LAST})
+
+
 def full(**changes: object) -> SystemStatus:
     counts = (1, 0, 2, *([0] * (len(BOUNDS_S) - 2)))
     links = {
@@ -73,7 +79,7 @@ def full(**changes: object) -> SystemStatus:
         "sinks": (mqtt(), sparkplug(), historian()),
         "modbus": (server(), server(tls=True)),
         "events_dropped": 5,
-        "certificate_days": {"modbus": 12},
+        "facts": FACTS,
         "log": LogCounts(30, 2),
         "latencies": (Histogram("bay1", CAPTURE_TO_RESULT, counts, 0.0123), Histogram("bay1", "fit", counts, 0.01)),
     } | changes

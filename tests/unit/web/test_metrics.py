@@ -137,6 +137,11 @@ async def test_every_family_is_reported_and_parsed() -> None:
         assert now.value("task_starts_total", task="mqtt.deliver") == 4
         assert now.value("event_queues_dropped_total") == 5
         assert now.value("certificate_days", server="modbus") == 12
+        assert now.value("configuration", in_force="a" * 64, reviewed="b" * 64) == 1
+        assert now.value("configuration_as_reviewed") == 0
+        assert now.value("update", stage="ended", outcome="updated") == 1
+        assert now.value("pages", address="https://bay-1:8080/") == 1
+        assert now.value("bay_last_visit_timestamp_seconds", bay="bay1") == 1_700_000_060
         assert (now.value("log_lines_folded_total"), now.value("log_lines_lost_total")) == (30, 2)
         assert now.value("viewers", page="live") == 2
         assert now.value("pictures_encoded_total") == 12

@@ -4,10 +4,12 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from typing import TypeVar
 
+from gateway.alarms.definition import Priority
 from gateway.alarms.states import AlarmState
 from gateway.alarms.table import ALARM_DEFINITIONS
 from gateway.durations import NS_PER_S
 from gateway.modbus.server.traffic import ServerNow
+from gateway.values.gateway_values import GATEWAY_VALUES
 from gateway.web.server.health import health
 from gateway.web.server.metrics.family import Family, Form, Labelled, MetricsSource, Value
 
@@ -78,6 +80,36 @@ def _alarms(source: MetricsSource) -> Iterator[Labelled]:
     return (((state.value,), counts[state]) for state in AlarmState)
 
 
+def _active(source: MetricsSource) -> Iterator[Labelled]:
+    alarms = source.client.links.alarms.alarms
+    active = [ALARM_DEFINITIONS[alarm.kind].priority for alarm in alarms if alarm.active]
+    return (((priority.name.lower(),), active.count(priority)) for priority in Priority)
+
+
+def _digests(source: MetricsSource) -> Iterable[Labelled]:
+    facts = source.client.links.facts
+    return [((facts.in_force, facts.reviewed), 1)] if facts.in_force else []
+
+
+def _certificates(source: MetricsSource) -> Iterator[Labelled]:
+    return (((server,), days) for server, days in source.client.links.facts.certificate_days.items())
+
+
+def _update(source: MetricsSource) -> Iterable[Labelled]:
+    facts = source.client.links.facts
+    return [((facts.update_stage, facts.update_outcome), 1)] if facts.update_stage else []
+
+
+def _pages(source: MetricsSource) -> Iterable[Labelled]:
+    pages = source.client.links.facts.pages
+    return [((pages,), 1)] if pages else []
+
+
+def _last_visits(source: MetricsSource) -> Iterator[Labelled]:
+    visits = source.client.links.facts.last_visits
+    return (((bay,), visit.last_seen_ms / 1000) for bay, visit in visits.items())
+
+
 def _announced(source: MetricsSource) -> Iterator[Labelled]:
     counts = Counter(dict(source.client.links.alarms.announced))
     return (((kind,), counts[kind]) for kind in ALARM_DEFINITIONS)
@@ -143,11 +175,20 @@ PARTS: tuple[Family, ...] = (
     _task("link_errors", "counter", "starts that ended with a lost link", lambda t: t.link_errors),
     _task("crashes", "counter", "starts that ended with an unexpected error", lambda t: t.crashes),
     Family("certificate_days", "gauge", "until the first certificate or authority of this server ends",
-           lambda k: [((server,), days) for server, days in k.client.links.certificate_days.items()], ("server",)),
+           _certificates, ("server",)),
     _whole("log_lines_folded", "counter", "lines of the log that were counted as repetitions instead of written",
            lambda k: k.client.links.log.folded),
     _whole("log_lines_lost", "counter", "lines of the log that were not read in time",
            lambda k: k.client.links.log.lost),
+    Family("configuration", "gauge", "1; the digests of the configuration in force and of the reviewed one", _digests,
+           ("in_force", "reviewed")),
+    _whole("configuration_as_reviewed", "gauge", "1: the two are equal; no sample: none was reviewed",
+           lambda k: GATEWAY_VALUES["configuration.as_reviewed"].of(k.client.links.facts)),
+    Family("update", "gauge", "1; the newest update's step, and how it ended", _update, ("stage", "outcome")),
+    Family("pages", "gauge", "1; where the pages are opened", _pages, ("address",)),
+    Family("bay_last_visit_timestamp_seconds", "gauge", "Unix time at which the newest visit ended", _last_visits,
+           ("bay",)),
+    Family("alarms_active", "gauge", "alarms whose cause holds, of those that are listed", _active, ("priority",)),
     Family("alarms", "gauge", "alarms by their state (docs/alarms.md)", _alarms, ("state",)),
     Family("alarm_announcements", "counter", "times an alarm was announced, by kind", _announced, ("kind",)),
     _viewers("viewers", "gauge", "live pages open now", lambda v: v[1].open),
