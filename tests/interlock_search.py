@@ -295,14 +295,14 @@ def _drive_key(drive: DriveMemory, now_ns: int) -> Hashable:
     """All of it, with its times as ages and the setpoint's integral counted from now."""
     if drive == DriveMemory():
         return None
-    movement, way_mm = drive.movement, drive.way_mm
+    movement, history = drive.movement, drive.history
     return (
-        now_ns - drive.t_ns,
+        now_ns - history.t_ns,
         movement and (now_ns - movement.t_ns, dataclasses.replace(movement, t_ns=0)),
         (drive.still_mm, now_ns - drive.still_ns),
-        tuple((now_ns - t_ns, mm - way_mm) for t_ns, mm in drive.ways),
+        tuple((now_ns - t_ns, mm - history.way_mm, mm_s) for t_ns, mm, mm_s in history.ways),
         drive.begun and (now_ns - drive.begun[0], drive.begun[1], drive.begun[2]),
-        (drive.follows_mm_s, drive.peak_mm_s, now_ns - drive.peak_ns),
+        (history.follows_mm_s, drive.peak_mm_s, now_ns - drive.peak_ns),
         (drive.speed_mm_s, drive.rise_mm_s2, drive.run_mm_s, drive.cut, drive.tries, drive.lag_s, drive.slips_s),
     )
 

@@ -10,6 +10,7 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import cache
 from random import Random
 from typing import Any
 
@@ -35,6 +36,7 @@ from tests.visit_bench import gateway
 FOCAL_PX, RADIUS_MM = 600.0, 90.0
 FPS = 15
 TICK_S = 0.04  # twice the default: half the time of a processor
+TICK_STEPS, SCAN_STEPS = round(TICK_S / STEP_S), round(SCAN_S / STEP_S)
 AIR_C = 20.0
 WIRE_S = 0.035  # a line at 9600 baud, and its way to the host
 COAST_FRAMES = 8
@@ -74,11 +76,13 @@ class Result:
     faults: tuple[str, ...] = ()
 
 
+@cache
 def limits(kind: VehicleKind) -> Mapping[str, float]:
     """Every key of [drive] for this vehicle."""
     return DriveConfig(**drive_keys(kind)).model_dump()
 
 
+@cache
 def settings(kind: VehicleKind, aid: Aid) -> GatewayConfig:
     check = {"focal_px": FOCAL_PX, "marker_radius_mm": RADIUS_MM, "tolerance_mm": 30.0, "tolerance_share": 0.05,
              "lasting_s": 0.3}  # fmt: skip
@@ -145,6 +149,7 @@ class Approach:
         self.origin_ns = 1000 * NS_PER_S
         self.state: StateVector | None = self.powered(learned)
         self.later: list[tuple[float, RangeReading | VisionReading]] = []
+        self.next_s = math.inf  # the first of them arrives
         self.images: deque[tuple[float, Image]] = deque()
         self.range_n = self.frame_n = self.unseen = self.beat = 0
         self.last_mm = self.start_mm
@@ -176,15 +181,19 @@ class Approach:
         moved_s: float | None = None
         stood_s = self.t_s
         deepest_mm, collided = self.start_mm, False
-        while self.t_s < (FAULTY_S if self.failures else LIMIT_S):
+        t_s, longest_s = self.t_s, FAULTY_S if self.failures else LIMIT_S
+        while t_s < longest_s:
             self.step()
-            if abs(self.vehicle.speed_mm_s) > STANDS_MM_S or self.reference_mm_s:
-                stood_s = self.t_s
-                moved_s = self.t_s if moved_s is None else moved_s
-            deepest_mm = min(deepest_mm, self.distance_mm - self.mark_mm)
-            collided |= self.distance_mm < self.limit_mm
-            in_place = self.state is not None and self.state.in_place
-            if collided or self.t_s - max(stood_s, self._ended_s()) >= (STOOD_S if in_place else self._patience_s):
+            t_s, distance_mm = self.t_s, self.distance_mm
+            if self.reference_mm_s or abs(self.vehicle.speed_mm_s) > STANDS_MM_S:
+                stood_s = t_s
+                moved_s = t_s if moved_s is None else moved_s
+            deepest_mm = min(deepest_mm, distance_mm - self.mark_mm)
+            if distance_mm < self.limit_mm:
+                collided = True
+                break
+            patience_s = STOOD_S if self.state is not None and self.state.in_place else self._patience_s
+            if t_s - stood_s >= patience_s and t_s - self._ended_s(t_s) >= patience_s:
                 break
         return Result(
             seed=self.seed,
@@ -204,10 +213,10 @@ class Approach:
     def _patience_s(self) -> float:
         return FAULT_OVER_S if self.failures else GAVE_UP_S
 
-    def _ended_s(self) -> float:
+    def _ended_s(self, t_s: float) -> float:
         """When the last fault ends that is not to last for long; then the vehicle may go on."""
         ends = (one.at_s + one.for_s for one in self.failures)
-        return max((end for end in ends if end < self.t_s + FAULT_SOON_S), default=-LEAD_S)
+        return max((end for end in ends if end < t_s + FAULT_SOON_S), default=-LEAD_S)
 
     # -- one step --------------------------------------------------------------------------------------------------
 
@@ -223,15 +232,20 @@ class Approach:
             self.conditioner.opened()
         self.range(t_s, active)
         self.camera(t_s, active)
-        due = [one for one in self.later if one[0] <= t_s]
-        if due:
+        if self.next_s <= t_s:
+            due = [one for one in self.later if one[0] <= t_s]
             self.later = [one for one in self.later if one[0] > t_s]
+            self.next_s = min((at_s for at_s, _ in self.later), default=math.inf)
             for _, reading in due:
                 self.fold(reading)
-        if self.steps % round(TICK_S / STEP_S) == 0 and Fault.CONTROL_HELD not in active:
+        if self.steps % TICK_STEPS == 0 and Fault.CONTROL_HELD not in active:
             self.fold(Tick())
-        if self.steps % round(SCAN_S / STEP_S) == 0:
+        if self.steps % SCAN_STEPS == 0:
             self.plc(t_s, active)
+
+    def arrives(self, at_s: float, reading: RangeReading | VisionReading) -> None:
+        self.later.append((at_s, reading))
+        self.next_s = min(self.next_s, at_s)
 
     def fold(self, observation: Any) -> None:
         if self.state is not None:
@@ -292,7 +306,7 @@ class Approach:
             delay_s += active[Fault.RANGER_LATE].amount
         raw_mm = distance_mm(echo.ticks, AIR_C)
         for reading in self.conditioner.measured(raw_mm, quality, self.now_ns, self.range_n):
-            self.later.append((t_s + delay_s, replace(reading)))
+            self.arrives(t_s + delay_s, reading)
 
     def camera(self, t_s: float, active: Mapping[Fault, Failure]) -> None:
         if (t_s + LEAD_S) * FPS < self.frame_n:
@@ -319,7 +333,7 @@ class Approach:
         delay_s = self.chance.uniform(0.02, 0.06)
         if Fault.CAMERA_LATE in active:
             delay_s += active[Fault.CAMERA_LATE].amount
-        self.later.append((t_s + delay_s, reading))
+        self.arrives(t_s + delay_s, reading)
 
 
 def _program(aid: Aid, of: Mapping[str, float], mark_mm: float) -> Program:

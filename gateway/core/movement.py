@@ -5,9 +5,10 @@ A Kalman filter with two states: the distance, and by how much the vehicle is fa
 The variances grow with the time since the newest reading, by accelerations that are not known.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import sqrt
 
+from gateway.core.setpoint_history import SetpointHistory
 from gateway.durations import NS_PER_S
 
 NOISE_MM = 2.5  # standard deviation of a reading: the ranger's steps and noise, after its median
@@ -54,16 +55,13 @@ class Cut:
 class DriveMemory:
     """What the setpoint must remember between steps. Times monotonic ns; None: not so."""
 
-    t_ns: int = 0  # of the newest step
+    history: SetpointHistory = field(default_factory=SetpointHistory)
     movement: Movement | None = None  # at the newest good distance
     still_mm: float | None = None  # the vehicle has been here
     still_ns: int = 0  # since then
     speed_mm_s: float = 0.0  # the setpoint
     rise_mm_s2: float = 0.0  # its acceleration
-    way_mm: float = 0.0  # integral of `follows_mm_s`
-    ways: tuple[tuple[int, float], ...] = ()  # (t_ns, way_mm) for as long as a setpoint may act, oldest first
     run_mm_s: float | None = None  # creep speed of the run that goes on
-    follows_mm_s: float = 0.0  # the setpoint as the worst brake follows it
     peak_mm_s: float = 0.0  # the highest setpoint of the run
     peak_ns: int = 0  # then it was near that for the last time
     begun: tuple[int, float, float] | None = None  # t_ns, distance mm, setpoint: since then the lag is measured
@@ -76,20 +74,14 @@ class DriveMemory:
         """After a time in which nothing was decided."""
         return DriveMemory(lag_s=self.lag_s, slips_s=self.slips_s)
 
-    def way_at(self, t_ns: float) -> float:
-        """Integral of the setpoint until then, mm."""
-        later = self.t_ns, self.way_mm
-        for earlier in reversed(self.ways):
-            if earlier[0] <= t_ns:
-                share = (t_ns - earlier[0]) / (later[0] - earlier[0]) if later[0] > earlier[0] else 0.0
-                return earlier[1] + min(1.0, share) * (later[1] - earlier[1])
-            later = earlier
-        return later[1]
+
+def distance_at(movement: Movement, t_ns: int, moved_mm: float) -> float:
+    """Predicted to `t_ns`, mm. `moved_mm`: by the setpoint meanwhile."""
+    return movement.distance_mm - moved_mm - movement.excess_mm_s * ((t_ns - movement.t_ns) / NS_PER_S)
 
 
 def at(movement: Movement, t_ns: int, moved_mm: float, acceleration_sd: float) -> Movement:
-    """Predicted to `t_ns`. `moved_mm`: by the setpoint meanwhile; `acceleration_sd`: standard deviation of the
-    accelerations that may act, mm/s2."""
+    """Likewise. `acceleration_sd`: standard deviation of the accelerations that may act, mm/s2."""
     dt = (t_ns - movement.t_ns) / NS_PER_S
     speed_var = (acceleration_sd * dt) ** 2
     return Movement(
@@ -106,8 +98,6 @@ def measured(
     movement: Movement | None, distance_mm: float, t_ns: int, moved_mm: float, acceleration_sd: float
 ) -> Movement:
     """After a good reading. One that is older than the newest, or jumps, is where the filter begins anew."""
-    if movement is not None and t_ns == movement.t_ns:
-        return movement
     if movement is None or t_ns < movement.t_ns:
         return Movement(t_ns, distance_mm)
     before = at(movement, t_ns, moved_mm, acceleration_sd)

@@ -13,13 +13,14 @@ from hypothesis import strategies as st
 
 from gateway.config import GatewayConfig, decision, parse
 from gateway.config.strict.errors import FaultsError
-from gateway.core import drive, interlock, movement
+from gateway.core import drive, interlock, lag, movement, stopping_way
 from gateway.core.detection import Circle
 from gateway.core.interlock import Rules
 from gateway.core.movement import DriveMemory, Movement
 from gateway.core.plc import Control, PlcWrite, Writer
 from gateway.core.readings import AgeProof, Quality, RangeReading, VisionReading
 from gateway.core.setpoint import DriveState, Setpoint
+from gateway.core.setpoint_history import SetpointHistory
 from gateway.core.state import FunctionCheck, Reason, StateVector, Tick, Visit, VisitPhase
 
 pytestmark = pytest.mark.one_interpreter
@@ -156,47 +157,67 @@ def test_polls_that_end_at_the_worst_moment_leave_it_before_the_limit(lost_ms: i
     assert vehicle.nearest_mm > 300.0 - 100.0
 
 
+FALLS = SetpointHistory(T0 + 1300 * MS, 112.0, 40.0, ((T0, 0.0, 0.0), (T0 + 1000 * MS, 100.0, 100.0)))
+
+
 def test_what_was_set_goes_on_for_the_longest_delay_each_setpoint_until_a_lower_one_acts() -> None:
     """100 mm/s for 1 s, then 40 mm/s for 0.3 s: after 0.8 s, 0.5 s of the former and 0.3 s of the latter are to come.
     In the other order the higher one may act in all of the time."""
     now_ns = T0 + 1300 * MS
-    falls = DriveMemory(t_ns=now_ns, way_mm=112.0, follows_mm_s=40.0, ways=((T0, 0.0), (T0 + 1000 * MS, 100.0)))
-    assert drive._coming(falls, 0.8) == pytest.approx((62.0, 100.0))
-    rises = DriveMemory(t_ns=now_ns, way_mm=70.0, follows_mm_s=100.0, ways=((T0, 0.0), (T0 + 1000 * MS, 40.0)))
-    assert drive._coming(rises, 0.8) == pytest.approx((80.0, 100.0))
-    assert drive._coming(DriveMemory(t_ns=now_ns, follows_mm_s=50.0), 0.8) == pytest.approx((40.0, 50.0))
+    assert FALLS.worst(0.8) == pytest.approx((62.0, 100.0))
+    rises = SetpointHistory(now_ns, 70.0, 100.0, ((T0, 0.0, 0.0), (T0 + 1000 * MS, 40.0, 40.0)))
+    assert rises.worst(0.8) == pytest.approx((80.0, 100.0))
+    assert SetpointHistory(now_ns, 0.0, 50.0).worst(0.8) == pytest.approx((40.0, 50.0))
+    assert SetpointHistory(now_ns, 70.0, 0.0, ((T0, 70.0, 0.0),)).worst(0.8) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize(("limit_mm", "safe_mm_s"), [(200.0, 117.45), (80.0, 19.95), (60.0, 0.0)])
 def test_a_drive_a_tenth_faster_than_its_setpoint_stops_before_the_limit(limit_mm: float, safe_mm_s: float) -> None:
     """Set down from 100 to 40 mm/s; 62 mm are to come, at worst 68.2 mm. Of 80 mm, 8 mm are the reserve: 19.95 mm/s,
     driven at 21.95 mm/s for 0.1 s, needs 2.2 mm, and 1.6 mm to brake."""
-    memory = DriveMemory(
-        t_ns=T0 + 1300 * MS, way_mm=112.0, follows_mm_s=40.0, ways=((T0, 0.0), (T0 + 1000 * MS, 100.0))
-    )
     made = config({"latency_s": 0.3}).bays[0].drive
     assert made is not None
-    coming_mm, _ = drive._coming(memory, made.delay_s)
-    way = drive._Way(Movement(T0, 900.0), 500.0, 80.0, limit_mm, 0.0, coming_mm, 0.0, False)
-    assert drive._safe(way, memory, made) == pytest.approx(safe_mm_s, abs=0.01)
+    way = stopping_way.at_worst(FALLS, 80.0, made)
+    assert way.mm == pytest.approx(68.2 + 44.0**2 / 300)
+    assert stopping_way.safe_mm_s(way, limit_mm, FALLS.follows_mm_s, made) == pytest.approx(safe_mm_s, abs=0.01)
 
 
 def test_a_setpoint_that_drops_counts_as_the_worst_brake_follows_it() -> None:
     """From 300 mm/s at 150 mm/s2: 0.3 * 300 - 0.3^2 * 150 / 2 = 83.25 mm in 0.3 s."""
-    made = config().bays[0].drive
-    assert made is not None
-    memory, _ = drive._advanced(DriveMemory(t_ns=T0, follows_mm_s=300.0), T0 + 300 * MS, made)
-    assert (memory.follows_mm_s, memory.way_mm) == pytest.approx((255.0, 83.25))
+    history = SetpointHistory(T0, follows_mm_s=300.0).advanced(T0 + 300 * MS, 0.0, 150.0, 0.8)
+    assert (history.follows_mm_s, history.way_mm) == pytest.approx((255.0, 83.25))
 
 
 def test_how_late_a_falling_setpoint_acts_is_found_from_the_way() -> None:
     """It falls by 100 mm/s2 from 300 mm/s; the vehicle is 0.4 s late: from 1 s to 2 s it goes as set from 0.6 to 1.6 s,
     300 - 100 * 1.1 = 190 mm."""
-    made = config().bays[0].drive
-    assert made is not None
-    ways = tuple((T0 + n * 50 * MS, 300 * n * 0.05 - 50 * (n * 0.05) ** 2) for n in range(41))
-    memory = DriveMemory(t_ns=T0 + 2000 * MS, way_mm=400.0, ways=ways)
-    assert drive._late_s(memory, T0 + 1000 * MS, T0 + 2000 * MS, 190.0, made) == pytest.approx(0.4, abs=0.01)
+    history = SetpointHistory(T0, follows_mm_s=300.0)
+    for n in range(1, 101):
+        history = history.advanced(T0 + n * 20 * MS, 300.0 - 2 * n, 150.0, 0.8)
+    assert history.way_mm == pytest.approx(400.0, abs=4.0)
+    assert lag._late_s(history, T0 + 1000 * MS, T0 + 2000 * MS, 190.0, 0.8) == pytest.approx(0.4, abs=0.02)
+
+
+def test_an_integral_is_that_of_any_time_in_between() -> None:
+    """Kept each 50 ms for the longest delay and 3 s; before the oldest and after the newest nothing is added."""
+    history = SetpointHistory()
+    for n in range(400):
+        history = history.advanced(T0 + n * 20 * MS, 100.0, 150.0, 0.8)
+    assert len(history.ways) == pytest.approx(3.8 / 0.06, abs=2)
+    assert history.way_at(history.t_ns - 1010 * MS) == pytest.approx(history.way_mm - 101.0)
+    assert history.way_at(T0) == history.ways[0][1]
+    assert history.way_at(history.t_ns + 500 * MS) == history.way_mm
+    assert history.moved_mm(history.t_ns - 2000 * MS, history.t_ns, 0.5) == pytest.approx(200.0)
+    assert history.acting_mm_s(1.0) == pytest.approx(100.0)
+    assert history.left_mm(0.7) == pytest.approx(70.0)
+
+
+def test_of_what_was_set_long_ago_nothing_is_kept() -> None:
+    history = SetpointHistory().advanced(T0, 100.0, 150.0, 0.8)
+    for n in range(1, 300):
+        history = history.advanced(T0 + n * 20 * MS, 0.0, 150.0, 0.8)
+    assert len(history.ways) == 1
+    assert history.rests
 
 
 def test_a_short_way_is_run_so_slowly_that_its_run_out_fits() -> None:
@@ -245,7 +266,7 @@ def standing(at_mm: float, drives: Mapping[str, Any] | None = None, **sections: 
 def test_short_of_the_place_it_is_moved_again_a_limited_number_of_times() -> None:
     """It stands 25 mm short. After the last try it stays there, with enable off."""
     state = standing(315.0, {"lag_s": 0.1, "latency_s": 0.1}).state
-    stood = replace(state.memory.drive, speed_mm_s=0.0, run_mm_s=None, cut=None, ways=(), way_mm=0.0)
+    stood = replace(state.memory.drive, speed_mm_s=0.0, run_mm_s=None, cut=None, history=SetpointHistory(state.t_ns))
     for tries in (0, drive.TRIES - 1):
         setpoint = stepped(state, memory=replace(state.memory, drive=replace(stood, tries=tries)))
         assert (setpoint.state, setpoint.enable) == (DriveState.CREEP, True)
@@ -350,8 +371,9 @@ def test_a_vehicle_that_is_too_fast_to_stop_before_the_limit_is_told_0() -> None
     """From 500 mm/s it needs 500 * (0.8 + 0.1) + 500^2 / 300 = 1283 mm."""
     state = driven()
     seen = state.memory.drive
-    fast = replace(seen, movement=Movement(state.range.t_ns, 900.0, 500.0, 1.0, 0.0, 1.0), t_ns=state.t_ns, ways=())
-    setpoint = stepped(state, memory=replace(state.memory, drive=replace(fast, speed_mm_s=0.0, way_mm=0.0)))
+    moves = Movement(state.range.t_ns, 900.0, 500.0, 1.0, 0.0, 1.0)
+    fast = replace(seen, movement=moves, speed_mm_s=0.0, history=SetpointHistory(state.t_ns))
+    setpoint = stepped(state, memory=replace(state.memory, drive=fast))
     assert setpoint.speed_mm_s == 0.0
     assert setpoint.stopping_mm is not None
     assert 1200.0 < setpoint.stopping_mm < 1800.0

@@ -170,7 +170,7 @@ def test_a_drive_recorded_or_not_changes_nothing_of_it(tmp_path: Path) -> None:
             state = interlock.step(state, observation, t_ns, rules(config))
             kept.collector(observation, state, [])
     paths = (str(kept.write(begin_ns)),)
-    assert state.memory.drive.ways
+    assert state.memory.drive.history.ways
     short = assert_same(paths, with_rules(drive={}, fusion=driven | {"distance_threshold_mm": 1500.0}))
     assert short.empty > 700
     assert assert_same(paths, with_rules(fusion=driven)).empty > 700
