@@ -222,6 +222,27 @@ COMMENT ON COLUMN "loading".visits.visible IS 'share of the rim seen, 0 to 1, me
 ALTER TABLE "loading".visits ADD COLUMN IF NOT EXISTS contrast double precision;
 COMMENT ON COLUMN "loading".visits.contrast IS 'fall of redness across the rim, log units, likewise; null: not measured';
 INSERT INTO "loading".layout (version) VALUES (3) ON CONFLICT DO NOTHING;
+ALTER TABLE "loading".states ADD COLUMN IF NOT EXISTS drive_enable boolean;
+COMMENT ON COLUMN "loading".states.drive_enable IS 'the drive may run at the setpoint';
+ALTER TABLE "loading".states ADD COLUMN IF NOT EXISTS drive_state text;
+COMMENT ON COLUMN "loading".states.drive_state IS 'how far the approach is; null: no drive is configured';
+ALTER TABLE "loading".states ADD COLUMN IF NOT EXISTS drive_speed_setpoint_mm_s double precision;
+COMMENT ON COLUMN "loading".states.drive_speed_setpoint_mm_s IS 'speed for the drive, towards the spout positive; 0: stand';
+ALTER TABLE "loading".states ADD COLUMN IF NOT EXISTS drive_stopping_mm double precision;
+COMMENT ON COLUMN "loading".states.drive_stopping_mm IS 'way until standstill, at worst; null: not known, or no drive is configured';
+ALTER TABLE "loading".states ADD COLUMN IF NOT EXISTS pose_x_mm double precision;
+COMMENT ON COLUMN "loading".states.pose_x_mm IS 'marker''s centre minus its place, to the picture''s right; null: not configured, or a sensor is not GOOD';
+ALTER TABLE "loading".states ADD COLUMN IF NOT EXISTS pose_y_mm double precision;
+COMMENT ON COLUMN "loading".states.pose_y_mm IS 'likewise, downwards; null: as pose.x_mm';
+ALTER TABLE "loading".states ADD COLUMN IF NOT EXISTS pose_z_mm double precision;
+COMMENT ON COLUMN "loading".states.pose_z_mm IS 'likewise, away from the camera; positive: to go; null: as pose.x_mm';
+ALTER TABLE "loading".states ADD COLUMN IF NOT EXISTS pose_x_sd_mm double precision;
+COMMENT ON COLUMN "loading".states.pose_x_sd_mm IS 'standard deviation of x; null: as pose.x_mm';
+ALTER TABLE "loading".states ADD COLUMN IF NOT EXISTS pose_y_sd_mm double precision;
+COMMENT ON COLUMN "loading".states.pose_y_sd_mm IS 'standard deviation of y; null: as pose.x_mm';
+ALTER TABLE "loading".states ADD COLUMN IF NOT EXISTS pose_z_sd_mm double precision;
+COMMENT ON COLUMN "loading".states.pose_z_sd_mm IS 'standard deviation of z; null: as pose.x_mm';
+INSERT INTO "loading".layout (version) VALUES (4) ON CONFLICT DO NOTHING;
 -- With the extension TimescaleDB `states` is a hypertable, without it an ordinary table.
 DO $$ BEGIN
     IF EXISTS (SELECT FROM pg_extension WHERE extname = 'timescaledb') THEN

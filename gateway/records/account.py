@@ -83,6 +83,11 @@ def sensors(answer: Answer, state: StateVector) -> list[Row]:
         ("PLC", _plc(state)),
         ("driver", f"{state.guidance.code.name.lower()}{_speed(state)}"),
     ]
+    if state.setpoint.state:
+        rows.append(("drive", _drive(state)))
+    if (at := state.pose) is not None:
+        near = (("x", at.x_mm, at.x_sd_mm), ("y", at.y_mm, at.y_sd_mm), ("z", at.z_mm, at.z_sd_mm))
+        rows.append(("pose", ", ".join(f"{axis} {mm:+z.1f} \N{PLUS-MINUS SIGN} {sd:.1f} mm" for axis, mm, sd in near)))
     if plc.recipe:
         rows.append(("recipe", str(plc.recipe)))
     if state.function_check is not FunctionCheck.OFF:
@@ -253,6 +258,13 @@ def _plc(state: StateVector) -> str:
 def _bits(text: str, state: StateVector) -> str:
     bits = [bit.name.lower() for bit in Control if state.plc.on(bit)]
     return say.BITS(text, " ".join(bits)) if bits else text
+
+
+def _drive(state: StateVector) -> str:
+    told = state.setpoint
+    way = "not known" if told.stopping_mm is None else f"{told.stopping_mm:.0f} mm"
+    enable = "enabled" if told.enable else "not enabled"
+    return f"{told.state.name.lower()}, {enable}, setpoint {told.speed_mm_s:.0f} mm/s, stopping distance {way}"
 
 
 def _speed(state: StateVector) -> str:

@@ -36,7 +36,10 @@ COLUMNS = {  # of a state: value of the table
     "range": "range.quality", "range_age_ms": "range.age_ms", "distance_mm": "distance_mm",
     "closing_mm_s": "guidance.closing_mm_s", "plc": "plc.link", "plc_heartbeat": "plc.heartbeat",
     "plc_control": "plc.control", "recipe": "plc.recipe", "latched": "plc.stop_latched",
-    "function_check": "function_check",
+    "function_check": "function_check", "drive_enable": "drive.enable", "drive_state": "drive.state",
+    "drive_speed_setpoint_mm_s": "drive.speed_setpoint_mm_s", "drive_stopping_mm": "drive.stopping_mm",
+    "pose_x_mm": "pose.x_mm", "pose_y_mm": "pose.y_mm", "pose_z_mm": "pose.z_mm", "pose_x_sd_mm": "pose.x_sd_mm",
+    "pose_y_sd_mm": "pose.y_sd_mm", "pose_z_sd_mm": "pose.z_sd_mm",
 }  # fmt: skip
 
 

@@ -16,7 +16,9 @@ import pytest
 from gateway.config import GatewayConfig
 from gateway.core.detection import Circle
 from gateway.core.events import EventKind
+from gateway.core.pose import MetricPose
 from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.setpoint import DriveState, Setpoint
 from gateway.core.state import Moved, Reason, VisitPhase
 from gateway.core.visit_summary import VisitEnd, VisitSummary
 from gateway.doctor.databases import databases
@@ -120,6 +122,8 @@ async def test_events_visits_and_states_become_the_expected_rows(server: Postgre
             "d": True,
             "stop": True,
             "reason": Reason.TARGET_REACHED,
+            "setpoint": Setpoint(DriveState.INHIBITED, stopping_mm=12.5),
+            "pose": MetricPose(-3.25, 1.5, -49.5, 0.75, 0.5, 1.25),
         }
         state = replace(plant.hub.state("bay1"), **near)
         plant.happen(EventKind.STOP_RAISED, **near)
@@ -159,10 +163,13 @@ async def test_events_visits_and_states_become_the_expected_rows(server: Postgre
     }  # fmt: skip
     assert json.loads(visit[0].replace("'", "'")) == expected
 
-    columns = "bay, stop, reason, u, v, radius_px, distance_mm, vision_quality"
+    columns = "bay, stop, reason, u, v, radius_px, distance_mm, vision_quality, drive_enable, drive_state"
+    columns += ", drive_speed_setpoint_mm_s, drive_stopping_mm, pose_x_mm, pose_y_mm, pose_z_mm"
+    columns += ", pose_x_sd_mm, pose_y_sd_mm, pose_z_sd_mm"
     states = [tuple(row) for row in server.sql(f"SELECT {columns} FROM {schema}.states ORDER BY t")]
-    assert ("bay1", "t", "TARGET_REACHED", "320.25", "240.5", "200.125", "250.5", "GOOD") in states
-    assert states[-1] == ("bay1", "t", "SHUTDOWN", "", "", "", "", states[-1][-1])
+    driven = ("f", "INHIBITED", "0", "12.5", "-3.25", "1.5", "-49.5", "0.75", "0.5", "1.25")
+    assert ("bay1", "t", "TARGET_REACHED", "320.25", "240.5", "200.125", "250.5", "GOOD", *driven) in states
+    assert states[-1] == ("bay1", "t", "SHUTDOWN", "", "", "", "", states[-1][7], "f", "INHIBITED", "0", *[""] * 7)
 
 
 @in_real_time
@@ -176,7 +183,7 @@ async def test_every_column_is_filled_or_null_on_purpose(server: Postgres, schem
     rows = server.sql(f"SELECT row_to_json(s) FROM {schema}.states s LIMIT 1")
     empty = {name for name, value in json.loads(rows[0][0]).items() if value is None}
     no_sensors = {"d", "radius_px", "distance_mm", "u", "v", "z_vision_mm", "to_go_mm", "closing_mm_s"}
-    assert empty <= no_sensors | {"vision_latency_ms"}
+    assert empty <= no_sensors | {"vision_latency_ms"} | {c.name for c in tables.STATES.columns if c.since == 4}
 
 
 def test_comments_and_the_file_for_administrators(server: Postgres) -> None:
@@ -211,8 +218,9 @@ async def test_a_database_of_the_first_layout_gets_the_journal_of_alarms(server:
         plant.happen(EventKind.START)
         await plant.until(lambda: plant.sink.link.figures["alarms_written"] == 3 and plant.written == 1)
         await plant.stop()
-    assert server.sql(f"SELECT version FROM {schema}.layout ORDER BY 1") == [["1"], ["2"], ["3"]]
+    assert server.sql(f"SELECT version FROM {schema}.layout ORDER BY 1") == [["1"], ["2"], ["3"], ["4"]]
     assert server.sql(f"SELECT count(visible), count(contrast) FROM {schema}.visits") == [["0", "0"]]
+    assert server.sql(f"SELECT count(pose_z_mm), count(drive_enable) FROM {schema}.states") == [["0", "0"]]
     assert ids(server, schema) == ["old-1", f"{BOOT}-1"]
     rows = server.sql(f"SELECT * FROM {schema}.alarms ORDER BY id")
     assert [tuple(row[2:]) for row in rows] == [
@@ -230,10 +238,10 @@ async def test_a_database_of_the_first_layout_gets_the_journal_of_alarms(server:
 def second(server: Postgres, schema: str) -> None:
     """Tables of layout 2."""
     server.sql(tables.create(schema))
-    server.sql(
-        f"ALTER TABLE {schema}.visits DROP COLUMN visible, DROP COLUMN contrast; "
-        f"DELETE FROM {schema}.layout WHERE version = 3"
-    )
+    for table in (tables.VISITS, tables.STATES):
+        drops = ", ".join(f"DROP COLUMN {column.name}" for column in table.columns if column.since > 2)
+        server.sql(f"ALTER TABLE {schema}.{table.name} {drops}")
+    server.sql(f"DELETE FROM {schema}.layout WHERE version > 2")
 
 
 @in_real_time
@@ -247,7 +255,7 @@ async def test_a_role_that_does_not_own_the_older_tables_writes_them_as_they_are
     plant = Plant(f"postgresql://other_{schema}:w@127.0.0.1:{server.port}/plant", schema)
     async with plant.running():
         plant.happen(EventKind.START)
-        await plant.until(lambda: plant.written == 1)
+        await plant.until(lambda: plant.written == 1 and plant.sink.link.figures["states_written"] >= 1)
         await plant.stop()
     assert plant.link_errors == 0
     assert ids(server, schema) == numbered(1)

@@ -20,7 +20,7 @@ async def probe(settings: PostgresqlConfig, connect: Connect) -> str:
             if not await may_create(database):
                 raise LinkError(f"{server}: {missing}, and this user may not create them (CREATE on the database)")
             return f"logged in; {missing} yet, and this user may create them: the gateway does at its start"
-        statements = [tables.write_events(schema, found), tables.write_states(schema)]
+        statements = [tables.write_events(schema, found), tables.write_states(schema, found)]
         if found >= tables.ALARMS_LAYOUT:
             statements.append(tables.write_alarms(schema))
         try:

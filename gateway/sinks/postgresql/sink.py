@@ -157,6 +157,7 @@ class PostgresqlSink:
         async with self._lock, self._connect(self._server, self._tls, self._settings.timeout_s) as database:
             self._layout = await prepare(database, self._server, self._settings)
             self._write_events_sql = tables.write_events(self._settings.schema_name, self._layout)
+            self._write_states_sql = tables.write_states(self._settings.schema_name, self._layout)
             self._figures["connections"] += 1
             self._connected = True
             log.info("%s: connected", self._server)

@@ -71,6 +71,10 @@ def _shown(name: str, row: Value[Any], path: str) -> Column:
 _RENAMED = {"u_px": "u", "v_px": "v"}  # in the JSON
 _TYPES = {bool: "boolean", int: "integer", float: "double precision"}
 _LONG = ("begun_ms", "frame_id")
+_DRIVEN = (
+    "drive.enable", "drive.state", "drive.speed_setpoint_mm_s", "drive.stopping_mm",
+    "pose.x_mm", "pose.y_mm", "pose.z_mm", "pose.x_sd_mm", "pose.y_sd_mm", "pose.z_sd_mm",
+)  # fmt: skip
 _WHERE = (
     _text("site", "site", "`site` of the configuration"),
     _text("instance", "instance", "`instance` of the gateway"),
@@ -130,6 +134,7 @@ STATES = Table(
         *_bay(u="u_px", v="v_px", z_vision_mm="z_vision_mm", ne107="ne107.name", guidance="guidance.name"),
         *_bay(to_go_mm="guidance.to_go_mm", closing_mm_s="guidance.closing_mm_s"),
         *_bay(vision_hz="rates.vision_hz", range_hz="rates.range_hz", vision_latency_ms="rates.vision_latency_ms"),
+        *(replace(column, since=4) for column in _bay(**{name.replace(".", "_"): name for name in _DRIVEN})),
     ),
     key=("site", "bay", "instance", "t"),
     indexes=(("t",),),
@@ -155,7 +160,8 @@ ALARMS = Table(
     key=("id",),
     indexes=(("t",), ("site", "bay", "t")),
 )
-LAYOUTS: tuple[tuple[Table, ...], ...] = ((EVENTS, VISITS, STATES), (ALARMS,), ())  # the tables that each version adds
+# The tables that each version adds.
+LAYOUTS: tuple[tuple[Table, ...], ...] = ((EVENTS, VISITS, STATES), (ALARMS,), (), ())
 TABLES = tuple(table for added in LAYOUTS for table in added)
 LAYOUT = len(LAYOUTS)
 ALARMS_LAYOUT = 2  # the first with their journal
@@ -164,24 +170,24 @@ ALARMS_LAYOUT = 2  # the first with their journal
 def write_events(schema: str, layout: int = LAYOUT) -> str:
     """Writes what is not there yet of the array of events `$1`, and their visits: both or neither. Answers with the
     number of new events. `layout`: version of the tables."""
-    return f"WITH visit AS ({_insert(schema, VISITS, layout)})\n{_insert(schema, EVENTS)}"
+    return f"WITH visit AS ({_insert(schema, VISITS, layout)})\n{_insert(schema, EVENTS, layout)}"
 
 
-def write_states(schema: str) -> str:
+def write_states(schema: str, layout: int = LAYOUT) -> str:
     """Writes the array of states `$1`."""
-    return _insert(schema, STATES)
+    return _insert(schema, STATES, layout)
 
 
 def write_alarms(schema: str) -> str:
     """Writes what is not there yet of the array of changes `$1`."""
-    return _insert(schema, ALARMS)
+    return _insert(schema, ALARMS, LAYOUT)
 
 
 def newest_layout(schema: str) -> str:
     return f'SELECT max(version) FROM "{schema}".layout'
 
 
-def _insert(schema: str, table: Table, layout: int = LAYOUT) -> str:
+def _insert(schema: str, table: Table, layout: int) -> str:
     columns = [column for column in table.columns if column.since <= layout]
     names = ", ".join(column.name for column in columns)
     sources = ", ".join(column.source for column in columns)

@@ -3,6 +3,7 @@
 import base64
 import csv
 import json
+import re
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
@@ -17,9 +18,12 @@ import pytest
 from mcap.reader import make_reader
 
 from gateway.cli.main import main
+from gateway.core import interlock
 from gateway.core.detection import Circle, Ellipse, Tracking
 from gateway.core.events import Event, EventKind
-from gateway.core.readings import Quality, VisionReading
+from gateway.core.interlock import Rules
+from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.state import Tick
 from gateway.core.visit_summary import VisitEnd, VisitSummary
 from gateway.records.excerpt import Excerpt
 from gateway.records.labelled_pictures import SOURCE, label_of
@@ -28,7 +32,7 @@ from gateway.records.record import Decision, outputs
 from gateway.records.replay import Step
 from gateway.records.visits_csv import HEADER
 from tests.recorded_bay import CONFIG, NEAR, T0_NS, Recorded, S, recorded, unix
-from tests.visit_bench import Bench, truck
+from tests.visit_bench import Bench, gateway, truck
 
 FAULTS = ({"kind": "camera_freeze", "at_s": 8, "for_s": 2}, {"kind": "marker_hidden", "at_s": 14, "for_s": 3})
 
@@ -219,6 +223,48 @@ def test_mcap_is_read_by_its_own_reader(
     stamp = found["/camera"][0]["timestamp"]
     assert stamp["sec"] * S + stamp["nsec"] == unix(frames[0].t_ns) == found["/camera"][0]["_t"]
     assert any(state["reason"] == "vision_stale" and "radius_px" not in state for state in found["/state"])
+
+
+@pytest.mark.one_interpreter
+def test_setpoint_and_pose_are_decided_again_told_and_exported(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A vehicle comes from 1 m at 40 mm/s. By 600 px of focal length its marker is seen 24 px beside the middle, which
+    are 25.6 mm at 640 mm, 350 mm before the place, which is 10 mm past the mark."""
+    lens = {"fx": 600.0, "fy": 600.0, "cx": 320.0, "cy": 240.0}
+    check = {"focal_px": 600.0, "marker_radius_mm": 100.0}
+    config = gateway(drive={}, fusion={"cross_check": check}, vision={"intrinsics": lens})
+    rules, folder = Rules.of(config.bays[0], config), Recorded(tmp_path, config=config)
+    state = interlock.initial("bay1", T0_NS, rules)
+    folder.collector(None, state, [])
+    for n in range(1, 181):
+        t_ns, way_mm = T0_NS + n * S // 20, 1000.0 - 2.0 * n
+        seen = VisionReading(t_ns, Quality.GOOD, Circle(344.0, 240.0, 60_000 / way_mm), frame_id=n)
+        for observation in (seen, RangeReading(t_ns, Quality.GOOD, way_mm), Tick()):
+            state = interlock.step(state, observation, t_ns, rules)
+            folder.collector(observation, state, [])
+    folder.write(T0_NS)
+    assert state.setpoint.speed_mm_s > 100
+    assert main(["replay", str(folder.path)]) == 0
+    assert "all registers of 10 images, bit for bit" in capsys.readouterr().out
+    at = datetime.fromtimestamp(unix(state.t_ns) / S, UTC).isoformat()
+    assert main(["why", at, "--records", str(folder.path)]) == 0
+    told = capsys.readouterr().out
+    speed, way = f"{state.setpoint.speed_mm_s:.0f}", f"{state.setpoint.stopping_mm:.0f}"
+    assert f"drive     approach, enabled, setpoint {speed} mm/s, stopping distance {way} mm\n" in told
+    assert re.search(r"pose +x \+25\.6 ± 1\.\d mm, y \+0\.0 ± 1\.\d mm, z \+350\.0 ± 2\.\d mm\n", told)
+    path = tmp_path / "bay1.mcap"
+    assert main(["export", str(folder.path), "--csv", str(tmp_path / "csv"), "--mcap", str(path)]) == 0
+    first, *_, last = rows(tmp_path / "csv" / "states.csv")
+    assert (first["drive_enable"], first["drive_state"], first["pose_x_mm"]) == ("0", "", "")
+    assert (last["drive_enable"], last["drive_state"]) == ("1", "approach")
+    assert float(last["drive_stopping_mm"]) == pytest.approx(state.setpoint.stopping_mm, abs=1e-3)
+    with path.open("rb") as stream:
+        mcap = [json.loads(message.data) for _, _, message in make_reader(stream).iter_messages(topics=["/state"])][-1]
+    for name in ("drive_speed_setpoint_mm_s", "pose_x_mm", "pose_z_mm", "pose_x_sd_mm", "pose_y_sd_mm", "pose_z_sd_mm"):
+        assert float(last[name]) == mcap[name], name
+    assert (mcap["pose_x_mm"], mcap["pose_y_mm"], mcap["pose_z_mm"]) == pytest.approx((25.6, 0.0, 350.0), abs=0.1)
+    assert mcap["drive_speed_setpoint_mm_s"] == pytest.approx(state.setpoint.speed_mm_s, abs=1e-3)
 
 
 def test_mcap_without_its_library_names_the_extra(

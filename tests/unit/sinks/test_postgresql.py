@@ -73,7 +73,7 @@ class Memory:
         if self.refuses:
             raise LinkError("lost")
         documents = json.loads(argument)
-        if sql == tables.write_states("loading"):
+        if sql == tables.write_states("loading", self.layout):
             self.states += documents
             return len(documents)
         assert sql in (tables.write_events("loading", self.layout), tables.write_alarms("loading"))
@@ -355,7 +355,7 @@ async def test_the_end_without_a_connection_makes_one_and_gives_up_in_time() -> 
 
 @in_virtual_time
 async def test_missing_tables_are_created_or_named() -> None:
-    for create, errors in ((True, []), (False, ["have version 0, and 3 is needed"])):
+    for create, errors in ((True, []), (False, ["have version 0, and 4 is needed"])):
         plant = Plant(create_tables=create)
         plant.memory.layout = 0
         async with plant.running():
@@ -376,6 +376,7 @@ async def test_missing_tables_are_created_or_named() -> None:
     names = ("off_s", "visible", "contrast")
     assert [name in tables.write_events("loading", 2) for name in names] == [True, False, False]
     assert [name in tables.write_events("loading", 3) for name in names] == [True, True, True]
+    assert [("pose_z_sd_mm" in tables.write_states("loading", layout)) for layout in (3, 4)] == [False, True]
     newer = Plant()
     newer.memory.layout = tables.LAYOUT + 7  # a newer gateway has added columns
     newer.happen(EventKind.START)
@@ -394,7 +395,7 @@ async def test_older_tables_that_can_not_be_changed_are_written_as_they_are(capl
         await asyncio.sleep(0.5)
         assert (list(plant.memory.events), len(plant.memory.alarms), plant.link_errors) == (ids(1), 1, [])
     assert (
-        "have version 2, and 3 is needed (must be owner of table events): run docs/scada/postgresql.sql; until"
+        "have version 2, and 4 is needed (must be owner of table events): run docs/scada/postgresql.sql; until"
         in caplog.text
     )
     without = Plant()
@@ -407,9 +408,10 @@ async def test_older_tables_that_can_not_be_changed_are_written_as_they_are(capl
 @pytest.mark.parametrize(
     ("found", "create", "expected"),
     [
-        (1, True, "have version 1, and this user may insert; until it is 3, what is new in that is not written"),
-        (2, False, "have version 2, and this user may insert; until it is 3, what is new in that is not written"),
-        (3, False, "have version 3, and this user may insert"),
+        (1, True, "have version 1, and this user may insert; until it is 4, what is new in that is not written"),
+        (2, False, "have version 2, and this user may insert; until it is 4, what is new in that is not written"),
+        (3, False, "have version 3, and this user may insert; until it is 4, what is new in that is not written"),
+        (4, False, "have version 4, and this user may insert"),
         (0, True, "schema loading has no tables yet, and this user may create them: the gateway does at its start"),
     ],
 )
