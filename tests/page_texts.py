@@ -49,7 +49,7 @@ OPERATOR = (
 NOT_TEXTS = {
     "'Segoe UI', Roboto, 'Noto Sans', 'Liberation Sans', sans-serif", "(prefers-color-scheme: dark)",
     "(max-width: 700px) and not print", "(min-width: 1700px)", "(prefers-reduced-motion: reduce)", "rgb({0}, {1}, {2})",
-    "[name='{0}'], [name^='{1}.']", "[records]", "enabled = true", "[records] enabled = true",
+    "back", "[name='{0}'], [name^='{1}.']", "[records]", "enabled = true", "[records] enabled = true",
     "#rrggbb", "more false", "more wrong", "test set {0}/{1}: {2}", "the marker is refused: {0}",
     'state_dir = "/var/lib/loading-gateway"', "guidance.aim_u_px", "state_dir", "this picture", "pick-mode",
     "the score goes on: {0}", "no picture: {0}", "{0}{1}h {2}{3}min", "{0}{1}min {2}{3}s",
