@@ -8,7 +8,7 @@ from pathlib import Path
 
 from gateway.clock import Clock
 from gateway.durations import NS_PER_S
-from gateway.errors import ConfigError, LinkError
+from gateway.errors import ConfigError, LinkError, ProtocolError
 from gateway.ranger.hcsr04 import stk500
 from gateway.ranger.port import Port
 
@@ -21,7 +21,10 @@ SYNC_S = 0.3  # for one of these answers
 SYNCS = 14  # four seconds: a boot loader listens for one after a reset, and blinks before
 TRIES = 3  # of the whole work, where a byte was lost or changed
 OPEN_S = 5.0  # a bay that has been told to release the port does so within half a second
-CUT_OFF = "the board has a part of the firmware now; put it on again"
+CUT_OFF = (
+    "the board may have only a part of the firmware now, and gives no distance until it is written again; where that "
+    "fails, too, take another USB cable, then another board"
+)
 
 
 def image(places: tuple[Path, ...] = PLACES) -> bytes:
@@ -33,7 +36,7 @@ def image(places: tuple[Path, ...] = PLACES) -> bytes:
 
 
 def flash(url: str, program: bytes, clock: Clock, progress: Callable[[float], None]) -> None:
-    """`progress` gets 0 to 1. Raises LinkError, whose text says what state the board is in, and ProtocolError."""
+    """`progress` gets 0 to 1. Raises LinkError and ProtocolError, whose texts say what the board has on it then."""
     if "://" in url:
         raise ConfigError(f"ranger port {url}: the board must be at this machine's own USB")
     written = False
@@ -46,11 +49,9 @@ def flash(url: str, program: bytes, clock: Clock, progress: Callable[[float], No
     for tries in range(1, TRIES + 1):
         try:
             _write(url, program, clock, told)
-        except stk500.TransferError:
-            if tries == TRIES:
-                raise
-        except LinkError as error:
-            raise LinkError(f"{error}; {CUT_OFF if written else 'nothing was written'}") from error
+        except (LinkError, ProtocolError) as error:
+            if tries == TRIES or not isinstance(error, stk500.TransferError):
+                raise type(error)(f"{error}; {CUT_OFF if written else 'nothing was written'}") from error
         else:
             return
         clock.block(SYNC_S)  # closed for so long, it is opened anew for the board, too

@@ -37,13 +37,10 @@ class TransferError(ProtocolError):
 
 
 def conversation(image: bytes) -> Conversation:
-    """After `SYNC`. Writes nothing to another chip; reads all back. Raises TransferError, and ProtocolError, whose text
-    says what to do."""
+    """After `SYNC`. Writes nothing to another chip; reads all back. Raises TransferError and ProtocolError."""
     signature = yield from _asked(_SIGN, 3, 0.0)
     if signature != SIGNATURE:
-        raise ProtocolError(
-            f"another chip, signature {signature.hex(' ').upper()}: not an Arduino Uno; nothing was written"
-        )
+        raise ProtocolError(f"another chip, signature {signature.hex(' ').upper()}: not an Arduino Uno")
     yield from _asked(_ENTER, 0, 0.0)
     pages = [(at, image[at : at + PAGE_BYTES].ljust(PAGE_BYTES, b"\xff")) for at in range(0, len(image), PAGE_BYTES)]
     size = PAGE_BYTES.to_bytes(2, "big") + b"F"
@@ -53,9 +50,7 @@ def conversation(image: bytes) -> Conversation:
     for n, (at, page) in enumerate(pages):
         yield from _asked(_ADDRESS + (at // 2).to_bytes(2, "little"), 0, 0.5 + (n + 1) / len(pages) / 2)
         if (yield from _asked(_READ + size, PAGE_BYTES, 0.5 + (n + 1) / len(pages) / 2)) != page:
-            raise TransferError(
-                f"byte {at} and following read otherwise than written: repeat it, or take another board"
-            )
+            raise TransferError(f"byte {at} and following read otherwise than written")
     answer = yield Ask(_LEAVE + _END, 2, 1.0)
     _check(answer, answer[:2] == SYNCED)  # what follows is the program's, at another baud rate
 
@@ -68,7 +63,7 @@ def _asked(command: bytes, size: int, done: float) -> Generator[Ask, bytes, byte
 
 def _check(answer: bytes, good: bool) -> None:
     if not good:
-        raise TransferError(f"the boot loader's answer is damaged ({answer[:8].hex(' ') or 'nothing'}): repeat it")
+        raise TransferError(f"the boot loader's answer is damaged ({answer[:8].hex(' ') or 'nothing'})")
 
 
 def image_of(intel_hex: str) -> bytes:

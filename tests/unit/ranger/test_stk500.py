@@ -3,7 +3,7 @@
 import pytest
 
 from gateway.clock import Clock
-from gateway.errors import ProtocolError
+from gateway.errors import LinkError, ProtocolError
 from gateway.ranger import flashing
 from gateway.ranger.hcsr04 import stk500
 from tests.virtual_time import BlockingClock
@@ -62,7 +62,7 @@ def test_a_program_is_written_by_pages_and_read_back() -> None:
 
 def test_nothing_is_written_to_another_chip() -> None:
     board = BootLoader(bytes.fromhex("1e9801"))
-    with pytest.raises(ProtocolError, match="signature 1E 98 01: not an Arduino Uno; nothing was written"):
+    with pytest.raises(ProtocolError, match="signature 1E 98 01: not an Arduino Uno"):
         talk(board)
     assert board.commands == "u"
 
@@ -144,9 +144,35 @@ def test_a_lost_byte_is_followed_by_another_try(lost: set[int], opened: int, mon
     assert port.board.flash[:256] == IMAGE + b"\xff" * 56
 
 
-def test_after_three_tries_it_says_that_it_can_be_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
-    port = BoardPort(set(range(5, 1000, 5)))
+HALF_WRITTEN = "may have only a part of the firmware now, .* until it is written again; .* another USB cable"
+
+
+@pytest.mark.parametrize(
+    ("lost", "why"),
+    [
+        (range(5, 1000, 5), rf"answer is damaged .*; the board {HALF_WRITTEN}"),  # in each page
+        (range(6, 1000), rf"no boot loader answers: .*; the board {HALF_WRITTEN}"),  # the cable came off
+        (range(2, 1000, 2), r"answer is damaged \(nothing\); nothing was written"),  # before the first page
+    ],
+)
+def test_after_the_last_try_it_says_what_the_board_has(
+    lost: range, why: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    port = BoardPort(set(lost))
     monkeypatch.setattr(flashing, "Port", port)
-    with pytest.raises(ProtocolError, match=r"answer is damaged .*: repeat it"):
+    with pytest.raises((LinkError, ProtocolError), match=why):
         flashing.flash("/dev/board", IMAGE, ReadingClock(0), lambda _: None)
-    assert port.opened == flashing.TRIES
+    assert port.opened <= flashing.TRIES
+
+
+def test_another_chip_after_a_part_was_written_is_not_said_to_be_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A damaged signature looks like another chip."""
+    port = BoardPort({6})
+    monkeypatch.setattr(flashing, "Port", port)
+
+    def damaged(_: float) -> None:
+        port.board.signature = bytes.fromhex("1e9801") if port.answers >= 6 else stk500.SIGNATURE
+
+    with pytest.raises(ProtocolError, match=f"another chip, signature 1E 98 01.*; the board {HALF_WRITTEN}"):
+        flashing.flash("/dev/board", IMAGE, ReadingClock(0), damaged)
+    assert port.opened == 2
