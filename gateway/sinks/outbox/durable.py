@@ -29,7 +29,7 @@ from gateway.shared_state import folder
 from gateway.sinks.contract import StoreStatus
 from gateway.sinks.outbox.outbox import MemoryOutbox, Outbox, OutboxEntry, OutboxLimits, in_order
 from gateway.sinks.outbox.pace import AT_ONCE, WritePace
-from gateway.sinks.outbox.store import EventFile, StoreError, put_aside
+from gateway.sinks.outbox.store import EventFile, StoreError, entries_in, put_aside
 from gateway.systemd import default_folder
 
 log = logging.getLogger(__name__)
@@ -148,7 +148,8 @@ class OutboxJournal:
                     self._held.acknowledge(one)
 
     def copy_of(self, path: Path) -> list[OutboxEntry]:
-        """What is in the file of an outbox that can't be opened: its disk is full or read-only. Raises StoreError."""
+        """What is in a file that can't even be read where it is: SQLite's `-shm` is gone, and there is no room for a
+        new one. Raises StoreError."""
         copy = self._path.with_name("copy.sqlite")
         try:
             EventFile.delete(copy)
@@ -344,7 +345,11 @@ class DurableOutbox:
         """A disk that takes nothing can be read all the same: what is on it is older than all that happens now."""
         if not (self._read or error.locked):
             with contextlib.suppress(StoreError):
-                self._take_over(self._journal.copy_of(self._path))
+                try:
+                    found = entries_in(self._path)
+                except StoreError:
+                    found = self._journal.copy_of(self._path)
+                self._take_over(found)
 
     def _take_over(self, found: list[OutboxEntry]) -> None:
         """Long work where much is found, so that the lock is held only for what was added meanwhile."""

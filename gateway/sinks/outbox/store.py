@@ -91,14 +91,7 @@ class EventFile:
     def entries(self) -> list[OutboxEntry]:
         """Everything in it, oldest first. A row that is not an event makes the file corrupt."""
         with self._errors() as db:
-            # Text as bytes: invalid UTF-8 must not look like a failing disk.
-            rows = db.execute(
-                "SELECT CAST(id AS BLOB), CAST(topic AS BLOB), payload, precious, unix_ms FROM events ORDER BY place"
-            ).fetchall()
-        try:
-            return [_entry(*row) for row in rows]
-        except ValueError as error:
-            raise StoreError(f"{self.path}: {error}", corrupt=True) from error
+            return _entries(db, self.path)
 
     def write(
         self,
@@ -163,17 +156,44 @@ class EventFile:
 
     @contextlib.contextmanager
     def _errors(self) -> Iterator[sqlite3.Connection]:
-        try:
+        with _told(self.path):
             yield self._db  # type: ignore[misc]  # None only while it is being opened
-        except sqlite3.Error as error:
-            code = getattr(error, "sqlite_errorcode", 0) & 0xFF
-            corrupt = code in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
-            raise StoreError(f"{self.path}: {error}", corrupt=corrupt) from error
 
     def _unlock(self) -> None:
         if self._lock >= 0:
             os.close(self._lock)
             self._lock = -1
+
+
+def entries_in(path: Path) -> list[OutboxEntry]:
+    """What is in a file that can't be opened, as its disk is full or read-only: read where it is. Raises StoreError."""
+    log = path.with_name(f"{path.name}-wal")
+    with _told(path):
+        whole = not (log.is_file() and log.stat().st_size)  # else a kill has left something there
+        uri = f"{path.absolute().as_uri()}?mode=ro{'&immutable=1' if whole else ''}"
+        with contextlib.closing(sqlite3.connect(uri, timeout=0, uri=True)) as db:
+            return _entries(db, path)
+
+
+@contextlib.contextmanager
+def _told(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except (sqlite3.Error, OSError) as error:
+        code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+        corrupt = code in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
+        raise StoreError(f"{path}: {error}", corrupt=corrupt) from error
+
+
+def _entries(db: sqlite3.Connection, path: Path) -> list[OutboxEntry]:
+    # Text as bytes: invalid UTF-8 must not look like a failing disk.
+    rows = db.execute(
+        "SELECT CAST(id AS BLOB), CAST(topic AS BLOB), payload, precious, unix_ms FROM events ORDER BY place"
+    ).fetchall()
+    try:
+        return [_entry(*row) for row in rows]
+    except ValueError as error:
+        raise StoreError(f"{path}: {error}", corrupt=True) from error
 
 
 def _entry(name: object, topic: object, payload: object, drop_last: object, unix_ms: object) -> OutboxEntry:

@@ -155,9 +155,7 @@ HALF_WRITTEN = "may have only a part of the firmware now, .* until it is written
         (range(2, 1000, 2), r"answer is damaged \(nothing\); nothing was written"),  # before the first page
     ],
 )
-def test_after_the_last_try_it_says_what_the_board_has(
-    lost: range, why: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_after_the_last_try_it_says_what_the_board_has(lost: range, why: str, monkeypatch: pytest.MonkeyPatch) -> None:
     port = BoardPort(set(lost))
     monkeypatch.setattr(flashing, "Port", port)
     with pytest.raises((LinkError, ProtocolError), match=why):

@@ -149,6 +149,29 @@ def test_what_is_on_a_disk_that_takes_nothing_is_delivered_before_what_happens_n
     assert not journal_of(name).exists()
 
 
+@pytest.mark.parametrize("killed", [False, True])
+def test_a_file_on_a_full_disk_is_read_where_it_is(
+    killed: bool, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Shared memory may have no room for a copy of it: 64 MB in a container."""
+
+    def refused(*_: object) -> list[OutboxEntry]:
+        raise StoreError("the disk is full")
+
+    path, copy = tmp_path / "outbox.sqlite", tmp_path / "killed.sqlite"
+    with closing(EventFile(path)) as file:
+        file.write([entry(1), entry(2)], ())
+        for tail in ("", "-wal", "-shm"):
+            shutil.copyfile(f"{path}{tail}", f"{copy}{tail}")
+    found = copy if killed else path
+    there = sorted(one.name for one in tmp_path.iterdir())
+    monkeypatch.setattr(durable.OutboxJournal, "copy_of", refused)
+    with DurableOutbox(name, found, LIMITS, open_file=refused) as outbox:  # type: ignore[arg-type]  # never opens
+        outbox.put(entry(3))
+        assert [one.id for one in outbox.batch(9)] == ["b-1", "b-2", "b-3"]
+        assert sorted(one.name for one in tmp_path.iterdir()) == there
+
+
 def test_a_file_that_is_opened_is_not_written(tmp_path: Path) -> None:
     path = tmp_path / "outbox.sqlite"
     with closing(EventFile(path)) as file:
