@@ -33,6 +33,7 @@ VERBS = {
     "registers": "print the Modbus register table, or export it for PLC and SCADA tools",
     "state": "print the shared state vector of a running gateway",
     "certs": "make certificates for Modbus/TCP Security",
+    "fleet": "serve one page for all bays that are heard over MQTT",
     "mqtt": "list and clear what bays that are gone have left at the broker",
     "password": "make a user of the pages",
 }

@@ -1,0 +1,144 @@
+"""The addresses of the fleet page, behind the same security as a gateway's pages. Every one of them only reads."""
+
+from hashlib import sha256
+from typing import Any
+
+import msgspec
+from fastapi import FastAPI
+from prometheus_client.exposition import choose_encoder
+from prometheus_client.registry import Collector
+from starlette.exceptions import HTTPException
+from starlette.middleware.gzip import GZipMiddleware
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.types import ASGIApp
+
+from gateway import __version__
+from gateway.clock import Clock
+from gateway.fleet import rows
+from gateway.fleet.config import FleetConfig
+from gateway.fleet.listener import Listener
+from gateway.web.auth import login
+from gateway.web.auth.access import Level
+from gateway.web.auth.addresses import Addresses
+from gateway.web.auth.logins import Logins
+from gateway.web.auth.page_files import STATIC, page_file, pages_digest
+from gateway.web.auth.security import SecurityMiddleware
+from gateway.web.languages import Languages, languages
+from gateway.web.server.app import HANDLERS
+
+ADDRESSES = Addresses()
+
+
+def _listener(request: Request) -> Listener:
+    found: Listener = request.app.state.listener
+    return found
+
+
+@ADDRESSES.get("/", Level.VIEWER, "the fleet page")
+async def _fleet_page(request: Request) -> Response:
+    return page_file(STATIC / "fleet.html", request.app.state.base_path)
+
+
+@ADDRESSES.get("/login", Level.OPEN, "the login page")
+async def _login_page(request: Request) -> Response:
+    return page_file(STATIC / "login.html", request.app.state.base_path)
+
+
+ADDRESSES.files("/static", STATIC, Level.OPEN, "scripts, styles and symbols of the pages; nothing of the plants")
+
+
+@ADDRESSES.get("/api/pages", Level.OPEN, "`digest` changes when the pages do")
+async def _pages() -> JSONResponse:
+    return JSONResponse({"digest": pages_digest()})
+
+
+@ADDRESSES.get("/api/languages", Level.OPEN, "the languages of the pages")
+async def _languages(request: Request) -> JSONResponse:
+    found: Languages = request.app.state.languages
+    return JSONResponse({"languages": found.listed()})
+
+
+@ADDRESSES.get("/api/languages/{code}", Level.OPEN, "the pages' texts in a language")
+async def _language(request: Request, code: str) -> Response:
+    found: Languages = request.app.state.languages
+    if (catalogue := found.catalogues.get(code)) is None:
+        raise HTTPException(404, f"no language has the code {code[:20]!r}")
+    return JSONResponse(catalogue.model_dump())
+
+
+@ADDRESSES.get("/api/fleet", Level.VIEWER, "a row for each bay; 304 with If-None-Match where nothing has changed")
+async def _fleet(request: Request) -> Response:
+    listener = _listener(request)
+    now_ms = listener.now_ms()
+    answer: dict[str, Any] = {"connected": listener.connected, "rows": rows.rows(listener.roster, now_ms)}
+    tag = f'"{sha256(msgspec.json.encode(_steady(answer))).hexdigest()[:16]}"'
+    if request.headers.get("if-none-match") == tag:
+        return Response(status_code=304, headers={"ETag": tag})
+    body = msgspec.json.encode(answer | {"now_ms": now_ms, "broker": listener.broker})
+    return Response(body, media_type="application/json", headers={"ETag": tag})
+
+
+def _steady(answer: dict[str, Any]) -> dict[str, Any]:
+    """Without the times that each status brings."""
+    return answer | {"rows": [{**row, "heard_ms": None} for row in answer["rows"]]}
+
+
+@ADDRESSES.get("/api/fleet/{site}/{instance}", Level.VIEWER, "all that is known of a gateway, and its newest changes")
+async def _gateway(request: Request, site: str, instance: str) -> Response:
+    listener, key = _listener(request), (site, instance)
+    if key not in listener.roster.gateways():
+        raise HTTPException(404, "no such gateway was heard of, and none is in the inventory")
+    one = listener.roster.known.get(key)
+    wanted = (listener.roster.expected or {}).get(key)
+    return Response(
+        msgspec.json.encode(
+            {
+                "life": listener.roster.life(key, listener.now_ms()),
+                "heard_ms": None if one is None else one.heard_ms,
+                "attention": listener.roster.attention(key, listener.now_ms()),
+                "expected": None if wanted is None else wanted.model_dump(),
+                "status": None if one is None or not one.text else msgspec.Raw(one.text),
+                "changes": [
+                    {"t_ms": change.t_ms, "what": change.what, "was": change.was, "now": change.now}
+                    for change in listener.changes(key)
+                ],
+            }
+        ),
+        media_type="application/json",
+    )
+
+
+@ADDRESSES.get("/metrics", Level.VIEWER, "for Prometheus")
+async def _metrics(request: Request) -> Response:
+    encode, content_type = choose_encoder(request.headers.get("accept", ""))
+    return Response(encode(_Collector(_listener(request))), media_type=content_type)
+
+
+@ADDRESSES.get("/healthz", Level.OPEN, "200 with a connection to the broker, else 503")
+async def _healthz(request: Request) -> JSONResponse:
+    connected = _listener(request).connected
+    return JSONResponse({"connected": connected, "version": __version__}, 200 if connected else 503)
+
+
+class _Collector(Collector):
+    def __init__(self, listener: Listener) -> None:
+        self._listener = listener
+
+    def collect(self) -> Any:
+        return rows.metrics(self._listener.roster, self._listener.now_ms(), connected=self._listener.connected)
+
+
+def app(listener: Listener, logins: Logins, clock: Clock, config: FleetConfig) -> ASGIApp:
+    groups = (login.ADDRESSES, ADDRESSES)
+    made = FastAPI(
+        routes=[route for group in groups for route in group.routes],
+        exception_handlers=HANDLERS,  # type: ignore[arg-type]
+        openapi_url=None,
+        redirect_slashes=False,
+    )
+    made.add_middleware(GZipMiddleware, minimum_size=1000, compresslevel=6)  # none of the answers holds a secret
+    made.state.listener, made.state.logins, made.state.bays = listener, logins, {}
+    made.state.base_path = config.hmi.base_path
+    made.state.languages = languages({})
+    return SecurityMiddleware(made, [rule for group in groups for rule in group.rules], logins, clock)

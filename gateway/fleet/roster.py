@@ -1,0 +1,231 @@
+"""All gateways that are known, from what each said of itself last. Pure: (roster, topic, payload, time) -> changes.
+
+Only a status that follows another one proves that its gateway lives: what is retained may be of any age, and clocks
+differ. Times are Unix time, ms, of this machine.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import msgspec
+
+from gateway.fleet.config import ExpectedGateway
+
+MAX_PAYLOAD_BYTES = 256 * 1024
+MAX_GATEWAYS = 10_000
+Key = tuple[str, str]  # site, instance
+
+
+class _Named(msgspec.Struct, frozen=True):
+    name: str = ""
+
+
+class _Alarms(msgspec.Struct, frozen=True):
+    high: int = 0
+    medium: int = 0
+    low: int = 0
+
+
+class _Visit(msgspec.Struct, frozen=True):
+    begun_ms: int
+    length_s: float = 0.0
+
+
+class _Marker(msgspec.Struct, frozen=True):
+    days_left: float | None = None
+    worn: bool = False
+
+
+class BayHealth(msgspec.Struct, frozen=True):
+    """As in a gateway's status. What an older version does not say has its default."""
+
+    bay: str
+    title: str = ""
+    function_check: str = ""
+    ne107: _Named = _Named()
+    reason: _Named = _Named()
+    veil: float | None = None
+    marker: _Marker | None = None
+    alarms: _Alarms | None = None
+    last_visit: _Visit | None = None
+
+
+class _Configuration(msgspec.Struct, frozen=True):
+    in_force: str = ""
+    reviewed: str | None = None
+    as_reviewed: bool | None = None
+
+
+class _Update(msgspec.Struct, frozen=True):
+    stage: str = ""
+    outcome: str | None = None
+
+
+class _Own(msgspec.Struct, frozen=True):
+    configuration: _Configuration = _Configuration()
+    update: _Update | None = None
+    certificate_days: dict[str, int] = {}
+    pages: str | None = None
+
+
+class Status(msgspec.Struct, frozen=True):
+    """What of a status is read."""
+
+    site: str
+    instance: str
+    status: str
+    version: str = ""
+    boot: str = ""
+    bays: tuple[str, ...] = ()
+    timestamp_ms: int | None = None
+    gateway: _Own | None = None
+    health: tuple[BayHealth, ...] = ()
+
+
+class Life(StrEnum):
+    """Of a gateway, as the fleet page knows it."""
+
+    ONLINE = "online"
+    SILENT = "silent"  # said to be online, and not heard of since
+    OFFLINE = "offline"  # by its own word, or its last will
+    NEVER = "never heard"
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """Something that has changed of a gateway."""
+
+    t_ms: int
+    key: Key
+    what: str
+    was: str
+    now: str
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """A gateway. `heard_ms`: when it last proved that it lives; None: not since this program listens. `last`: its last
+    status that was not a last will, and its bytes."""
+
+    status: Status
+    heard_ms: int | None = None
+    last: Status | None = None
+    text: bytes = b""
+
+
+@dataclass(slots=True)
+class Roster:
+    """`expected`: by the inventory; None: there is no inventory. `damaged`: messages that were no status."""
+
+    expected: Mapping[Key, ExpectedGateway] | None = None
+    silent_ms: int = 30_000
+    certificate_days: int = 14
+    known: dict[Key, Known] = field(default_factory=dict)
+    damaged: int = 0
+    left_out: int = 0  # statuses of more than MAX_GATEWAYS
+
+    def heard(self, topic: str, payload: bytes, now_ms: int) -> tuple[Key | None, list[Change]]:
+        """Takes one message of a status topic. None: it is none."""
+        if not payload:  # a retained status that was cleared
+            return None, []
+        status = decoded(payload)
+        if status is None or topic.split("/")[-2:] != [status.instance, "status"]:
+            self.damaged += 1
+            return None, []
+        key = status.site, status.instance
+        before = self.known.get(key)
+        if before is None and len(self.known) >= MAX_GATEWAYS:
+            self.left_out += 1
+            return None, []
+        alive = status.status == "online" and before is not None and before.status.timestamp_ms != status.timestamp_ms
+        heard_ms = now_ms if alive else None if before is None else before.heard_ms
+        last, text = (before.last, before.text) if before is not None and status.gateway is None else (status, payload)
+        self.known[key] = Known(status, heard_ms, last, text)
+        return key, [] if before is None else list(_changes(before, self.known[key], key, now_ms))
+
+    def life(self, key: Key, now_ms: int) -> Life:
+        one = self.known.get(key)
+        if one is None:
+            return Life.NEVER
+        if one.status.status != "online":
+            return Life.OFFLINE
+        return Life.ONLINE if one.heard_ms is not None and now_ms - one.heard_ms <= self.silent_ms else Life.SILENT
+
+    def deviations(self, key: Key) -> list[str]:
+        """From the inventory, or from what the gateway itself says was reviewed; in words."""
+        one, wanted = self.known.get(key), (self.expected or {}).get(key)
+        found = []
+        if self.expected is not None and wanted is None:
+            found.append("not in the inventory")
+        if one is None or one.last is None or (own := one.last.gateway) is None:
+            return found
+        in_force = own.configuration.in_force
+        if wanted is not None and wanted.digest and in_force != wanted.digest:
+            found.append("configuration is not that of the inventory")
+        if own.configuration.as_reviewed is False:
+            found.append("configuration is not the reviewed one")
+        if wanted is not None and wanted.version and one.last.version != wanted.version:
+            found.append(f"version {one.last.version} instead of {wanted.version}")
+        return found
+
+    def attention(self, key: Key, now_ms: int) -> list[str]:
+        """Why somebody should look at this gateway, the most important first; in words."""
+        life, one = self.life(key, now_ms), self.known.get(key)
+        found = [str(life)] if life is not Life.ONLINE else []
+        found += self.deviations(key)
+        last = None if one is None else one.last
+        if last is None or last.gateway is None:
+            return found
+        days = min(last.gateway.certificate_days.values(), default=None)
+        if days is not None and days < self.certificate_days:
+            found.append(f"certificate: {days} days left")
+        if last.gateway.update is not None and last.gateway.update.outcome in ("returned", "not_proven"):
+            found.append("an update was not proven")
+        return found
+
+    def gateways(self) -> list[Key]:
+        """Known and expected ones, in order."""
+        return sorted({*self.known, *(self.expected or {})})
+
+
+def bay_attention(health: BayHealth) -> list[str]:
+    """Likewise, of a bay."""
+    found = [] if health.ne107.name in ("GOOD", "") else [health.ne107.name.lower().replace("_", " ")]
+    if health.alarms is not None and health.alarms.high:
+        found.append(f"{health.alarms.high} alarms of high priority")
+    if health.marker is not None and health.marker.worn:
+        found.append("marker worn")
+    return found
+
+
+def decoded(payload: bytes) -> Status | None:
+    """None: it is no status."""
+    if len(payload) > MAX_PAYLOAD_BYTES:
+        return None
+    try:
+        return _DECODER.decode(payload)
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+        return None
+
+
+def _changes(before: Known, after: Known, key: Key, now_ms: int) -> Iterator[Change]:
+    old, new = _facts(before), _facts(after)
+    for what in dict.fromkeys([*old, *new]):
+        if old.get(what, "") != new.get(what, ""):
+            yield Change(now_ms, key, what, old.get(what, ""), new.get(what, ""))
+
+
+def _facts(one: Known) -> dict[str, str]:
+    """What is kept when it changes."""
+    found = {"status": one.status.status}
+    if one.last is not None and one.last.gateway is not None:
+        found |= {"version": one.last.version, "configuration": one.last.gateway.configuration.in_force}
+        if (update := one.last.gateway.update) is not None:
+            found["update"] = update.outcome or update.stage
+        found |= {f"{bay.bay}: health": bay.ne107.name for bay in one.last.health}
+        found |= {f"{bay.bay}: function check": bay.function_check for bay in one.last.health}
+    return found
+
+
+_DECODER = msgspec.json.Decoder(Status)

@@ -1,0 +1,182 @@
+// The fleet page: all bays whose gateways are heard, the ones to look at first. It only reads.
+
+import { html, useEffect, useMemo, useState } from '../lib/page.js';
+import { get, pause, toLogin } from '../lib/api.js';
+import { age, known, NONE, number, stamp } from '../lib/format.js';
+import { text } from '../lib/lang.js';
+import { guarded, start } from '../lib/start.js';
+import { Brand, SessionMenu } from '../lib/top.js';
+
+const PERIOD_MS = 2000;
+const MINUTE_MS = 60_000;
+const NE107 = {
+  FAILURE: 'failure',
+  FUNCTION_CHECK: 'function check',
+  OUT_OF_SPECIFICATION: 'out of specification',
+  MAINTENANCE_REQUIRED: 'maintenance required',
+  GOOD: 'good',
+};
+
+/** Asked for again and again; rows that have not changed stay the same objects, so that they are not drawn again. */
+function useFleet() {
+  const [fleet, setFleet] = useState({ rows: null, wrong: '' });
+  useEffect(() => {
+    const end = new AbortController();
+    let drawn = new Map();
+    (async () => {
+      while (!end.signal.aborted) {
+        try {
+          const got = await get('/api/fleet', { signal: end.signal });
+          const rows = got.rows.map((row) => {
+            const now = JSON.stringify({ ...row, heard_ms: null });
+            const before = drawn.get(keyOf(row));
+            return before?.now === now ? before : { ...row, now };
+          });
+          drawn = new Map(rows.map((row) => [keyOf(row), row]));
+          setFleet({ ...got, rows, wrong: '' });
+        } catch (error) {
+          if (end.signal.aborted) return;
+          if (error.status === 401) return toLogin();
+          setFleet((before) => ({ ...before, wrong: error.name === 'TypeError' ? 'no connection' : error.message }));
+        }
+        await pause(PERIOD_MS, end.signal);
+      }
+    })();
+    return () => end.abort();
+  }, []);
+  return fleet;
+}
+
+const keyOf = (row) => `${row.site}/${row.instance}/${row.bay}`;
+const nameOf = (row) => row.bay || row.instance;
+
+/** Sites in order, each with its rows. */
+function bySite(rows) {
+  const sites = new Map();
+  for (const row of rows) sites.has(row.site) ? sites.get(row.site).push(row) : sites.set(row.site, [row]);
+  return sites;
+}
+
+/** What of a row a search looks at. */
+const searched = (row) => [row.site, row.instance, row.bay, row.title, row.version, row.life, row.ne107, row.reason, ...row.attention].join(' ').toLowerCase();
+
+/** To the minute. */
+const since = (ms) => age(Math.max(1, Math.round(ms / MINUTE_MS)) * MINUTE_MS).replace(/ 0\u202fs$/, '');
+
+const Alarms = ({ alarms }) =>
+  alarms === null ? NONE : html`<span translate="no" title=${text('active alarms: {0} high, {1} medium, {2} low', ...alarms)}>${alarms.join(' / ')}</span>`;
+
+function Row({ row, chosen, choose, nowMs }) {
+  const live = row.life === 'online';
+  return html`<tr class=${chosen ? 'chosen' : ''} data-attention=${row.attention.length ? 'yes' : 'no'}>
+    <th scope="row"><button type="button" class="plain" translate="no" aria-expanded=${String(chosen)} onClick=${() => choose(row)}>${nameOf(row)}</button>${row.title && html` <span class="muted small" translate="no">${row.title}</span>`}</th>
+    <td class=${live && row.ne107 === 'GOOD' ? '' : 'mark'}>${live ? (NE107[row.ne107] ?? 'not known') : row.life}</td>
+    <td class="why">${row.attention.filter((one) => one !== row.life && one !== NE107[row.ne107]).map((one) => html`<span class="mark">${one}</span>`)}</td>
+    <td>${row.function_check && row.function_check !== 'OFF' ? 'yes' : ''}</td>
+    <td class="number"><${Alarms} alarms=${row.alarms} /></td>
+    <td class="number">${known(row.veil) ? number(100 * row.veil, 0, '%') : NONE}</td>
+    <td class="number">${known(row.marker_days) ? number(row.marker_days, 0, 'd') : NONE}</td>
+    <td class="number">${known(row.certificate_days) ? number(row.certificate_days, 0, 'd') : NONE}</td>
+    <td class="number">${known(row.last_visit_ms) ? since(nowMs - row.last_visit_ms) : NONE}</td>
+    <td translate="no">${row.version || NONE}</td>
+    <td>${row.pages && html`<a href=${row.pages} rel="noreferrer">open</a>`}</td>
+  </tr>`;
+}
+
+const drawn = new WeakMap();
+
+/** The row as it was drawn before, where it would look the same: then nothing of it is compared. */
+function drawnRow(row, chosen, choose, minute) {
+  const look = `${chosen} ${minute}`;
+  const before = drawn.get(row);
+  if (before?.look === look) return before.node;
+  const node = html`<${Row} key=${keyOf(row)} row=${row} chosen=${chosen} choose=${choose} nowMs=${minute * MINUTE_MS} />`;
+  drawn.set(row, { look, node });
+  return node;
+}
+
+function useDetail(row) {
+  const [detail, setDetail] = useState({ of: '', got: null, wrong: '' });
+  const of = `${encodeURIComponent(row.site)}/${encodeURIComponent(row.instance)}`;
+  useEffect(() => {
+    const end = new AbortController();
+    get(`/api/fleet/${of}`, { signal: end.signal })
+      .then((got) => setDetail({ of, got, wrong: '' }))
+      .catch((error) => {
+        if (!end.signal.aborted) setDetail({ of, got: null, wrong: error.message });
+      });
+    return () => end.abort();
+  }, [of, row.now]);
+  return detail.of === of ? detail : { got: null, wrong: '' };
+}
+
+/** All that is known of one gateway. */
+function Detail({ row, close }) {
+  const { got, wrong } = useDetail(row);
+  const own = got?.status?.gateway;
+  const fact = (name, value) => html`<dt>${name}</dt><dd translate="no">${value || NONE}</dd>`;
+  return html`<aside class="panel detail" aria-label="gateway">
+    <h2><span translate="no">${row.site} / ${row.instance}</span> <button type="button" class="plain push" onClick=${close}>Close</button></h2>
+    ${wrong && html`<p class="notice bad" role="alert">${wrong}</p>`}
+    ${got && html`<dl>
+      ${fact('heard last', known(got.heard_ms) ? stamp(got.heard_ms) : '')}
+      ${fact('configuration in force', own?.configuration.in_force.slice(0, 16))}
+      ${fact('reviewed', own?.configuration.reviewed?.slice(0, 16))}
+      ${fact('in the inventory', got.expected?.digest.slice(0, 16))}
+      ${fact('version', got.status?.version)}
+      ${fact('newest update', own?.update && `${own.update.stage} ${own.update.outcome ?? ''}`)}
+      ${fact('certificates, days', own && Object.entries(own.certificate_days).map(([name, days]) => `${name} ${days}`).join(', '))}
+    </dl>
+    <h3>Changes</h3>
+    ${got.changes.length ? html`<ul class="changes">${got.changes.map((one) => html`<li translate="no">${stamp(one.t_ms)} ${one.what}: ${short(one.was) || NONE} → ${short(one.now) || NONE}</li>`)}</ul>` : html`<p class="muted">none since this page's program listens</p>`}`}
+  </aside>`;
+}
+
+const short = (value) => (/^[0-9a-f]{64}$/.test(value) ? value.slice(0, 16) : value);
+
+const HEADS = ['bay', 'health', 'look at', 'function check', 'alarms', 'dust', 'marker', 'certificate', 'last truck', 'version', 'pages'];
+
+function Site({ site, rows, open, chosen, choose, nowMs }) {
+  const [shown, setShown] = useState(true);
+  const wrong = rows.filter((row) => row.attention.length).length;
+  return html`<tbody>
+    <tr class="site"><th colspan=${HEADS.length} scope="rowgroup"><button type="button" class="plain" aria-expanded=${String(shown || open)} onClick=${() => setShown(!shown)}><b translate="no">${site}</b> <span class="muted">${wrong ? text('{0} of {1} bays need a look', wrong, rows.length) : text('bays: {0}', rows.length)}</span></button></th></tr>
+    ${(shown || open) && rows.map((row) => drawnRow(row, keyOf(row) === chosen, choose, Math.floor(nowMs / MINUTE_MS)))}
+  </tbody>`;
+}
+
+function FleetPage({ session }) {
+  const fleet = useFleet();
+  const [search, setSearch] = useState('');
+  const [only, setOnly] = useState(false);
+  const [chosen, setChosen] = useState('');
+  const words = search.toLowerCase().split(/\s+/).filter(Boolean);
+  const found = useMemo(
+    () => (fleet.rows ?? []).filter((row) => (!only || row.attention.length) && words.every((word) => searched(row).includes(word))),
+    [fleet.rows, only, search],
+  );
+  const sites = useMemo(() => bySite(found), [found]);
+  const detail = found.find((row) => keyOf(row) === chosen);
+  const count = (fleet.rows ?? []).filter((row) => row.attention.length).length;
+  return html`<header class="top"><${Brand} title="Fleet" /><div class="facts push"><${SessionMenu} session=${session} /></div></header>
+  <main class="page fleet" id="main" tabindex="-1">
+    <h1>All bays</h1>
+    ${fleet.wrong && html`<p class="notice bad" role="alert"><b>Nothing new arrives.</b> ${fleet.wrong}</p>`}
+    ${fleet.rows && !fleet.wrong && !fleet.connected && html`<p class="notice bad" role="alert"><b>No connection to the broker.</b> <span translate="no">${fleet.broker}</span></p>`}
+    <form class="row compact" onSubmit=${(event) => event.preventDefault()}>
+      <label>search <input type="search" value=${search} onInput=${(event) => setSearch(event.target.value)} /></label>
+      <label><input type="checkbox" checked=${only} onChange=${(event) => setOnly(event.target.checked)} /> only what needs a look</label>
+      <span role="status">${fleet.rows === null ? 'loading' : text('{0} of {1} bays need a look; {2} shown', count, fleet.rows.length, found.length)}</span>
+      <span class="push muted">This page can't change anything at a bay.</span>
+    </form>
+    <div class="beside">
+      <table class="fleet"><thead><tr>${HEADS.map((head) => html`<th scope="col">${head}</th>`)}</tr></thead>
+        ${[...sites].map(([site, rows]) => html`<${Site} key=${site} site=${site} rows=${rows} open=${words.length > 0} chosen=${chosen} choose=${(row) => setChosen((before) => (keyOf(row) === before ? '' : keyOf(row)))} nowMs=${fleet.now_ms} />`)}
+      </table>
+      ${detail && html`<${Detail} row=${detail} close=${() => setChosen('')} />`}
+    </div>
+    ${fleet.rows?.length === 0 && html`<p class="notice">No gateway was heard yet.</p>`}
+  </main>`;
+}
+
+start(guarded(FleetPage));
