@@ -7,7 +7,7 @@ gateway registers --format st --site north --instance gateway --bay bay1:1 --bay
 
 Every export is made from the same table and so fits the gateway that makes it. Programs also compare which bay answers:
 unit id, and a number made of site, instance and bay name. --config takes all that, and how long a triggered measurement
-may take, from the gateway's configuration;
+and a driven vehicle at setpoint 0 may take, from the gateway's configuration;
 without it, give them as they are there ([modbus] word_order and writes, [[bays]] name and unit_id, site, instance), or
 the program reports the wrong bay (Diagnostic 13). docs/plc-integration.md describes the commissioning.
 """
@@ -18,6 +18,7 @@ from pathlib import Path
 
 from gateway import config
 from gateway.errors import ConfigError
+from gateway.modbus.exports.approach import WAIT_S, wait_s
 from gateway.modbus.exports.registry import SUMMARY, export
 from gateway.modbus.exports.target import Target, distinct
 
@@ -87,6 +88,7 @@ def _targets(args: argparse.Namespace) -> tuple[Target, ...]:
 
     settings = config.GatewayConfig() if args.config is None else config.load(args.config)
     known = {bay.name: bay.unit_id for bay in settings.bays}
+    waits_s = [wait_s(bay.drive, bay.visit) for bay in settings.bays if bay.drive]
     modbus = settings.modbus
     targets = []
     for text in args.bay or known:
@@ -107,6 +109,7 @@ def _targets(args: argparse.Namespace) -> tuple[Target, ...]:
                 site=args.site or settings.site,
                 gateway=args.instance or settings.instance,
                 trigger_timeout_s=modbus.handshake.trigger_timeout_s,
+                wait_s=max(waits_s, default=WAIT_S),
             )
         )
     return distinct(tuple(targets))

@@ -22,7 +22,7 @@ from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.setpoint import DriveState, Setpoint
 from gateway.core.state import Reason, Tick
 from gateway.modbus.exports import structured_text
-from gateway.modbus.exports.approach import LIFE_MS, ApproachEnd
+from gateway.modbus.exports.approach import LIFE_MS, ApproachEnd, wait_s
 from gateway.modbus.exports.target import Target
 from gateway.modbus.registers.register_map import BLOCK_WORDS
 from tests import structured_text as structured_text_runner
@@ -68,9 +68,9 @@ class Vehicle:
 class Loop:
     """A bay with a gateway, a vehicle, a spout and a barrier that do as the program says."""
 
-    def __init__(self, program: Program) -> None:
-        self.plc = program.instance(structured_text.EXAMPLE)
-        self.state = interlock.initial("bay1", 0, RULES)
+    def __init__(self, program: Program, rules: Rules = RULES) -> None:
+        self.plc, self.rules = program.instance(structured_text.EXAMPLE), rules
+        self.state = interlock.initial("bay1", 0, rules)
         self.vehicle = Vehicle()
         self.words = [0] * BLOCK_WORDS
         self.now_ms = 0
@@ -135,7 +135,7 @@ class Loop:
                 )
             )
         for observation in seen:
-            self.state = interlock.step(self.state, observation, now_ns, RULES)
+            self.state = interlock.step(self.state, observation, now_ns, self.rules)
         if self.now_ms % POLL_MS == 0 and not self.frozen:
             self.words = words(self.state)
 
@@ -184,6 +184,22 @@ def test_one_vehicle_from_the_start_button_to_its_release(loop: Loop) -> None:
     loop.put(TruckPresent=False, Full=False)
     loop.run(60)
     assert loop.sequence["Stage"] == 0
+
+
+def test_a_place_that_takes_long_to_settle_ends_no_approach(program: Program) -> None:
+    given = {"fusion": {"cross_check": CHECK}, "drive": DRIVE, "visit": {"settle_s": 11.0}}
+    config = parse({"modbus": {"writes": True, "plc_addresses": [PLC.address]}} | given)
+    (bay,) = config.bays
+    assert bay.drive
+    loop = Loop(program, Rules.of(bay, config))
+    assert (before := loop.approach["WaitTimeout"]) < 11_000
+    loop.approach.values["WaitTimeout"] = 1000 * wait_s(bay.drive, bay.visit)
+    loop.begin()
+    loop.run(25_000, until=lambda: bool(loop.approach["Done"]))
+    short = Loop(program, Rules.of(bay, config))
+    short.begin()
+    short.run(25_000, until=lambda: bool(short.approach["Fault"]))
+    assert (short.approach["Cause"], short.approach["WaitTimeout"]) == (ApproachEnd.WAIT, before)
 
 
 def ramps(velocity: list[float], from_: int) -> int:

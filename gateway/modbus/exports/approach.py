@@ -3,8 +3,11 @@
 No tool has a clock that all others have, too: ramps count calls, and CycleMs is checked against a timer.
 """
 
+import math
+from dataclasses import replace
 from enum import IntEnum
 
+from gateway.config import DriveConfig, VisitConfig
 from gateway.core.state import Reason
 from gateway.modbus.exports.interface import DATA, TIMER, FunctionBlock, Var
 from gateway.modbus.exports.logic import first_of
@@ -12,6 +15,7 @@ from gateway.modbus.exports.target import template
 
 LIFE_MS = 500
 LONGEST_CYCLE_MS = 100
+WAIT_S, WAIT_MORE_S = 10, 3.0  # WaitTimeout: at least; and so much more than it can take
 
 
 class ApproachEnd(IntEnum):
@@ -59,7 +63,7 @@ APPROACH = FunctionBlock(
         Var("Deceleration", "REAL", "ramp without a life sign; at least brake_mm_s2 of the gateway [mm/s2]", "300.0"),
         Var("ReferenceSpeed", "REAL", "speed at which Analog is FullScale [mm/s]", "500.0"),
         Var("FullScale", "INT", "Analog at ReferenceSpeed", "27648"),
-        Var("WaitTimeout", "TIME", "longest time at setpoint 0; longer than settle_s of the gateway", "T#10000ms"),
+        Var("WaitTimeout", "TIME", "longest time at setpoint 0; by settle_s, lag_s, latency_s", f"T#{WAIT_S}000ms"),
     ),
     (
         Var("Run", "BOOL", "TRUE while Velocity is above 0: MC_MoveVelocity, else MC_Halt"),
@@ -92,6 +96,19 @@ APPROACH = FunctionBlock(
     ),
     "Moves the vehicle at the gateway's setpoint from a rising Start until it is in place. No safety function.",
 )
+
+
+def wait_s(drive: DriveConfig, visit: VisitConfig) -> int:
+    """WaitTimeout for this configuration: a vehicle has run out, was seen to stand, and is in place before it."""
+    runs_out_s = drive.delay_s + drive.creep_speed_mm_s / drive.brake_mm_s2
+    return max(WAIT_S, math.ceil(runs_out_s + drive.delay_s + visit.settle_s + WAIT_MORE_S))
+
+
+def approach(wait_s: int) -> FunctionBlock:
+    """FB_Approach with this WaitTimeout."""
+    inputs = (replace(var, start=f"T#{wait_s}000ms") if var.name == "WaitTimeout" else var for var in APPROACH.inputs)
+    return replace(APPROACH, inputs=tuple(inputs))
+
 
 PLANT_INPUTS: tuple[Var, ...] = (
     Var("StartButton", "BOOL", "rising: bring the vehicle in place and load it"),

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from gateway.modbus.exports import interface
-from gateway.modbus.exports.approach import APPROACH, EXAMPLE_INPUTS, SEQUENCE, wired
+from gateway.modbus.exports.approach import APPROACH, EXAMPLE_INPUTS, SEQUENCE, approach, wired
 from gateway.modbus.exports.decode import REAL_BODY, UDINT_BODY
 from gateway.modbus.exports.diagnosis import MEANING
 from gateway.modbus.exports.fields import fields
@@ -59,7 +59,7 @@ def types() -> tuple[Type, ...]:
 
 
 def library(target: Target) -> tuple[Pou, ...]:
-    """Two functions and the function blocks; they depend on the target's word order and trigger timeout only."""
+    """Two functions and the function blocks; they depend on the target's word order and timeouts only."""
     words = (Var("High", "WORD", ""), Var("Low", "WORD", ""))
     real = (Var("Exponent", "DINT", ""), Var("Value", "REAL", ""))
     return (
@@ -82,7 +82,7 @@ def blocks(target: Target) -> tuple[FunctionBlock, ...]:
         "Checks the block of the loading gateway. InPlace is the only condition for loading; MayMove is for the truck."
     )
     own = FunctionBlock(FUNCTION_BLOCK, interface.INPUTS, interface.OUTPUTS, interface.MEMORY, body(target), comment)
-    return own, APPROACH, SEQUENCE
+    return own, approach(target.wait_s), SEQUENCE
 
 
 def _function_block(block: FunctionBlock) -> Pou:

@@ -20,7 +20,7 @@ class Target:
 
     `writes`: the gateway's [modbus] writes is on. Used only by tools that write whether they are answered or not.
     `site` and `gateway` (its `instance`) are the names in its configuration; with the bay's they make its identity.
-    `trigger_timeout_s`: as [modbus.handshake] has it.
+    `trigger_timeout_s`: as [modbus.handshake] has it. `wait_s`: FB_Approach's WaitTimeout, for every bay of one export.
     """
 
     bay: str = "bay1"
@@ -32,6 +32,7 @@ class Target:
     site: str = "site1"
     gateway: str = "gateway"
     trigger_timeout_s: float = 1.0
+    wait_s: int = 10
 
     def __post_init__(self) -> None:
         """Raises ConfigError for what no PLC could be given."""

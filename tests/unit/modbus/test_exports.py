@@ -804,8 +804,25 @@ def test_the_configuration_says_which_bays_there_are_and_who_they_are(tmp_path: 
             assert (tmp_path / file).read_text() == text
     text = "".join(export("st", (replace(a, trigger_timeout_s=20.0),)).values())
     assert "PT := T#22000ms" in text
+    assert "WaitTimeout : TIME := T#10000ms;" in text
     others = replace(a, bay="x"), replace(a, site="x"), replace(a, gateway="x")
     assert len({target.identity.number for target in (a, *others)}) == 4, "each name counts"
+
+
+@pytest.mark.parametrize(("name", "found"), [("st", "T#17000ms"), ("scl", "T#17000ms"), ("l5x", "[17000]")])
+def test_an_approach_waits_longer_than_any_bay_takes_to_be_in_place(tmp_path: Path, name: str, found: str) -> None:
+    """Of the second: it runs out in 2 s of delay and 0.5 s of brake, stands for as long, is in place after 9.5 s."""
+    config = tmp_path / "plant.toml"
+    config.write_text(
+        "[fusion.cross_check]\nfocal_px = 600.0\nmarker_radius_mm = 90.0\n"
+        '[[bays]]\nname = "a"\nunit_id = 3\n[bays.drive]\n'
+        '[[bays]]\nname = "b"\nunit_id = 4\n[bays.visit]\nsettle_s = 9.5\n'
+        "[bays.drive]\nlag_s = 1.5\nlatency_s = 0.5\nbrake_mm_s2 = 40.0\ncreep_speed_mm_s = 20.0\n"
+    )
+    assert run("--format", name, "--config", str(config), "--host", "10.1.2.3", "--out", f"{tmp_path}/") == 0
+    text = "".join(path.read_text() for path in tmp_path.iterdir() if path.suffix in (".st", ".scl", ".L5X"))
+    (line,) = (line for line in text.splitlines() if re.search(r"\bWaitTimeout(Ms)?\b.*:=|Name=.WaitTimeoutMs.", line))
+    assert found in text[text.index(line) :][:400]
 
 
 @pytest.mark.parametrize(
