@@ -15,10 +15,10 @@ from random import Random
 from typing import Any
 
 from bench.closed_loop.faults import Failure, Fault, failures
-from bench.closed_loop.plc import POLL_S, SCAN_S, ApproachBlock, Image, PlainProgram, Program
+from bench.closed_loop.plc import POLL_S, SCAN_S, ApproachBlock, Image, PlainProgram, Program, image_of
 from gateway.config import DriveConfig, GatewayConfig
 from gateway.core import interlock
-from gateway.core.detection import Circle
+from gateway.core.detection import Circle, Ellipse
 from gateway.core.interlock import Rules
 from gateway.core.movement import DriveMemory
 from gateway.core.plc import Control, PlcWrite, Writer
@@ -52,6 +52,7 @@ PLC = Writer("10.0.0.9")
 PLACE_MM = 10.0
 PLAIN_RESERVE_MM = 100.0  # it slows down so much before the vehicle would have to
 MS = 1_000_000
+Seen = tuple[Circle, Ellipse | None]
 
 
 class Aid(StrEnum):
@@ -67,7 +68,7 @@ class Result:
     kind: str
     aid: str
     error_mm: float  # at the end: true distance to the place, positive short of it
-    deepest_mm: float  # the least true distance to the mark on the way; negative past it
+    deepest_mm: float  # the least true distance to the mark (of a spout: marker) on the way; negative past it
     time_s: float  # from the first motion until it stands for good
     optimal_s: float  # the shortest time under the same limits
     in_place: bool
@@ -84,9 +85,14 @@ def limits(kind: VehicleKind) -> Mapping[str, float]:
 
 @cache
 def settings(kind: VehicleKind, aid: Aid) -> GatewayConfig:
+    return settings_with(kind, aid)
+
+
+def settings_with(kind: VehicleKind, aid: Aid, **more: Any) -> GatewayConfig:
+    """`more`: further sections."""
     check = {"focal_px": FOCAL_PX, "marker_radius_mm": RADIUS_MM, "tolerance_mm": 30.0, "tolerance_share": 0.05,
              "lasting_s": 0.3}  # fmt: skip
-    sections: dict[str, Any] = {"fusion": {"cross_check": check, "period_s": TICK_S}}
+    sections: dict[str, Any] = {"fusion": {"cross_check": check, "period_s": TICK_S}, **more}
     if aid is Aid.SETPOINT:
         sections["drive"] = drive_keys(kind)
     made = gateway(**sections)
@@ -153,7 +159,7 @@ class Approach:
         self.images: deque[tuple[float, Image]] = deque()
         self.range_n = self.frame_n = self.unseen = self.beat = 0
         self.last_mm = self.start_mm
-        self.last_circle: Circle | None = None
+        self.last_seen: Seen | None = None
         self.reference_mm_s = 0.0
         self.phase_s = chance.uniform(0, POLL_S)
 
@@ -221,10 +227,11 @@ class Approach:
     # -- one step --------------------------------------------------------------------------------------------------
 
     def step(self) -> None:
-        self.vehicle.drive(self.reference_mm_s, STEP_S)
+        active = self.active(self.t_s) if self.failures else {}
+        faster = active[Fault.DRIVE_FASTER].amount if Fault.DRIVE_FASTER in active else 1.0
+        self.vehicle.drive(faster * self.reference_mm_s, STEP_S)
         self.steps += 1
         t_s = self.t_s
-        active = self.active(t_s) if self.failures else {}
         if Fault.GATEWAY_KILLED in active:
             self.state = None
         elif self.state is None:
@@ -255,26 +262,25 @@ class Approach:
         if t_s < 0:
             return
         if (t_s + self.phase_s) % POLL_S < SCAN_S - 1e-9 and self.state is not None and Fault.POLL_LOST not in active:
-            self.beat = (self.beat + 1) & 0xFFFF
-            self.fold(PlcWrite(PLC, heartbeat=self.beat, control=1 << Control.ENABLE))
-            self.images.append((t_s + self.chance.uniform(0.01, 0.03), self.image()))
-        image = None
+            self.fold(PlcWrite(PLC, heartbeat=self.heartbeat(), control=1 << Control.ENABLE))
+            self.images.append((t_s + self.chance.uniform(0.01, 0.03), self.polled(self.state)))
+        newest = None
         while self.images and self.images[0][0] <= t_s:
-            image = self.images.popleft()[1]
-        self.reference_mm_s = self.program.scan(t_s, image)
+            newest = self.images.popleft()[1]
+        self.reference_mm_s = self.program.scan(t_s, newest)
         if self.trace is not None and self.state is not None:
             told = shown(self.state, self.now_ns)
             speed = told.setpoint.speed_mm_s if self.aid is Aid.SETPOINT else self.reference_mm_s
             state = float(told.setpoint.state) if self.aid is Aid.SETPOINT else float(told.stop)
             self.trace.append((t_s, self.distance_mm, self.vehicle.speed_mm_s, self.reference_mm_s, speed, state))
 
-    def image(self) -> Image:
-        assert self.state is not None
-        told = shown(self.state, self.now_ns)
-        plain = Image(told.heartbeat, told.may_move, told.reason, told.range.distance_mm)
-        if self.aid is Aid.PLAIN:
-            return plain
-        return replace(plain, drive_enable=told.setpoint.enable, speed_mm_s=int(told.setpoint.speed_mm_s))
+    def heartbeat(self) -> int:
+        """What the PLC writes next."""
+        self.beat = (self.beat + 1) & 0xFFFF
+        return self.beat
+
+    def polled(self, state: StateVector) -> Image:
+        return image_of(shown(state, self.now_ns))
 
     # -- the sensors -----------------------------------------------------------------------------------------------
 
@@ -314,26 +320,29 @@ class Approach:
         self.frame_n += 1
         if Fault.CAMERA_FROZEN in active or self.state is None:
             return
-        radius_px = FOCAL_PX * RADIUS_MM / self.distance_mm
-        noise = self.chance.gauss
-        circle: Circle | None = Circle(
-            self.centre_px[0] + noise(0, 0.1), self.centre_px[1] + noise(0, 0.1), radius_px + noise(0, 0.15)
-        )
+        seen: Seen | None = self.seen()
         hidden = Fault.MARKER_HIDDEN in active or any(begin <= t_s < end for begin, end in self.dust)
         if Fault.CAMERA_STUCK in active:
-            circle = self.last_circle
+            seen = self.last_seen
         elif hidden:
-            circle = None
+            seen = None
         else:
-            self.last_circle = circle
+            self.last_seen = seen
+        circle, ellipse = seen or (None, None)
         self.unseen = 0 if circle else self.unseen + 1
         missing = Quality.COASTED if self.unseen <= COAST_FRAMES else Quality.NO_TARGET
         reading = VisionReading(self.now_ns, Quality.GOOD if circle else missing, circle, frame_id=self.frame_n,
-                                visible=1.0 if circle else None)  # fmt: skip
+                                visible=1.0 if circle else None, ellipse=ellipse)  # fmt: skip
         delay_s = self.chance.uniform(0.02, 0.06)
         if Fault.CAMERA_LATE in active:
             delay_s += active[Fault.CAMERA_LATE].amount
         self.arrives(t_s + delay_s, reading)
+
+    def seen(self) -> Seen:
+        """The marker as the camera finds it now."""
+        radius_px, noise = FOCAL_PX * RADIUS_MM / self.distance_mm, self.chance.gauss
+        u_px, v_px = self.centre_px
+        return Circle(u_px + noise(0, 0.1), v_px + noise(0, 0.1), radius_px + noise(0, 0.15)), None
 
 
 def _program(aid: Aid, of: Mapping[str, float], mark_mm: float) -> Program:

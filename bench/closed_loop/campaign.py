@@ -4,15 +4,17 @@
     python -m bench.closed_loop.campaign --faults 100000 --jobs 2        with random faults; collisions are counted
     python -m bench.closed_loop.campaign --seed 7 --kind winch           this one, step by step
     python -m bench.closed_loop.campaign --seed 7 --kind winch --faults 1     this one of those with faults
+    python -m bench.closed_loop.campaign --kind "spout trolley"          this one's rows only; the others stay
 
 The gateway's own step runs in virtual time with the PLC's program and the vehicle (bench/closed_loop/approach.py).
 Equal seeds draw the same vehicle, start, noise and dust for both programs; five approaches in a row are of one plant,
 whose gateway learns from them. The plain program drives the first.
 
 Judged by the vehicle's true place. **Collision**: it comes farther past the mark (Z_th) than `guidance.overshoot_mm`,
-where the spout hangs; no setpoint may lead there, whatever has failed. Results: docs/data/closed-loop.json, from which
+where the spout hangs; no setpoint may lead there, whatever has failed. Of a spout on a trolley: it is lowered beside
+the marker. Results: docs/data/closed-loop.json, from which
 `./dev docs` writes the tables and `python -m bench.closed_loop.report` the figures. The exit status is 1 where a
-vehicle that drove by the setpoint collided.
+vehicle that drove by the setpoint, or a spout that followed the pose, collided.
 """
 
 import argparse
@@ -31,6 +33,8 @@ from typing import Any
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedColumn, TimeRemainingColumn
 
 from bench.closed_loop.approach import RUNS, Aid, Approach, Result, limits, settings
+from bench.closed_loop.plc import SPOUT_MM
+from bench.closed_loop.trolley import AIDS, TROLLEY, TrolleyRun
 from gateway.core.movement import DriveMemory
 from gateway.core.setpoint import DriveState
 from gateway.sim.vehicles import VehicleKind
@@ -40,14 +44,19 @@ UNSEEN = 100_000  # seeds from here on built nothing
 CHUNK = 20
 EXAMPLE = (VehicleKind.SHUNTER, UNSEEN + 4)
 
-Job = tuple[VehicleKind, Aid, int]
+VEHICLES = "vehicle"
+KINDS = (*map(str, VehicleKind), TROLLEY)
+
+Job = tuple[str, Aid, int]
 
 
 def plant(job: Job) -> list[Result]:
     """All approaches of one plant, whose number is in the job. The plain program learns nothing: one."""
     kind, aid, number = job
-    runs = RUNS if aid is Aid.SETPOINT else 1
-    return [one.run() for one in _in_a_row(kind, aid, range(number * RUNS, number * RUNS + runs))]
+    seeds = range(number * RUNS, number * RUNS + (RUNS if aid is Aid.SETPOINT else 1))
+    if kind == TROLLEY:
+        return [TrolleyRun(aid, seed).run() for seed in seeds]
+    return [one.run() for one in _in_a_row(VehicleKind(kind), aid, seeds)]
 
 
 def _in_a_row(
@@ -65,7 +74,10 @@ def _in_a_row(
 
 def faulty(job: Job) -> list[Result]:
     """One approach with faults. What the plant has learned is drawn, too: it may be of another wagon."""
-    kind, aid, seed = job
+    name, aid, seed = job
+    if name == TROLLEY:
+        return [TrolleyRun(aid, seed, with_faults=True).run()]
+    kind = VehicleKind(name)
     of = limits(kind)
     one = Approach(kind, aid, seed, settings(kind, aid), with_faults=True)
     if aid is Aid.SETPOINT and one.chance.random() < 0.7:
@@ -119,21 +131,32 @@ def figures(results: Sequence[Result], dead_band_mm: float, overshoot_mm: float)
     }
 
 
-def compared(first: int, approaches: int, jobs: int, kinds: Sequence[VehicleKind]) -> dict[str, Any]:
+def told_by(kind: str, aid: Aid) -> str:
+    return AIDS[aid] if kind == TROLLEY else aid.value
+
+
+def tolerances_mm(kind: str) -> tuple[float, float]:
+    """Past the place, and past the mark; of a spout, past the marker."""
+    if kind == TROLLEY:
+        return SPOUT_MM, SPOUT_MM
+    bay = settings(VehicleKind(kind), Aid.PLAIN).bays[0]
+    return limits(VehicleKind(kind))["dead_band_mm"], bay.guidance.overshoot_mm
+
+
+def compared(first: int, approaches: int, jobs: int, kinds: Sequence[str]) -> dict[str, Any]:
     numbers = range(first // RUNS, (first + approaches) // RUNS)
     todo = [(kind, aid, number) for number in numbers for kind in kinds for aid in Aid]
     results = played(todo, plant, jobs)
-    guidance = settings(kinds[0], Aid.PLAIN).bays[0].guidance
     rows = [
         figures(
-            [one for one in results if (one.kind, one.aid) == (kind.value, aid.value)],
-            limits(kind)["dead_band_mm"],
-            guidance.overshoot_mm,
+            [one for one in results if (one.kind, one.aid) == (kind, told_by(kind, aid))],
+            *tolerances_mm(kind),
         )
         for kind in kinds
         for aid in Aid
     ]
-    return {"first_seed": first, "rows": rows, "example": {aid.value: example(aid) for aid in Aid}}
+    examples = {"example": {aid.value: example(aid) for aid in Aid}} if EXAMPLE[0] in kinds else {}
+    return {"first_seed": first, "rows": rows, **examples}
 
 
 def example(aid: Aid) -> list[list[float]]:
@@ -147,16 +170,18 @@ def example(aid: Aid) -> list[list[float]]:
     return [[round(t_s, 2), round(mm - place_mm, 1), *(round(v, 1) for v in rest)] for t_s, mm, *rest in trace[::5]]
 
 
-def with_faults(first: int, approaches: int, jobs: int, kinds: Sequence[VehicleKind]) -> dict[str, Any]:
+def with_faults(first: int, approaches: int, jobs: int, kinds: Sequence[str]) -> dict[str, Any]:
     rows = []
-    for aid in Aid:
+    vehicles = [kind for kind in kinds if kind != TROLLEY]
+    for aid, some in ((aid, some) for some in (vehicles, [TROLLEY] if TROLLEY in kinds else []) if some for aid in Aid):
         count = approaches if aid is Aid.SETPOINT else approaches // 10
-        todo = [(kinds[seed % len(kinds)], aid, seed) for seed in range(first, first + count)]
+        todo = [(some[seed % len(some)], aid, seed) for seed in range(first, first + count)]
         results = played(todo, faulty, jobs)
         hit = [one for one in results if one.collided]
         rows.append(
             {
-                "aid": aid.value,
+                "kind": VEHICLES if some is vehicles else TROLLEY,
+                "aid": told_by(some[0], aid),
                 "approaches": len(results),
                 "collisions": len(hit),
                 "collided_with": dict(Counter(name for one in hit for name in set(one.faults)).most_common()),
@@ -169,10 +194,14 @@ def with_faults(first: int, approaches: int, jobs: int, kinds: Sequence[VehicleK
     return {"first_seed": first, "rows": rows}
 
 
-def told(kind: VehicleKind, aid: Aid, seed: int, *, faults: bool) -> None:
-    """One approach, at each change of the drive's state and each second."""
+def told(name: str, aid: Aid, seed: int, *, faults: bool) -> None:
+    """One approach, at each change of the drive's state and each second; of a trolley the tractor's before it."""
     trace: list[tuple[float, ...]] = []
-    one = Approach(kind, aid, seed, settings(kind, aid), with_faults=faults, trace=trace)
+    kind = VehicleKind.TRACTOR if name == TROLLEY else VehicleKind(name)
+    if name == TROLLEY:
+        one: Approach = TrolleyRun(aid, seed, with_faults=faults, trace=trace)
+    else:
+        one = Approach(kind, aid, seed, settings(kind, aid), with_faults=faults, trace=trace)
     for failure in one.failures:
         print(failure)
     result, last = one.run(), (-1.0, -1.0)
@@ -180,7 +209,7 @@ def told(kind: VehicleKind, aid: Aid, seed: int, *, faults: bool) -> None:
     for t_s, distance_mm, speed, reference, setpoint, state in trace:
         if (int(t_s), state) != last:
             last = (int(t_s), state)
-            name = DriveState(int(state)).name if aid is Aid.SETPOINT else "stop" if state else ""
+            name = DriveState(int(state)).name if one.aid is Aid.SETPOINT else "stop" if state else ""
             print(f"{t_s:6.2f} s  to the place {distance_mm - place_mm:7.1f} mm  {speed:6.1f} mm/s, reference "
                   f"{reference:5.1f}, setpoint {setpoint:5.1f}  {name}")  # fmt: skip
     print(result)
@@ -192,12 +221,12 @@ def main() -> int:
     parser.add_argument("--faults", type=int, metavar="N", help="instead, N approaches with random faults")
     parser.add_argument("--from", type=int, dest="first", default=UNSEEN, help="seed of the first; default %(default)s")
     parser.add_argument("--jobs", type=int, default=1, help="processes; default 1")
-    parser.add_argument("--kind", type=VehicleKind, choices=list(VehicleKind), help="this vehicle only")
+    parser.add_argument("--kind", choices=KINDS, help="this one only")
     parser.add_argument("--aid", type=Aid, choices=list(Aid), default=Aid.SETPOINT, help="of one that is told")
     parser.add_argument("--out", type=Path, default=RESULTS, help="the result file; default %(default)s")
     parser.add_argument("--seed", type=int, help="tell this one")
     args = parser.parse_args()
-    kinds = [args.kind] if args.kind else list(VehicleKind)
+    kinds = [args.kind] if args.kind else list(KINDS)
     if args.seed is not None:
         told(kinds[0], args.aid, args.seed, faults=bool(args.faults))
         return 0
@@ -206,13 +235,16 @@ def main() -> int:
     else:
         part, found = "comparison", compared(args.first, args.approaches, args.jobs, kinds)
     data = json.loads(args.out.read_text(encoding="utf-8")) if args.out.exists() else {}
-    data[part] = found
+    old = data.get(part, {})
+    new = {(row["kind"], row["aid"]) for row in found["rows"]}
+    rows = [*(row for row in old.get("rows", ()) if (row["kind"], row["aid"]) not in new), *found["rows"]]
+    data[part] = old | found | {"rows": rows}
     args.out.parent.mkdir(parents=True, exist_ok=True)
     text = re.sub(r"\[[^][{}]*\]", lambda row: " ".join(row[0].split()), json.dumps(data, indent=1))  # a row a line
     args.out.write_text(text + "\n", encoding="utf-8")
     for row in found["rows"]:
         print(json.dumps(row))
-    return int(any(row["collisions"] for row in found["rows"] if row["aid"] == Aid.SETPOINT.value))
+    return int(any(row["collisions"] for row in found["rows"] if row["aid"] != Aid.PLAIN.value))
 
 
 if __name__ == "__main__":

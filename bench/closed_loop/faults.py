@@ -1,8 +1,10 @@
-"""Random faults of one approach: of sensors, network, PLC, gateway. Pure, by seed."""
+"""Random faults of one approach: of sensors, network, PLC, drive, gateway. Pure, by seed."""
 
 from dataclasses import dataclass
 from enum import StrEnum
 from random import Random
+
+from gateway.core.drive import FASTER
 
 
 class Fault(StrEnum):
@@ -17,6 +19,7 @@ class Fault(StrEnum):
     CAMERA_STUCK = "camera repeats its last picture"
     CAMERA_LATE = "pictures arrive late"
     MARKER_HIDDEN = "marker hidden"
+    DRIVE_FASTER = "drive faster than its reference"
     POLL_LOST = "the PLC's polls are lost"
     GATEWAY_KILLED = "gateway killed, and back"
     CONTROL_HELD = "control task held"
@@ -24,7 +27,7 @@ class Fault(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """`amount`: mm of an echo, s of a delay; else 0."""
+    """`amount`: mm of an echo, s of a delay, times its reference of a drive; else 0."""
 
     fault: Fault
     at_s: float
@@ -38,6 +41,7 @@ AMOUNTS = {
     Fault.RANGER_WILD: (100.0, 3500.0),
     Fault.RANGER_LATE: (0.05, 0.5),
     Fault.CAMERA_LATE: (0.05, 0.5),
+    Fault.DRIVE_FASTER: (1.02, FASTER),
 }
 
 

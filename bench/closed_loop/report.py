@@ -69,12 +69,12 @@ def comparison() -> str:
 def faults() -> str:
     found = results()["faults"]
     lines = [
-        "| driven by | approaches | collisions | in place in the end | farthest past the mark, mm |",
-        "|---" * 5 + "|",
+        "| what | driven by | approaches | collisions | in place in the end | farthest past the mark, mm |",
+        "|---" * 6 + "|",
     ]
     for row in found["rows"]:
         lines.append(
-            f"| {row['aid']} | {row['approaches']:,} | {row['collisions']} | {row['in_place']:.0%} "
+            f"| {row['kind']} | {row['aid']} | {row['approaches']:,} | {row['collisions']} | {row['in_place']:.0%} "
             f"| {row['deepest_mm']:.0f} |"
         )
     return "\n".join([*lines, "", f"One to three faults in each, seeds from {found['first_seed']}."])
