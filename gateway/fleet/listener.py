@@ -8,7 +8,7 @@ import sqlite3
 from gateway.clock import Clock
 from gateway.durations import NS_PER_MS
 from gateway.fleet.config import FleetConfig
-from gateway.fleet.roster import Change, Key, Known, Roster
+from gateway.fleet.roster import GatewayChange, Key, Known, Roster
 from gateway.fleet.store import FleetStore
 from gateway.sinks.mqtt.broker_link import BrokerLink
 from gateway.sinks.mqtt.session import BrokerSession
@@ -33,7 +33,7 @@ class Listener:
             config.mqtt, config.mqtt.client_id or f"fleet-{socket.gethostname()}", clock=clock
         )
         self._unwritten: dict[Key, None] = {}
-        self._changes: list[Change] = []
+        self._changes: list[GatewayChange] = []
         self._failing = False
 
     @property
@@ -73,12 +73,12 @@ class Listener:
         """Writes the rest; waits for the disk."""
         self._written(*self._take())
 
-    def _take(self) -> tuple[list[Known], list[Change]]:
+    def _take(self) -> tuple[list[Known], list[GatewayChange]]:
         taken = [self.roster.known[key] for key in self._unwritten], self._changes
         self._unwritten, self._changes = {}, []
         return taken
 
-    def _written(self, known: list[Known], changes: list[Change]) -> bool:
+    def _written(self, known: list[Known], changes: list[GatewayChange]) -> bool:
         """A disk that fails is logged once."""
         try:
             self._store.keep(known, changes)
@@ -90,7 +90,7 @@ class Listener:
         self._failing = False
         return True
 
-    def changes(self, key: Key) -> list[Change]:
+    def changes(self, key: Key) -> list[GatewayChange]:
         """What is written of it, and what is not yet; the newest first."""
         waiting = [change for change in reversed(self._changes) if change.key == key]
         try:

@@ -69,7 +69,7 @@ class _Own(msgspec.Struct, frozen=True):
     pages: str | None = None
 
 
-class Status(msgspec.Struct, frozen=True):
+class GatewayStatus(msgspec.Struct, frozen=True):
     """What of a status is read."""
 
     site: str
@@ -83,7 +83,7 @@ class Status(msgspec.Struct, frozen=True):
     health: tuple[BayHealth, ...] = ()
 
 
-class Life(StrEnum):
+class GatewayLife(StrEnum):
     """Of a gateway, as the fleet page knows it."""
 
     ONLINE = "online"
@@ -93,7 +93,7 @@ class Life(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class GatewayChange:
     """Something that has changed of a gateway."""
 
     t_ms: int
@@ -108,9 +108,9 @@ class Known:
     """A gateway. `heard_ms`: when it last proved that it lives; None: not since this program listens. `last`: its last
     status that was not a last will, and its bytes."""
 
-    status: Status
+    status: GatewayStatus
     heard_ms: int | None = None
-    last: Status | None = None
+    last: GatewayStatus | None = None
     text: bytes = b""
 
 
@@ -125,7 +125,7 @@ class Roster:
     damaged: int = 0
     left_out: int = 0  # statuses of more than MAX_GATEWAYS
 
-    def heard(self, topic: str, payload: bytes, now_ms: int) -> tuple[Key | None, list[Change]]:
+    def heard(self, topic: str, payload: bytes, now_ms: int) -> tuple[Key | None, list[GatewayChange]]:
         """Takes one message of a status topic. None: it is none."""
         if not payload:  # a retained status that was cleared
             return None, []
@@ -144,13 +144,17 @@ class Roster:
         self.known[key] = Known(status, heard_ms, last, text)
         return key, [] if before is None else list(_changes(before, self.known[key], key, now_ms))
 
-    def life(self, key: Key, now_ms: int) -> Life:
+    def life(self, key: Key, now_ms: int) -> GatewayLife:
         one = self.known.get(key)
         if one is None:
-            return Life.NEVER
+            return GatewayLife.NEVER
         if one.status.status != "online":
-            return Life.OFFLINE
-        return Life.ONLINE if one.heard_ms is not None and now_ms - one.heard_ms <= self.silent_ms else Life.SILENT
+            return GatewayLife.OFFLINE
+        return (
+            GatewayLife.ONLINE
+            if one.heard_ms is not None and now_ms - one.heard_ms <= self.silent_ms
+            else GatewayLife.SILENT
+        )
 
     def deviations(self, key: Key) -> list[str]:
         """From the inventory, or from what the gateway itself says was reviewed; in words."""
@@ -172,7 +176,7 @@ class Roster:
     def attention(self, key: Key, now_ms: int) -> list[str]:
         """Why somebody should look at this gateway, the most important first; in words."""
         life, one = self.life(key, now_ms), self.known.get(key)
-        found = [str(life)] if life is not Life.ONLINE else []
+        found = [str(life)] if life is not GatewayLife.ONLINE else []
         found += self.deviations(key)
         last = None if one is None else one.last
         if last is None or last.gateway is None:
@@ -199,7 +203,7 @@ def bay_attention(health: BayHealth) -> list[str]:
     return found
 
 
-def decoded(payload: bytes) -> Status | None:
+def decoded(payload: bytes) -> GatewayStatus | None:
     """None: it is no status."""
     if len(payload) > MAX_PAYLOAD_BYTES:
         return None
@@ -209,11 +213,11 @@ def decoded(payload: bytes) -> Status | None:
         return None
 
 
-def _changes(before: Known, after: Known, key: Key, now_ms: int) -> Iterator[Change]:
+def _changes(before: Known, after: Known, key: Key, now_ms: int) -> Iterator[GatewayChange]:
     old, new = _facts(before), _facts(after)
     for what in dict.fromkeys([*old, *new]):
         if old.get(what, "") != new.get(what, ""):
-            yield Change(now_ms, key, what, old.get(what, ""), new.get(what, ""))
+            yield GatewayChange(now_ms, key, what, old.get(what, ""), new.get(what, ""))
 
 
 def _facts(one: Known) -> dict[str, str]:
@@ -228,4 +232,4 @@ def _facts(one: Known) -> dict[str, str]:
     return found
 
 
-_DECODER = msgspec.json.Decoder(Status)
+_DECODER = msgspec.json.Decoder(GatewayStatus)

@@ -5,7 +5,7 @@ from typing import Any
 
 from prometheus_client.core import GaugeMetricFamily, Metric
 
-from gateway.fleet.roster import BayHealth, Key, Life, Roster, bay_attention
+from gateway.fleet.roster import BayHealth, GatewayLife, Key, Roster, bay_attention
 
 PREFIX = "loading_fleet_"
 _HELP = {
@@ -35,7 +35,7 @@ def _rows_of(roster: Roster, key: Key, now_ms: int) -> Iterator[dict[str, Any]]:
         "certificate_days": None if own is None else min(own.certificate_days.values(), default=None),
         "deviates": bool(roster.deviations(key)),
     }
-    live = shared["life"] is Life.ONLINE
+    live = shared["life"] is GatewayLife.ONLINE
     for health in (last.health if last is not None else ()) or (BayHealth(""),):
         marker, visit, alarms = health.marker, health.last_visit, health.alarms
         yield shared | {
@@ -69,7 +69,7 @@ def metrics(roster: Roster, now_ms: int, *, connected: bool) -> Iterator[Metric]
     drift = family("gateway_deviates", "1: not as the inventory, or not as reviewed", ["site", "gateway"])
     days = family("gateway_certificate_days", "until its first certificate ends", ["site", "gateway"])
     for key, row in gateways.items():
-        up.add_metric(key, float(row["life"] is Life.ONLINE))
+        up.add_metric(key, float(row["life"] is GatewayLife.ONLINE))
         drift.add_metric(key, float(row["deviates"]))
         if row["certificate_days"] is not None:
             days.add_metric(key, float(row["certificate_days"]))

@@ -7,7 +7,7 @@ from pathlib import Path
 from msgspec import structs
 
 from gateway.errors import ConfigError
-from gateway.fleet.roster import Change, Key, Known, decoded
+from gateway.fleet.roster import GatewayChange, Key, Known, decoded
 
 VERSION = 1
 SCHEMA = f"""
@@ -47,7 +47,7 @@ class FleetStore:
                 found[last.site, last.instance] = Known(structs.replace(last, status=life), None, last, text)
         return found
 
-    def keep(self, known: Iterable[Known], changes: Iterable[Change]) -> None:
+    def keep(self, known: Iterable[Known], changes: Iterable[GatewayChange]) -> None:
         """Together or not at all. Raises sqlite3.Error."""
         with self._db:
             self._db.executemany(
@@ -62,7 +62,10 @@ class FleetStore:
                 "DELETE FROM changes WHERE number <= (SELECT max(number) FROM changes) - ?", (MAX_CHANGES,)
             )
 
-    def changes(self, key: Key) -> list[Change]:
+    def changes(self, key: Key) -> list[GatewayChange]:
         """The newest of a gateway, the newest first. Raises sqlite3.Error."""
         query = "SELECT t_ms, what, was, now FROM changes WHERE site = ? AND instance = ? ORDER BY number DESC LIMIT ?"
-        return [Change(t, key, what, was, now) for t, what, was, now in self._db.execute(query, (*key, SHOWN_CHANGES))]
+        return [
+            GatewayChange(t, key, what, was, now)
+            for t, what, was, now in self._db.execute(query, (*key, SHOWN_CHANGES))
+        ]

@@ -8,7 +8,7 @@ from prometheus_client.core import Metric
 
 from gateway.fleet import rows
 from gateway.fleet.config import ExpectedGateway
-from gateway.fleet.roster import MAX_GATEWAYS, MAX_PAYLOAD_BYTES, Life, Roster, decoded
+from gateway.fleet.roster import MAX_GATEWAYS, MAX_PAYLOAD_BYTES, GatewayLife, Roster, decoded
 from gateway.sinks.mqtt.payloads import encode
 from tools import mqtt
 
@@ -44,27 +44,27 @@ def alive(**changes: Any) -> Roster:
 def test_a_retained_status_proves_nothing_before_another_one_follows() -> None:
     roster = Roster()
     roster.heard(TOPIC, status(1000), 5_000)
-    assert roster.life(KEY, 5_000) is Life.SILENT
+    assert roster.life(KEY, 5_000) is GatewayLife.SILENT
     roster.heard(TOPIC, status(1000), 6_000)  # the retained one again, after a new connection
-    assert roster.life(KEY, 6_000) is Life.SILENT
+    assert roster.life(KEY, 6_000) is GatewayLife.SILENT
     roster.heard(TOPIC, status(2000), 7_000)
-    assert roster.life(KEY, 7_000) is Life.ONLINE
-    assert roster.life(KEY, 37_000) is Life.ONLINE
-    assert roster.life(KEY, 37_001) is Life.SILENT
+    assert roster.life(KEY, 7_000) is GatewayLife.ONLINE
+    assert roster.life(KEY, 37_000) is GatewayLife.ONLINE
+    assert roster.life(KEY, 37_001) is GatewayLife.SILENT
 
 
 def test_a_clock_that_is_wrong_does_not_matter() -> None:
     roster = Roster()
     for n, t_ms in enumerate((9_000_000_000_000, 5)):
         roster.heard(TOPIC, status(t_ms), 5_000 + n)
-    assert roster.life(KEY, 5_001) is Life.ONLINE
+    assert roster.life(KEY, 5_001) is GatewayLife.ONLINE
 
 
 def test_a_last_will_is_offline_and_what_was_known_is_kept() -> None:
     roster = alive()
     _, changes = roster.heard(TOPIC, last_will(), 7_000)
     assert [(change.what, change.was, change.now) for change in changes] == [("status", "online", "offline")]
-    assert roster.life(KEY, 7_000) is Life.OFFLINE
+    assert roster.life(KEY, 7_000) is GatewayLife.OFFLINE
     (row,) = rows.rows(roster, 7_000)
     assert (row["version"], row["certificate_days"], row["attention"]) == ("0.2.0", 20, ["offline"])
     assert (row["ne107"], row["alarms"], row["veil"]) == ("", None, None), "nothing of before looks like now"

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from gateway.errors import ConfigError
-from gateway.fleet.roster import Change, Life, Roster
+from gateway.fleet.roster import GatewayChange, GatewayLife, Roster
 from gateway.fleet.store import SHOWN_CHANGES, FleetStore
 from tests.unit.fleet.test_roster import KEY, TOPIC, alive, last_will
 
@@ -20,7 +20,7 @@ def test_a_gateway_is_known_after_a_restart_and_not_taken_for_alive(tmp_path: Pa
     store = FleetStore(path)
     again = Roster(known=store.read())
     assert again.known[KEY].last == roster.known[KEY].last
-    assert again.life(KEY, 7_000) is Life.OFFLINE
+    assert again.life(KEY, 7_000) is GatewayLife.OFFLINE
     assert again.heard(TOPIC, last_will(), 9_000) == (KEY, []), "what was known is no change"
     assert store.changes(KEY) == changes
     assert store.changes(("north", "other")) == []
@@ -29,7 +29,7 @@ def test_a_gateway_is_known_after_a_restart_and_not_taken_for_alive(tmp_path: Pa
 
 def test_the_newest_changes_are_shown(tmp_path: Path) -> None:
     store = FleetStore(tmp_path / "fleet.sqlite")
-    made = [Change(n, KEY, "version", str(n), str(n + 1)) for n in range(SHOWN_CHANGES + 5)]
+    made = [GatewayChange(n, KEY, "version", str(n), str(n + 1)) for n in range(SHOWN_CHANGES + 5)]
     store.keep((), made)
     assert store.changes(KEY) == made[: -SHOWN_CHANGES - 1 : -1]
     store.close()
