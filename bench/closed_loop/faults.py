@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from random import Random
 
-from gateway.core.drive import FASTER
+from gateway.core.stopping_way import FASTER
 
 
 class Fault(StrEnum):

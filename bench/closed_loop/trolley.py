@@ -92,7 +92,7 @@ class TrolleyRun(Approach):
                 past_mm = max(past_mm, math.copysign(1, marker) * at - abs(marker))
             collided = self.over.lowered and self.off_mm > SPOUT_MM
             lowered_s = None if not self.over.lowered else self.t_s if lowered_s is None else lowered_s
-            if lowered_s is not None and self.t_s - lowered_s >= STOOD_S and self.t_s >= self._ended_s():
+            if lowered_s is not None and self.t_s - lowered_s >= STOOD_S and self.t_s >= self._ended_s(self.t_s):
                 break
         way_mm = max(map(abs, self.marker_mm))
         return Result(

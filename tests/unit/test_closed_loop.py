@@ -24,9 +24,9 @@ from bench.closed_loop.plc import (
 )
 from bench.closed_loop.trolley import TrolleyRun, disc_mm
 from gateway.core.detection import Circle
-from gateway.core.drive import FASTER
 from gateway.core.pose import MetricPose
 from gateway.core.state import Reason
+from gateway.core.stopping_way import FASTER
 from gateway.modbus.exports.approach import ApproachEnd
 from gateway.sim.vehicles import VehicleKind
 
