@@ -361,6 +361,40 @@ def test_a_relay_that_is_not_reported_keeps_its_row(operator: Open) -> None:
         expect(row).to_have_count(0)
 
 
+def test_drive_and_pose_are_told_where_they_are_configured(operator: Open) -> None:
+    def says(drive: dict[str, Any] | None, pose: dict[str, Any] | None, *, placed: bool) -> Any:
+        message = live([state("bay1", drive=drive, pose=pose)])
+        message["bays"][0]["pose"] = placed
+        return message
+
+    def rows() -> list[str]:
+        return [" ".join(row.split()) for row in part.locator("dl > div").all_inner_texts()]
+
+    drive = {"enable": True, "state": "APPROACH", "speed_setpoint_mm_s": 139.2, "stopping_mm": 256.4}
+    pose = {"x_mm": -24.12, "y_mm": 0.04, "z_mm": 312.0, "x_sd_mm": 0.94, "y_sd_mm": 0.5, "z_sd_mm": 2.68}
+    page = operator(says(drive, pose, placed=True))
+    part = page.locator("[aria-labelledby=health-title] .parts > li", has=page.get_by_text(re.compile("^(Drive|Posi)")))
+    told = ["enabled yes", "setpoint 139 mm/s", "stopping distance 256 mm"]
+    until(
+        page,
+        lambda: rows() == [*told, "to the right −24.1 ± 0.9 mm", "downwards 0.0 ± 0.5 mm", "to go +312 ± 3 mm"],
+    )
+    expect(part).to_contain_text("on its way")
+    for width_px in (390, 1366, 1920):
+        page.set_viewport_size({"width": width_px, "height": 900})
+        judgements.no_word_is_cut(page)
+    stands = {"enable": False, "state": "INHIBITED", "speed_setpoint_mm_s": 0.0, "stopping_mm": None}
+    none = ["to the right –", "downwards –", "to go –"]
+    say(page, says(stands, None, placed=True))
+    until(page, lambda: rows() == ["enabled no", "setpoint 0 mm/s", "stopping distance –", *none])
+    say(page, says(None, None, placed=True))
+    until(page, lambda: rows() == none)
+    say(page, says(stands, None, placed=False))
+    until(page, lambda: rows() == ["enabled no", "setpoint 0 mm/s", "stopping distance –"])
+    say(page, says(None, None, placed=False))
+    expect(part).to_have_count(0)
+
+
 @pytest.mark.long
 def test_on_a_telephone_the_page_begins_high(operator: Open) -> None:
     page = operator(live([state("bay1")]), width_px=390)

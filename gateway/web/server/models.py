@@ -124,6 +124,7 @@ class BayView(View):
     relay: bool = Field(
         False, description="`ranger.hcsr04.relay` is configured; `state.relay` has what is reported of it"
     )
+    pose: bool = Field(False, description="the metric pose is configured; `state.pose` has it where it is known")
     stage_ms: dict[str, float] = Field(description="time of each stage of vision in the newest frame; empty: no result")
 
 

@@ -3,6 +3,7 @@
 from gateway import __version__
 from gateway.config import BayConfig, GatewayConfig, RecipeConfig
 from gateway.core.interlock import Recipe
+from gateway.core.pose import Sight, true_radius_mm
 from gateway.core.readings import VisionReading
 from gateway.core.state import Guidance, GuidanceCode, StateVector
 from gateway.durations import NS_PER_MS
@@ -62,6 +63,7 @@ def bay_view(client: GatewayClient, config: BayConfig) -> BayView:
         function_check="OFF" if report is None else report.now.state.function_check.name,
         method=None if report is None else report.now.vision.method,
         relay=config.ranger.has_relay,
+        pose=Sight.of(config) is not None and true_radius_mm(guidance, fusion.cross_check) is not None,
         stage_ms={}
         if report is None
         else {stage: round(took_ns / NS_PER_MS, 3) for stage, took_ns in report.now.state.vision.stage_ns},

@@ -58,6 +58,23 @@ async def test_a_page_knows_a_relay_that_is_not_reported() -> None:
 
 
 @in_virtual_time
+async def test_a_page_knows_whether_the_pose_is_configured() -> None:
+    """By the lens and the marker's size, of which the cross-check's is one."""
+    lens, check = (
+        {"intrinsics": {"fx": 6e2, "fy": 6e2, "cx": 3e2, "cy": 2e2}},
+        {"focal_px": 6e2, "marker_radius_mm": 90},
+    )
+    async with plant(keep=False) as made:
+        for sections, placed in (
+            ({"vision": lens}, False),
+            ({"guidance": {"marker_radius_mm": 90}}, False),
+            ({"vision": lens, "guidance": {"marker_radius_mm": 90}}, True),
+            ({"vision": lens, "fusion": {"cross_check": check}}, True),
+        ):
+            assert views.bay_view(made.client, parse(sections).bays[0]).pose is placed, sections
+
+
+@in_virtual_time
 async def test_the_live_view_of_the_alarms_is_that_of_the_operator_s_page() -> None:
     async with plant() as made:
         made.conditions = replace(made.conditions, crashes=1, crashed="mqtt.deliver: KeyError")

@@ -37,3 +37,6 @@ export const signedDistance = (mm, decimals = 0) => signed(inUnit(mm), places(de
 
 /** With its sign. @param {number|null|undefined} mmPerS */
 export const signedSpeed = (mmPerS) => signed(inUnit(mmPerS), places(0), `${lengthUnit()}/s`);
+
+/** One that has no direction. @param {number|null|undefined} mmPerS */
+export const speed = (mmPerS) => number(inUnit(mmPerS), places(0), `${lengthUnit()}/s`);

@@ -6,6 +6,7 @@ import { t, text } from '../lib/lang.js';
 import { saidText } from '../lib/said.js';
 import { pictureHealth, plcHealth, rangeHealth, visionHealth } from '../lib/views.js';
 import { quantity } from '../lib/quantity.js';
+import { distance, inUnit, places, speed } from '../lib/units.js';
 import { useKept } from './hooks.js';
 import { Health as Sign } from './signs.js';
 
@@ -110,14 +111,19 @@ function relay(configured, shown) {
   return [['relay', shown.fault ? text('{0} (not as commanded)', t(on)) : on]];
 }
 
-/** A drive that moves the vehicle; and where its marker is against its place, with standard deviations. */
-function drive(state) {
+/** A drive that moves the vehicle; and where its marker is against its place, with standard deviations. `placed`: that is configured. */
+function drive(state, placed) {
   const [told, at] = [state?.drive, state?.pose];
-  const place = (axis) => (at ? `${signed(at[`${axis}_mm`], 1)} ± ${number(at[`${axis}_sd_mm`], 1, 'mm')}` : NONE);
-  const facts = told ? [['setpoint', number(told.speed_setpoint_mm_s, 0, 'mm/s')], ['stopping distance', number(told.stopping_mm, 0, 'mm')]] : [];
-  if (at) facts.push(['to the right', place('x')], ['downwards', place('y')], ['to go', place('z')]);
-  if (facts.length === 0) return '';
+  if (!told && !placed) return '';
+  const place = (axis) => {
+    if (!at) return NONE;
+    const [mm, sd] = [at[`${axis}_mm`], at[`${axis}_sd_mm`]];
+    const decimals = Math.abs(mm) < 100 ? 1 : 0;
+    return `${signed(inUnit(mm), places(decimals))} ± ${distance(sd, decimals)}`;
+  };
   const sign = told && html`<${Sign} state=${told.enable || told.state === 'AT_PLACE' ? 'ok' : 'off'} text=${DRIVE[told.state] ?? words(told.state)} />`;
+  const facts = told ? [['enabled', told.enable ? 'yes' : 'no'], ['setpoint', speed(told.speed_setpoint_mm_s)], ['stopping distance', distance(told.stopping_mm)]] : [];
+  if (placed) facts.push(['to the right', place('x')], ['downwards', place('y')], ['to go', place('z')]);
   return html`<${Part} name=${told ? 'Drive' : 'Position'} sign=${sign} facts=${facts} />`;
 }
 
@@ -125,7 +131,7 @@ const DRIVE = {
   INHIBITED: 'may not run', NO_DISTANCE: 'no distance', APPROACH: 'on its way', CREEP: 'creeping', SETTLE: 'running out', AT_PLACE: 'at its place',
 };
 
-export function Health({ state, links, hasRelay }) {
+export function Health({ state, links, hasRelay, hasPose }) {
   const [open, setOpen] = useKept('operator.counters', false);
   const [mqtt, reads, gateway] = [broker(links), modbus(links), tasks(links)];
   const unknown = html`<${Sign} state="off" text="not known" />`;
@@ -144,7 +150,7 @@ export function Health({ state, links, hasRelay }) {
       <${Part} name="PLC"
         sign=${state ? html`<${Sign} state=${plcHealth(state)} text=${{ UNUSED: 'reads only', WAITING: 'no heartbeat yet', ALIVE: 'heartbeat alive', LOST: 'heartbeat lost' }[state.plc.link] ?? words(state.plc.link)} />` : unknown}
         facts=${[['heartbeat', state?.plc.age_ms == null ? NONE : age(state.plc.age_ms)], ['recipe', count(state?.plc.recipe)], ['writes', count(state?.plc.writes)], ['conflicts', count(state?.plc.write_conflicts)]]} />
-      ${drive(state)}
+      ${drive(state, hasPose)}
       <${Part} name="Modbus" detail=${reads.detail} sign=${html`<${Sign} state=${reads.state} text=${reads.text} />`} facts=${reads.facts} />
       <${Part} name="Broker" detail=${mqtt.detail} sign=${html`<${Sign} state=${mqtt.state} text=${mqtt.text} />`} facts=${mqtt.facts} />
       <${Part} name="Gateway" detail=${gateway.detail} sign=${html`<${Sign} state=${gateway.state} text=${gateway.text} />`} facts=${gateway.facts} />

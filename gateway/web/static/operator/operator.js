@@ -89,7 +89,7 @@ function App({ session }) {
   const wide = shape > 1.5;
   const large = useMedia('(min-width: 1700px)'); // there is room for events under a wide picture, and for health beside it
   const events = html`<${Events} bay=${bay} newest=${newest} session=${session} />`;
-  const health = html`<${Health} state=${state} hasRelay=${one?.relay} links=${known ? view?.links ?? null : null} />`;
+  const health = html`<${Health} state=${state} hasRelay=${one?.relay} hasPose=${one?.pose} links=${known ? view?.links ?? null : null} />`;
   titled(bay === null ? 'Loading bays' : '{0}', called(bay ?? ''));
 
   return html`
