@@ -56,7 +56,10 @@ NOT_TEXTS = {
     "({0}, {1}) lies beside the picture of {2} x {3} px", "Value error, ", "id = {0}  # of [[recipes]]",
     'name = "{0}"  # of [[bays]]', "not allowed: {0}: {1}",
 }  # fmt: skip
-READ = {"aria-label", "title", "placeholder", "alt", "aria-valuetext", "label", "name", "text", "note", "more", "unit"}
+READ = {
+    *("aria-label", "title", "placeholder", "alt", "aria-valuetext", "label", "name", "text", "note", "more", "unit"),
+    "data-name",  # on narrow screens
+}
 VALUE = "\x00"  # stands for an expression in a template
 NAME = "\x01"  # for one whose value is no number: a name, or a text that is looked up by itself
 NAMES = {"name", "fault", "before.who", "', '.join(cut)", "_not_good(state)", "' '.join(str(error).split())"}
@@ -245,7 +248,7 @@ def of_the_states() -> set[str]:
 
 def of_the_details() -> set[str]:
     """The sentences of events, faults and alarms, which travel as codes with values; and the words among these."""
-    words = {each.value.replace("_", " ") for each in (*AlarmEvent, *AlarmState)}
+    words = {each.value.replace("_", " ") for each in (*AlarmEvent, *AlarmState)} | {"cross check"}
     return {detail.text for detail in sentences.SENTENCES.details if _words(detail.text)} | words
 
 

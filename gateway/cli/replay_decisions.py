@@ -11,8 +11,10 @@ from gateway.records import recording
 from gateway.records.excerpt import asked_span, needed
 from gateway.records.moment import shown
 from gateway.records.replay_jobs import found_by
-from gateway.records.replay_portions import Cells, Portion, ReplayJob
-from gateway.vision.offline.reports.tables import ReportTable
+from gateway.records.replay_portions import Cells, Portion, ReplayJob, Row
+from gateway.vision.offline.reports.tables import Cell, ReportTable
+
+WITH_ALL_COLUMNS = 120  # characters of the terminal; on a narrower one without R, Z and pictures, which --json has
 
 
 def run(args: argparse.Namespace, other: GatewayConfig | None) -> int:
@@ -86,11 +88,19 @@ def _print_otherwise(found: Portion, *, as_json: bool) -> int:
     if not intervals:
         print("no output would have been other")
         return int(bool(found.missing))
-    heads = ("time", "for", "output", "reason then", "reason now", "R px", "Z mm", "pictures")
-    tables.show(tables.console(), ReportTable("", heads, [("", tuple(row.values())) for row in intervals]))
+    out = tables.console()
+    heads = ("time", "for", "output", "reason", "R px", "Z mm", "pictures")
+    shown_columns = slice(1, None if out.width >= WITH_ALL_COLUMNS else 4)
+    tables.show(out, ReportTable("", heads, [("", _interval_cells(row)) for row in intervals]), shown_columns)
     seconds = sum(seconds for seconds, _ in found.intervals)
     print(f"{len(intervals)} times, {seconds:.1f} s in all, an output would have been other")
     return 1
+
+
+def _interval_cells(row: Row) -> tuple[Cell, ...]:
+    outputs = row["outputs"].replace(", ", "\n"), "left"
+    reason = f"{row['reason_then']}\n-> {row['reason_now']}", "left"
+    return row["time"], row["seconds"], outputs, reason, row["radius_px"], row["distance_mm"], row["pictures"]
 
 
 def _truck_cells(row: Cells) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ import cv2
 import msgspec
 
 from gateway.clock import machine_ns
+from gateway.core import details
 from gateway.durations import NS_PER_S
 from gateway.errors import LinkError
 from gateway.processes.channel import Channel
@@ -178,11 +179,11 @@ class Recorder:
         ]
         matter = matters(incident.why)
         if missing := len(incident.pictures) - len(blocks):
-            self._not_kept(bay, incident, missing, "picture_mb_per_day is used up", matters=matter)
+            self._not_kept(bay, incident, missing, details.PICTURES_BUDGET(), matters=matter)
         if matter and not incident.pictures:
-            self._not_kept(bay, incident, 0, "none was there", matters=False)
+            self._not_kept(bay, incident, 0, details.PICTURES_NONE(), matters=False)
         if incident.dropped:
-            self._not_kept(bay, incident, incident.dropped, "too large for the memory", matters=matter)
+            self._not_kept(bay, incident, incident.dropped, details.PICTURES_TOO_LARGE(), matters=matter)
         try:
             if blocks:
                 bay.store.pictures(blocks, matter=matter)
@@ -193,7 +194,7 @@ class Recorder:
 
     def _not_kept(self, bay: _Bay, incident: Incident, number: int, why: str, *, matters: bool) -> None:
         number_of = len(incident.pictures) + incident.dropped
-        detail = f"{number} of {number_of} pictures of {', '.join(incident.why)}: {why}"
+        detail = details.PICTURES_NOT_KEPT(number, number_of, ", ".join(incident.why), why)
         self._channel.send(PicturesNotKept(bay.job.head.bay, number, detail, matters))
 
     def _tidy(self) -> None:

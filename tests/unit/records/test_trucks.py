@@ -1,6 +1,7 @@
 """`gateway replay --against` by truck, and of a part of the recording."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -146,3 +147,23 @@ def test_words(visit: Recorded, tmp_path: Path, capsys: pytest.CaptureFixture[st
     said = capsys.readouterr().out
     assert "in place then" in said
     assert " mm earlier" in said
+
+
+@pytest.mark.parametrize(("width", "heads"), [(80, 4), (124, 7)])
+def test_a_narrow_terminal_shows_times_and_outputs_whole(
+    visit: Recorded, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, width: int,
+    heads: int,
+) -> None:  # fmt: skip
+    monkeypatch.setattr("gateway.cli.tables.WIDTH", width)
+    config = tmp_path / "other.toml"
+    config.write_text(f"[fusion]\nradius_threshold_px = 280\n{PLC}")
+    assert main(["replay", str(visit.path), "--against", str(config)]) == 1
+    lines = capsys.readouterr().out.splitlines()[1:]  # without the summary
+    assert max(map(len, lines)) <= width
+    (head,) = (n for n, line in enumerate(lines) if line.split()[:1] == ["time"])
+    names = ("time", "for", "output", "reason", "R px", "Z mm", "pictures")
+    assert [name for name in names if name in lines[head]] == [*names[:heads]]
+    first, second = (line.split("  ") for line in lines[head + 2 : head + 4])
+    assert re.fullmatch(r" \d{4}-\d\d-\d\d \d\d:\d\d:\d\d\.\d{3}[+-]\d\d:\d\d", first[0])
+    assert {"stop 1 -> 0", "target_reached"} <= {cell.strip() for cell in first}
+    assert {"may_move 0 -> 1", "-> none"} <= {cell.strip() for cell in second}

@@ -71,7 +71,7 @@ export function Visits({ bay, every, place, alarms, sinceMs, untilMs, chosen, ch
           <td class="right nowrap" data-name="Z">${quantity(distance(visit.distance_mm))}</td>
           <td class="right nowrap" data-name="offset">${quantity(visit.offset_mm === null ? signed(visit.offset_px, 1, 'px') : signedDistance(visit.offset_mm))}</td>
           <td class="right" data-name="corrections">${number(visit.corrections)}</td>
-          <td>${visit.moved !== 'NO' && html`<span class=${`tag ${visit.unintended ? 'bad' : ''}`}>${text('moved: {0}', t(words(visit.moved)))}</span> `}
+          <td>${visit.moved !== 'NO' && html`<span class=${`tag ${visit.unintended ? 'bad' : ''}`}>${visit.moved === 'DISTANCE' ? 'moved: distance' : 'moved: marker'}</span> `}
             ${visit.faults.length > 0 && html`<span class="tag warn">${faultsText(visit)}</span> `}
             ${visit.interrupted && html`<span class="tag">interrupted</span> `}
             ${listed([visit.to_position_s === null ? t('never in place') : visit.released_s === null && t('not released'), visit.end !== 'clear' && t(words(visit.end))])}</td>

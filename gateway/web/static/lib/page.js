@@ -12,7 +12,7 @@ import { catalogued, choice, chosen, isMade, languages, load, missed } from './l
 
 export { createContext, h, render, useCallback, useContext, useEffect, useErrorBoundary, useLayoutEffect, useMemo, useReducer, useRef, useState } from '../vendor/preact-htm.js';
 
-const READ = ['aria-label', 'title', 'placeholder', 'alt', 'aria-valuetext', 'aria-description'];
+const READ = ['aria-label', 'title', 'placeholder', 'alt', 'aria-valuetext', 'aria-description', 'data-name']; // data-name: shown beside the value on narrow screens
 // A value as lib/format.js writes it: a time with its date, a number with its unit (joined by a narrow space), or none.
 const VALUE = /\d+\u202f(?:min|h) \d+\u202f(?:s|min)|\d{4}-\d\d-\d\d(?: \d\d:\d\d(?::\d\d(?:\.\d+)?)?)?(?: [+-]\d\d:\d\d)?|[+\u2212-]?\d+(?:[.,:\u202f]\d+)*(?:e[+-]?\d+)?(?:\u202f[^\s\d.,;)]+)*|(?<!\S)\u2013(?!\S)/g;
 const UNITS = /(?<![\p{L}\d])(?:[mcdk]?m|px|in|ft|[mµ]?s|min|Hz|dB|MB|MiB|GiB)(?![\p{L}\d])/gu;

@@ -2,8 +2,9 @@
 
 import { catalogued, listed } from './lang.js';
 
-/** A value that is a word, such as the name of a sensor, is looked up, too. */
-const value = (of) => (Array.isArray(of) ? sentences(of) : catalogued(of.replaceAll('_', ' ')) ?? of);
+const word = (of) => catalogued(of.replaceAll('_', ' ')) ?? of;
+/** Values that are words, such as names of sensors and events, are looked up, too. */
+const value = (of) => (Array.isArray(of) ? sentences(of) : catalogued(of) ?? of.split(', ').map(word).join(', '));
 const sentence = ({ text, values }) => (catalogued(text, parseFloat(values[0])) ?? text).replace(/\{(\d)\}/g, (_, n) => value(values[Number(n)]));
 const sentences = (said) => said.map(sentence).join(', ');
 
