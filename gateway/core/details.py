@@ -194,6 +194,7 @@ LINK_LOST_WHY = Detail("link_lost_why", "{0}: connection lost: {1}", words=(0, 1
 NO_LINK = Detail("no_link", "{0}: no connection within {1} s", words=(0,))
 NO_ACKNOWLEDGEMENT = Detail("no_acknowledgement", "{0}: no acknowledgement within {1} s", words=(0,))
 PICTURES_NOT_KEPT = Detail("pictures_not_kept", "{0} of {1} pictures of {2}: {3}", words=(2, 3))
+PICTURES_OF_BAY = Detail("pictures_of_bay", "{0}: {1} of {2} pictures of {3}: {4}", words=(0, 3, 4))
 PICTURES_BUDGET = Detail("pictures_budget", "picture_mb_per_day is used up")
 PICTURES_NONE = Detail("pictures_none", "none was there")
 PICTURES_TOO_LARGE = Detail("pictures_too_large", "too large for the memory")

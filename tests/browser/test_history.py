@@ -161,6 +161,13 @@ def test_why_is_told_in_the_pages_language(site: Plant, visit: Visit) -> None:
 
 
 @pytest.mark.long
+def test_a_phone_names_values_in_the_pages_language_and_is_no_narrower_than_the_page(site: Plant, visit: Visit) -> None:
+    page = visit(site.url + AT.replace("#", "?lang=de#"), width_px=390, height_px=844)
+    expect(page.locator(".visits td[data-name='Dauer']")).to_have_count(1)
+    expect(page.get_by_label("welcher Alarm")).to_be_visible()
+    assert page.evaluate("() => document.documentElement.scrollWidth") == 390
+
+
 def test_a_visit_is_a_film(page: Page) -> None:
     page.locator(".visits tbody tr").first.get_by_role("button").click()
     film = page.locator(".film")

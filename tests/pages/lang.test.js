@@ -86,5 +86,7 @@ test('a sentence of the gateway is made from its code and values, also where one
   use('de', { name: 'Deutsch', direction: 'ltr', texts: { 'by {0}: {1} -> {2}': 'nach {0}: {1} -> {2}', range: 'Abstand', 'Z {0} mm, marker not seen': 'Z {0} mm, Marke nicht gesehen' } });
   assert.equal(saidText(event), 'nach Abstand: Z 300 mm, Marke nicht gesehen -> gone');
   assert.equal(saidText({ detail: 'connection refused', said: [] }), 'connection refused');
+  use('de', { name: 'Deutsch', direction: 'ltr', texts: { 'of {0}': 'zu {0}', departure: 'Abfahrt', 'in place ended': 'Position beendet' } });
+  assert.equal(saidText({ detail: 'of departure, in_place_ended', said: [{ code: 'of', text: 'of {0}', values: ['departure, in_place_ended'] }] }), 'zu Abfahrt, Position beendet');
   assert.equal(saidText({ detail: '' }), '');
 });

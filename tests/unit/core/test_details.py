@@ -46,6 +46,18 @@ def test_a_text_of_several_sentences_and_one_in_another() -> None:
     assert (before.code, before.values, after.code) == ("where", ("300", "100.0", "1", "2"), "where_unknown")
 
 
+def test_pictures_that_were_not_kept_and_the_alarm_of_them() -> None:
+    text = "7 of 9 pictures of departure, in_place_ended: picture_mb_per_day is used up"
+    (event,) = said(text)
+    (why,) = event.values[3]
+    assert (event.code, event.values[:3]) == ("pictures_not_kept", ("7", "9", "departure, in_place_ended"))
+    assert not isinstance(why, str)
+    assert why.code == "pictures_budget"
+    assert [one.code for one in said(f"12 since the start of the gateway; bay1: {text}")] == [
+        *("counted", "pictures_of_bay")
+    ]
+
+
 def test_what_is_not_the_gateways_own_has_no_code() -> None:
     assert [told(text) for text in ("", "connection refused", "[Errno 19] No such device, errno 19")] == [()] * 3
 
