@@ -73,7 +73,7 @@ def _written(args: argparse.Namespace, excerpt: Excerpt) -> Iterator[str]:
                 segments, pictures, found = evidence.write(out, args.evidence.stem, excerpt, made_now())
                 out.close()
                 undone.pop_all()
-            yield f"{args.evidence}: {segments} segments, {pictures} files of pictures; {found.lines[-1]}"
+            yield f"{args.evidence}: segments: {segments}; files of pictures: {pictures}; {found.lines[-1]}"
             excerpt.missing += found.faults
     except OSError as error:
         raise ConfigError(f"cannot be written: {error.filename or ''}: {error.strerror}") from error

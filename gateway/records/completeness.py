@@ -27,8 +27,7 @@ class Verified:
     @property
     def lines(self) -> list[str]:
         """For people."""
-        faults = len(self.faults)
-        proven = f"{self.proven} are proven by the segment behind them, {faults} fault{'' if faults == 1 else 's'}"
+        proven = f"proven by the segment behind them: {self.proven}; faults: {len(self.faults)}"
         unchained = f"{self.unchained} name no segment before them: an earlier version wrote them"
         return [*self.faults, proven, *([unchained] if self.unchained else [])]
 
@@ -52,8 +51,6 @@ def verified(
         if head is None:  # damaged, which is a fault already
             newest = dict.fromkeys(newest, there)
         else:
-            if newest and head.recording not in newest:
-                faults.append(f"{path.name}: of another recording: {head.recording}, not {', '.join(newest)}")
             before, newest[head.recording] = newest.get(head.recording), there
             known = head.before
             if before is not None and known is None:

@@ -152,16 +152,21 @@ class Inquiry:
         return self._loaded[path]
 
     def _between(self, n: int) -> list[Dated]:
-        """What is missing between the segment `n` and the one before it; nothing, as a rule."""
+        """What is missing between the segment `n` and the one before it; nothing, as a rule. Raises ConfigError where
+        these are of two recordings, of whose steps none leads to those of the other."""
         earlier, later = self._items(self._paths[n - 1]), self._items(self._paths[n])
+        before, head = _head_in(earlier), _head_in(later)
+        if before is not None and head is not None and before.recording != head.recording:
+            why = say.OF_ANOTHER(self._paths[n].name, head.recording, before.recording)
+            raise ConfigError(f"{self.folder}: {why}: give the segments of each a folder of their own")
         continuity = Continuity()
-        continuity.begins(self._paths[n - 1], _head_in(earlier))
+        continuity.begins(self._paths[n - 1], before)
         for _, item in earlier[_newest_checkpoint(earlier) :]:
             if isinstance(item, MissingItem):
                 continuity.steps = None
             else:
                 continuity.follows(item[1])
-        why = continuity.begins(self._paths[n], _head_in(later))
+        why = continuity.begins(self._paths[n], head)
         for _, item in later:
             if why or isinstance(item, MissingItem):
                 break

@@ -71,7 +71,8 @@ class Continuity:
     batch: int = 0
 
     def begins(self, path: Path, head: Head | None) -> str:
-        """Another segment, with its head as far as that can be read: what is missing before it; empty: nothing."""
+        """Another segment, with its head as far as that can be read: what is missing before it, or that it is of
+        another recording; empty: it goes on."""
         before, self.path = self.head, path
         if head is None:
             self.steps = None
@@ -83,10 +84,12 @@ class Continuity:
             self.batch = 0
             self.steps = None if before is None or of_another else BEGINS
         expected, self.newest[head.recording] = self.newest.get(head.recording), path
-        if expected is None or head.before is None or head.before.name == expected.name:
-            return ""
-        self.steps = None
-        return say.BETWEEN(expected.name, path.name)
+        if expected is not None and head.before is not None and head.before.name != expected.name:
+            self.steps = None
+            return say.BETWEEN(expected.name, path.name)
+        if before is not None and of_another:
+            return say.OF_ANOTHER(path.name, head.recording, before.recording)
+        return ""
 
     def follows(self, record: AnyRecord) -> str:
         """Another record of that segment: what is missing before it; empty: nothing, as far as that can be known."""

@@ -112,6 +112,7 @@ OTHERWISE = _of(
 SO_FOR_LONGER = _of("so_for_longer", "the outputs have been so for longer than was searched")
 # What is missing.
 BETWEEN = _of("missing_between", "everything between {0} and {1}")
+OF_ANOTHER = _of("of_another", "{0}: of another recording: {1}, not {2}")
 START_BEFORE = _of("missing_start", "the start of the gateway before a complete state in {0}")
 STEPS_BEFORE = _of("missing_steps", "the {0} steps before a complete state in {1}")
 RECORDS_LOST = _of("records_lost", "in {0}, {1} records: {2}")

@@ -113,7 +113,7 @@ class TestAMissingSegment:
         code, lines = said("verify", gap, capsys)
         assert code == 1
         assert len([line for line in lines if segment(gap, 3).name in line]) >= 1
-        assert "1 fault" in lines[-1] or "1 fault" in lines[-2]
+        assert "faults: 1" in lines[-1] + lines[-2]
 
     def test_an_interval_of_other_decisions_ends_before_it(
         self, gap: Recorded, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -150,7 +150,7 @@ class TestTheChain:
     def test_what_is_complete_is_proven(self, whole: Recorded, capsys: pytest.CaptureFixture[str]) -> None:
         code, lines = said("verify", whole, capsys)
         segments = len(list(whole.path.glob("*.seg")))
-        assert (code, lines[-1]) == (0, f"{segments - 1} are proven by the segment behind them, 0 faults")
+        assert (code, lines[-1]) == (0, f"proven by the segment behind them: {segments - 1}; faults: 0")
 
     def test_all_of_some_time_is_one_file_of_evidence_that_sha256sum_checks(
         self, whole: Recorded, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -160,7 +160,7 @@ class TestTheChain:
         begin = ["--from", shown(unix(T0_NS + 24 * S)), "--to", shown(unix(T0_NS + 26 * S))]
         target = tmp_path / "case.zip"
         assert main(["export", str(whole.path), "--evidence", str(target), *begin]) == 0
-        assert capsys.readouterr().out.startswith(f"{target}: 3 segments, 0 files of pictures; 2 are proven")
+        assert capsys.readouterr().out.startswith(f"{target}: segments: 3; files of pictures: 0; proven")
         with zipfile.ZipFile(target) as file:
             file.extractall(tmp_path)
         case = tmp_path / "case"
@@ -170,7 +170,7 @@ class TestTheChain:
         names = [segment(whole, n).name for n in (1, 2, 3)] + ["why.html", "verify.txt"]
         assert checked.stdout.splitlines() == [f"{name}: OK" for name in names]
         assert segment(whole, 2).read_bytes() == (case / names[1]).read_bytes()
-        assert "2 are proven by the segment behind them, 0 faults" in (case / "verify.txt").read_text()
+        assert "proven by the segment behind them: 2; faults: 0" in (case / "verify.txt").read_text()
         assert "bay1, 2026-11-23" in (case / "why.html").read_text()
         assert main(["export", str(whole.path), "--evidence", str(target), *begin]) == 2, "nothing is written over"
         path = segment(whole, 2)
@@ -179,7 +179,7 @@ class TestTheChain:
         assert main(["export", str(whole.path), "--evidence", str(tmp_path / "b.zip"), *begin]) == 1
         out = capsys.readouterr().out
         assert f"missing: {path.name}: not the bytes that were written" in out
-        assert "1 files of pictures" in out
+        assert "files of pictures: 1" in out
         assert not list(tmp_path.glob(".evidence-*"))
 
     def test_one_that_was_changed_with_a_good_crc(self, whole: Recorded, capsys: pytest.CaptureFixture[str]) -> None:
@@ -210,6 +210,23 @@ class TestTheChain:
         assert found.proven == len(list(whole.path.glob("*.seg"))) - 3
         assert f"missing: {gap}" in said("list", whole, capsys)[1]
 
+    def test_no_step_of_one_recording_leads_to_another_s(
+        self, whole: Recorded, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        """Folders of two gateways merged: their times overlap."""
+        second = segment(whole, 2)
+        alien = second.with_name(second.name.replace("00000002-", "00000900-"))
+        alien.write_bytes(second.read_bytes())
+        with_other_head(alien, instance="other")
+        other = f"{alien.name}: of another recording: site1.other/bay1, not site1.gateway/bay1"
+        assert other in said("list", whole, capsys)[1][-1]
+        assert main(["replay", str(whole.path)]) == 1
+        out = capsys.readouterr().out
+        assert f"missing: {other}" in out
+        assert "the same: every output" in out
+        assert main(["why", shown(unix(T0_NS + 25 * S)), "--records", str(whole.path)]) == 2
+        assert f"{other}: give the segments of each a folder of their own" in capsys.readouterr().err
+
     def test_a_damaged_head_is_of_no_earlier_version(self, whole: Recorded) -> None:
         segment(whole, 2).write_bytes(b"")
         assert verified(recording.segments_of([whole.path])).unchained == 0
@@ -237,7 +254,7 @@ class TestTheChain:
         folder.write(bench.now_ns, boot="b")
         code, lines = said("verify", folder, capsys)
         assert code == 1
-        assert lines[-1] == "1 are proven by the segment behind them, 1 fault"
+        assert lines[-1] == "proven by the segment behind them: 1; faults: 1"
         assert lines[1].startswith(f"the end of {path.name}, cut off or damaged")
 
     def test_list_tells_a_missing_segment_from_a_time_without_records(
