@@ -34,5 +34,5 @@ def main(args: argparse.Namespace) -> int:
     found = asyncio.run(ghosts(settings.mqtt, args.site or settings.site, settings.instance, clear=args.clear))
     for topic, why in sorted(found.items()):
         print(f"{topic}: {why}")
-    print(f"{len(found)} retained messages of bays that are not served{', cleared' if args.clear and found else ''}")
+    print(f"retained messages of bays that are not served: {len(found)}{', cleared' if args.clear and found else ''}")
     return 1 if found and not args.clear else 0

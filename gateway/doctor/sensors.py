@@ -242,6 +242,8 @@ def _marker(bay: BayConfig, look: CameraLook, rate_hz: float) -> Iterator[Findin
 
 _REMEDIES = (  # the first whose words are in the result
     ("no such device", "plug it in, or correct camera.url; a name under /dev/v4l/by-id stays the same at each start"),
+    ("no such file", "correct camera.url: a film, or a folder of pictures, must be there"),
+    ("not a video stream", "is the camera on, are address, port, path, user and password those that it asks for?"),
     ("permission", "give this user the right to open it: group video"),
     ("another program", "end the program that has it (fuser -v /dev/video*), or correct camera.url"),
     ("cannot be opened", "is the address right, does another program have it, may this user open it?"),

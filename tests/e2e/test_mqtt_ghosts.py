@@ -75,7 +75,7 @@ def test_ghosts_of_a_site_are_listed_and_cleared(
     why = "loading/site1/old/status does not list bay2"
     assert capsys.readouterr().out.splitlines() == [
         *(f"{topic}: {why}" for topic in sorted(topics("bay2", announced=("bay2",), status=()))),
-        "3 retained messages of bays that are not served",
+        "retained messages of bays that are not served: 3",
     ]
     assert main(["mqtt", "ghosts", str(config), "--clear"]) == 0
     assert retained(broker) == topics("bay1", announced=("bay1",), status=("gw", "old"))

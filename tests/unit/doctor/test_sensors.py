@@ -1,15 +1,17 @@
 """A bay's sensors, each way in which they may answer: the verdict, and what there is to do."""
 
 import math
+import socket
 import threading
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from gateway.clock import Clock, SystemClock
-from gateway.config import BayConfig, RangerConfig
+from gateway.config import BayConfig, CameraConfig, RangerConfig
 from gateway.core.readings import AgeProof, Quality, RangeReading, RelayOutput, RelayStatus
 from gateway.core.state import Moved, Reason
 from gateway.doctor import sensors
@@ -134,6 +136,22 @@ def test_what_is_wrong_with_a_camera_is_told_with_a_remedy(
     assert found.verdict is verdict
     assert result in found.result
     assert remedy in found.remedy
+
+
+@pytest.mark.parametrize(
+    ("url", "remedy"),
+    [
+        ("{folder}/gone.avi", "correct camera.url: a film, or a folder of pictures"),
+        ("http://127.0.0.1:{port}/stream", "is the camera on, are address, port, path, user and password"),
+    ],
+)
+def test_the_remedy_fits_a_film_and_a_network_camera(url: str, remedy: str, tmp_path: Path) -> None:
+    with socket.socket() as nobody:
+        nobody.bind(("127.0.0.1", 0))
+        address = url.format(folder=tmp_path, port=nobody.getsockname()[1])
+        with pytest.raises(LinkError) as refused:
+            sensors.source_spec(CameraConfig.model_validate({"url": address})).open(SystemClock())
+    assert remedy in sensors.camera_remedy(str(refused.value))
 
 
 def test_how_many_frames_were_damaged_of_how_many() -> None:
