@@ -7,15 +7,19 @@ do not fit their type, computes REAL in 32 bits, and raises on everything else.
 
 import math
 import operator
+import pickle
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from importlib.metadata import version
 from operator import itemgetter
 from typing import Any
 
 import blark.parse
 from blark import transform as tree
+
+from tests.kept import made_once
 
 Variables = dict[str, Any]
 Code = Callable[[Variables], Any]
@@ -33,6 +37,7 @@ RANGES = {
 }
 DEFAULTS: dict[str, Any] = {**dict.fromkeys(RANGES, 0), "REAL": 0.0, "BOOL": False, "TIME": 0}
 NUMBERS = ("UINT", "INT", "UDINT", "DINT", "REAL")
+LONG = 1000  # characters of a text whose tree is kept
 MAX_TURNS = 1000  # of one loop: a PLC's cycle has to end
 
 
@@ -58,7 +63,16 @@ class Ton:
 
 @lru_cache(maxsize=32)
 def parse(source: str) -> Any:
-    """blark's tree. Raises what its grammar refuses. Takes seconds: an Earley parser, hence the cache."""
+    """blark's tree. Raises what its grammar refuses. Takes seconds, an Earley parser: hence the caches."""
+    if len(source) < LONG:
+        return _tree(source)
+    kept = made_once(
+        "tree", lambda file: file.write_bytes(pickle.dumps(_tree(source))), source.encode(), version("blark").encode()
+    )
+    return pickle.loads(kept.read_bytes())
+
+
+def _tree(source: str) -> Any:
     return blark.parse.parse_source_code(source).transform()
 
 
