@@ -21,6 +21,8 @@ from tests.e2e.test_run import started
 from tests.firmware.bench_runs import BOOTLOADER
 from tests.firmware.test_flashing import board, other_program  # noqa: F401 - the fixture
 
+pytestmark = pytest.mark.xdist_group("devices")  # of one gateway
+
 NOT_HEARD = ("LINK_DOWN", "WAITING", "STALE")
 LOOKS = 60  # answers of a look, at most; each comes within seconds
 

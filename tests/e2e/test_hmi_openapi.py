@@ -36,6 +36,8 @@ from tests.unit.web.testsets import keeping
 if TYPE_CHECKING:
     import schemathesis
 
+pytestmark = pytest.mark.xdist_group("openapi")  # of one application, and one schemathesis
+
 HURRY_S = 60.0
 EXAMPLES = 12
 DESCRIPTION = json.loads(
