@@ -5,10 +5,12 @@ frame stamped in the vision process can be aged in the main process. Unlike CLOC
 is suspended: values from before are old afterwards.
 """
 
-import asyncio
 import time
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    import asyncio
 
 
 def machine_ns() -> int:
@@ -37,7 +39,7 @@ class Clock(Protocol):
     def block(self, seconds: float) -> None:
         """Block the calling thread for `seconds` of this clock; never call it on the event loop."""
 
-    def timeout(self, seconds: float) -> asyncio.Timeout:
+    def timeout(self, seconds: float) -> "asyncio.Timeout":
         """`asyncio.timeout` in seconds of this clock."""
 
 
@@ -60,10 +62,14 @@ class SystemClock:
         return time.time_ns() if self.speed == 1.0 else self.wall_origin_ns + self.now_ns() - self.origin_ns
 
     async def sleep(self, seconds: float) -> None:
+        import asyncio  # noqa: PLC0415 - 3 MB, of which vision processes and recorder have no use
+
         await asyncio.sleep(seconds / self.speed)
 
     def block(self, seconds: float) -> None:
         time.sleep(max(0.0, seconds) / self.speed)
 
-    def timeout(self, seconds: float) -> asyncio.Timeout:
+    def timeout(self, seconds: float) -> "asyncio.Timeout":
+        import asyncio  # noqa: PLC0415 - as above
+
         return asyncio.timeout(seconds / self.speed)

@@ -5,44 +5,19 @@ The role is the one of Modbus/TCP Security (MB-TCP-Security v36, 8.4): one UTF8S
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
-from datetime import UTC, datetime
 
 from cryptography import x509
 from cryptography.x509.oid import NameOID
 
+from gateway.certs.validity import DAY_NS, Serial, Validity
 from gateway.durations import NS_PER_S
 
 ROLE_OID = x509.ObjectIdentifier("1.3.6.1.4.1.50316.802.1")
-DAY_NS = 24 * 3600 * NS_PER_S
 RENEWAL_DAYS = 30  # before its end, or a third of its lifetime, whichever is less
 _UTF8_STRING = 0x0C
 MAX_ROLE_BYTES = 127  # the short form of a length; a longer name is not a configured role
 MAX_SHOWN = 200  # characters of a subject or a role
 _CRL = re.compile(rb"-----BEGIN X509 CRL-----.*?-----END X509 CRL-----", re.DOTALL)
-Serial = tuple[x509.Name, int]
-"""Identifies a certificate: the name of its issuer and its serial number."""
-
-
-@dataclass(frozen=True, slots=True)
-class Validity:
-    """What must be known of a certificate while it is in use. `until_ns`: the last valid moment, Unix time;
-    `renewal_ns`: it should have been renewed by then."""
-
-    serial: Serial
-    until_ns: int
-    renewal_ns: int
-
-    def days_left(self, wall_ns: int) -> int:
-        """Rounded down."""
-        return (self.until_ns - wall_ns) // DAY_NS
-
-    def expiring(self, wall_ns: int) -> str:
-        """`expires on` or `expired on`, and the day. Empty: there is no need to renew it yet."""
-        if wall_ns < self.renewal_ns:
-            return ""
-        end = datetime.fromtimestamp(self.until_ns // NS_PER_S, UTC)
-        return f"{'expired' if self.until_ns < wall_ns else 'expires'} on {end:%Y-%m-%d}"
 
 
 def validity_of(certificate: x509.Certificate) -> Validity:
@@ -51,6 +26,11 @@ def validity_of(certificate: x509.Certificate) -> Validity:
     )
     renewal_ns = until_ns - min(RENEWAL_DAYS * DAY_NS, (until_ns - begin_ns) // 3)
     return Validity((certificate.issuer, certificate.serial_number), until_ns, renewal_ns)
+
+
+def validities_in(pem: bytes) -> list[Validity]:
+    """Of the certificates in `pem`. Raises ValueError where there is none."""
+    return [validity_of(found) for found in x509.load_pem_x509_certificates(pem)]
 
 
 def subject_of(certificate: x509.Certificate) -> str:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from gateway.certs.client_certificate import Validity
+from gateway.certs.validity import Validity
 from gateway.clock import Clock
 from gateway.config import GatewayConfig
 from gateway.durations import NS_PER_S

@@ -6,8 +6,6 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
-import psutil
-
 from gateway.config.sections.hmi import host_name
 from gateway.net.listener import url
 from gateway.net.rate_limit import plain_address
@@ -30,6 +28,8 @@ def own_names() -> tuple[str, ...]:
 
 def own_addresses() -> list[str]:
     """IPv4 addresses of this machine, loopback last."""
+    import psutil  # noqa: PLC0415 - half a megabyte, and only where the pages' addresses are shown
+
     found = [a.address for each in psutil.net_if_addrs().values() for a in each if a.family == socket.AF_INET]
     return sorted(set(found), key=lambda address: (ipaddress.ip_address(address).is_loopback, address))
 

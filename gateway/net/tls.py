@@ -7,9 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cryptography import x509
-
-from gateway.certs.client_certificate import DAY_NS, Serial, Validity, revoked, validity_of
+from gateway.certs.validity import DAY_NS, Serial, Validity
 from gateway.clock import Clock
 from gateway.config import GatewayConfig, TlsConfig
 from gateway.durations import NS_PER_S
@@ -168,7 +166,9 @@ def warnings(files: TlsFiles | None, wall_ns: int) -> list[str]:
 
 def validities(path: str) -> list[Validity]:
     """Of the certificates in this PEM file. Raises OSError, or ValueError where it has none."""
-    return [validity_of(found) for found in x509.load_pem_x509_certificates(Path(path).read_bytes())]
+    from gateway.certs.client_certificate import validities_in  # noqa: PLC0415 - only where there is a certificate
+
+    return validities_in(Path(path).read_bytes())
 
 
 class ReloadingContext:
@@ -227,6 +227,8 @@ def _revoked(files: TlsFiles) -> frozenset[Serial]:
     """Raises ConfigError for a list that can't be read."""
     if files.crl is None:
         return frozenset()
+    from gateway.certs.client_certificate import revoked  # noqa: PLC0415 - as above
+
     try:
         return revoked(Path(files.crl).read_bytes())
     except (OSError, ValueError) as error:

@@ -17,8 +17,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
-import psutil
-
 from gateway.clock import SystemClock
 from gateway.errors import LinkError
 from gateway.processes.channel import Failed, Gone
@@ -207,6 +205,8 @@ def _end_strays(name: str, known: set[int]) -> None:
 
 
 def _children() -> list[tuple[int, str]]:
+    import psutil  # noqa: PLC0415 - rarely needed, and half a megabyte
+
     found = []
     for process in psutil.Process().children():
         with suppress(psutil.Error):

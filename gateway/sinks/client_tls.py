@@ -6,7 +6,8 @@ import ssl
 
 from cryptography import x509
 
-from gateway.certs.client_certificate import Validity, validity_of
+from gateway.certs.client_certificate import validity_of
+from gateway.certs.validity import Validity
 from gateway.config.sections.common import ClientTls
 from gateway.errors import SettingError
 from gateway.net.tls import stamps, validities

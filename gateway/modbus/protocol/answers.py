@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Protocol
 
-from gateway.certs.client_certificate import Validity
+from gateway.certs.validity import Validity
 from gateway.modbus.protocol import identity
 from gateway.modbus.protocol.adu import ModbusException
 from gateway.modbus.registers.bits import bits_of, masked

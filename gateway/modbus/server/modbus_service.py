@@ -12,7 +12,6 @@ from gateway.config import ModbusConfig
 from gateway.modbus.protocol.answers import Access, Peer, Unit
 from gateway.modbus.server.limits import ConnectionLimits
 from gateway.modbus.server.server import ModbusServer, PeerOf, plain_peer
-from gateway.modbus.server.tls import ModbusTls
 from gateway.modbus.server.traffic import ServerNow
 
 log = logging.getLogger(__name__)
@@ -70,6 +69,8 @@ async def serving(config: ModbusConfig, units: Mapping[int, Unit], clock: Clock)
         secure: int | None = None
         servers: list[ModbusServer] = []
         if config.tls is not None:
+            from gateway.modbus.server.tls import ModbusTls  # noqa: PLC0415 - reading certificates takes a library of 2 MB
+
             server = ModbusServer(config, units, port=config.tls.port, tls=ModbusTls(config.tls, clock))
             servers.append(await stack.enter_async_context(server))
             secure = server.port

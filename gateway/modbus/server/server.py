@@ -12,19 +12,21 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from types import TracebackType
-from typing import Self, cast
+from typing import TYPE_CHECKING, Self, cast
 
 from gateway.config import ModbusConfig
 from gateway.modbus.protocol.answers import Peer, Unit
 from gateway.modbus.protocol.request_handler import RequestHandler, RequestStats
 from gateway.modbus.server.connection import ModbusConnection
 from gateway.modbus.server.limits import ConnectedWriters, ConnectionLimits, Refusal
-from gateway.modbus.server.tls import ModbusTls
 from gateway.modbus.server.tls_handshake_limiter import TlsHandshakeLimiter
 from gateway.modbus.server.tls_stream import TlsStream
 from gateway.modbus.server.traffic import PeerNow, ServerNow, peers
 from gateway.net.listener import allow_open_files, bind_error, bound_sockets
 from gateway.net.rate_limit import LogThrottle, plain_address
+
+if TYPE_CHECKING:
+    from gateway.modbus.server.tls import ModbusTls
 
 log = logging.getLogger(__name__)
 
@@ -80,7 +82,7 @@ class ModbusServer:
         units: Mapping[int, Unit],
         *,
         port: int | None = None,
-        tls: ModbusTls | None = None,
+        tls: "ModbusTls | None" = None,
         peer_of: PeerOf = plain_peer,
     ) -> None:
         self.stats = ServerStats()

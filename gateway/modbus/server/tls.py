@@ -11,7 +11,8 @@ from asyncio import Transport
 
 from cryptography import x509
 
-from gateway.certs.client_certificate import Serial, printable, role_of, subject_of, validity_of
+from gateway.certs.client_certificate import printable, role_of, subject_of, validity_of
+from gateway.certs.validity import Serial
 from gateway.clock import Clock
 from gateway.config import TlsConfig
 from gateway.modbus.protocol.answers import Access, Peer
@@ -77,25 +78,3 @@ class ModbusTls:
                 "modbus: %s: its certificate (%s) expires in %d days, which ends its connection; renew it",
                 peer.address, peer.subject, days,
             )  # fmt: skip
-
-
-def failure_reason(error: Exception) -> str:
-    """Why a TLS handshake failed, for the operator."""
-    if isinstance(error, ssl.SSLCertVerificationError):
-        return f"its certificate was refused: {error.verify_message}"
-    if isinstance(error, ssl.SSLError):
-        reason = error.reason or str(error)
-        return _REASONS.get(reason, f"TLS handshake failed: {reason.lower().replace('_', ' ')}")
-    return "it ended the TLS handshake, or did not finish it in time"
-
-
-_REASONS = {
-    "PEER_DID_NOT_RETURN_A_CERTIFICATE": "it showed no certificate",
-    "UNSUPPORTED_PROTOCOL": "it supports no TLS version from 1.2 up",
-    "WRONG_VERSION_NUMBER": "it does not use TLS (plain Modbus on the TLS port?)",
-    "HTTP_REQUEST": "it does not use TLS (a web browser?)",
-    "TLSV1_ALERT_UNKNOWN_CA": "it does not trust the authority of the gateway's certificate",
-    "SSLV3_ALERT_CERTIFICATE_EXPIRED": "it reports that the gateway's certificate has expired",
-    "SSLV3_ALERT_BAD_CERTIFICATE": "it refuses the gateway's certificate",
-    "NO_SHARED_CIPHER": "it has no cipher with forward secrecy and authenticated encryption",
-}

@@ -14,7 +14,6 @@ from typing import Protocol
 
 from gateway.durations import NS_PER_S
 from gateway.modbus.server.limits import Refusal
-from gateway.modbus.server.tls import failure_reason
 from gateway.net.rate_limit import KeyedBuckets, Rate, plain_address
 
 AT_ONCE = 16  # unfinished handshakes of unknown addresses
@@ -119,3 +118,25 @@ class TlsHandshakeLimiter:
         self._by_address.take(address, now_ns)
         self._all.take("", now_ns)
         return None
+
+
+def failure_reason(error: Exception) -> str:
+    """Why a TLS handshake failed, for the operator."""
+    if isinstance(error, ssl.SSLCertVerificationError):
+        return f"its certificate was refused: {error.verify_message}"
+    if isinstance(error, ssl.SSLError):
+        reason = error.reason or str(error)
+        return _REASONS.get(reason, f"TLS handshake failed: {reason.lower().replace('_', ' ')}")
+    return "it ended the TLS handshake, or did not finish it in time"
+
+
+_REASONS = {
+    "PEER_DID_NOT_RETURN_A_CERTIFICATE": "it showed no certificate",
+    "UNSUPPORTED_PROTOCOL": "it supports no TLS version from 1.2 up",
+    "WRONG_VERSION_NUMBER": "it does not use TLS (plain Modbus on the TLS port?)",
+    "HTTP_REQUEST": "it does not use TLS (a web browser?)",
+    "TLSV1_ALERT_UNKNOWN_CA": "it does not trust the authority of the gateway's certificate",
+    "SSLV3_ALERT_CERTIFICATE_EXPIRED": "it reports that the gateway's certificate has expired",
+    "SSLV3_ALERT_BAD_CERTIFICATE": "it refuses the gateway's certificate",
+    "NO_SHARED_CIPHER": "it has no cipher with forward secrecy and authenticated encryption",
+}

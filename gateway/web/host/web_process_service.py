@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from gateway.bay_file import folder_of
 from gateway.config import GatewayConfig
 from gateway.errors import ConfigError, LinkError
-from gateway.net import own_certificate, own_host, tls
+from gateway.net import own_host, tls
 from gateway.net.listener import listening
 from gateway.processes.channel import Failed, Gone
 from gateway.processes.deadlines import LOOK_S, SignsOfLife, StartDeadline
@@ -182,6 +182,8 @@ class WebProcessService:
         """Raises ConfigError, OSError."""
         config = self._setup.config
         if config.hmi.own_certificate and (files := tls.TlsFiles.of_pages(config)) is not None:
+            from gateway.net import own_certificate  # noqa: PLC0415 - only where it makes its certificate itself
+
             own_certificate.keep(files, self._setup.clock)
 
     def _check_certificate(self, sockets: tuple[socket.socket, ...]) -> None:

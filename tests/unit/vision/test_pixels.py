@@ -97,9 +97,16 @@ def test_suffixes_are_such_as_the_callers_compare() -> None:
 
 @pytest.mark.long
 @pytest.mark.one_interpreter
-def test_the_main_process_loads_neither_opencv_nor_numpy_nor_what_only_mqtt_needs() -> None:
+@pytest.mark.parametrize(
+    ("modules", "names"),
+    [
+        ("gateway.app", ("cv2", "numpy", "paho", "aiomqtt", "websockets", "sqlite3", "cryptography", "psutil")),
+        ("gateway.vision.process.template, gateway.records.process", ("asyncio", "ssl", "psutil", "cryptography")),
+    ],
+    ids=["main", "template and recorder"],
+)
+def test_a_process_loads_nothing_large_that_it_does_not_need(modules: str, names: tuple[str, ...]) -> None:
     """Each would be in memory once more."""
-    names = ("cv2", "numpy", "paho", "aiomqtt", "websockets", "sqlite3")
-    program = f"import sys, gateway.app; print([name for name in {names} if name in sys.modules])"
+    program = f"import sys, {modules}; print([name for name in {names} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
     assert done.stdout == "[]\n"
