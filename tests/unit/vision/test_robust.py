@@ -110,6 +110,25 @@ def test_the_frame_may_cut_a_part_off(place: Circle) -> None:
     assert 0.4 < found.visible < 0.85
 
 
+@pytest.mark.parametrize("lost", [0.2, 0.4])
+def test_rows_that_were_lost_are_beyond_the_frame(lost: float) -> None:
+    """A decoder fills them with one colour."""
+    image = scene(disc())
+    image[round(PLACE.v_px + (1 - 2 * lost) * PLACE.radius_px) :] = 128
+    found = assert_found(image, PLACE, 0.5)
+
+    assert found.confidence is not None
+    assert found.confidence > 0.9
+    assert off_by(detect(image, PARAMS, window=(100, 60, 230, 200)), PLACE) == pytest.approx((0, 0), abs=0.5)
+
+
+def test_an_even_ground_below_the_marker_is_seen() -> None:
+    image = np.full((HEIGHT, WIDTH, 3), 128, np.uint8)
+    cv2.circle(image, (160, 120), 40, (40, 35, 190), -1, cv2.LINE_AA)
+
+    assert assert_found(image, Circle(160, 120, 40), 1.0).visible == pytest.approx(1, abs=0.03)
+
+
 @pytest.mark.parametrize("name", decoys.DECOYS)
 def test_no_decoy_beside_it_wins(name: str) -> None:
     def beside(sheet: decoys.Drawing) -> None:

@@ -10,7 +10,7 @@ from gateway.config import VisionConfig
 from gateway.core.detection import Circle, Ellipse
 from gateway.sim.weather import dust
 from gateway.vision.detect.robust import veil
-from gateway.vision.detect.robust.clearest_rim import rim_behind_veil
+from gateway.vision.detect.robust.clearest_rim import clearest_rim, rim_behind_veil
 from gateway.vision.detect.robust.decision import Limits
 from gateway.vision.detect.robust.detect import detect
 from gateway.vision.detect.robust.red_change import red_regions
@@ -202,12 +202,24 @@ def test_the_tracked_place_is_measured_behind_dust_too() -> None:
 def test_a_faint_rim_is_where_it_is_and_its_contrast_in_grey_levels() -> None:
     image = dust(scene(), 0.96, at=AT, uneven=False, seed=8)
     seed = Ellipse(AT[0] + 1, AT[1] - 1, 43.0, 43.0, 0.0)
-    as_they_are, rim = rim_behind_veil(image, seed, 0.0), rim_behind_veil(image, seed, 0.95)
+    as_they_are, rim = clearest_rim(image, seed), rim_behind_veil(image, seed, 0.95)
     assert rim is not None
+    assert rim_behind_veil(image, seed, 0.0) == rim  # by its contrast, whatever the veil
 
     assert as_they_are is None or as_they_are.support < rim.support
     assert (rim.ellipse.u_px, rim.ellipse.v_px, rim.ellipse.semi_major_px) == pytest.approx((*AT, 41.7), abs=0.6)
     assert rim.contrast == pytest.approx(0.04 * math.dist((121, 125, 125), (45, 35, 190)), abs=1.5)
+
+
+@pytest.mark.parametrize("radius_px", [17.0, 41.7, 70.0])
+def test_in_a_twentieth_of_the_light_the_rim_is_found_in_the_noise(radius_px: float) -> None:
+    sheet = decoys.sheet(320, 240, "concrete", 4)
+    sheet.disc(*AT, radius_px)
+    sheet.paint *= 0.05
+    found = detect(sheet.finished(noise=2.5), PARAMS)
+
+    assert found.circle is not None
+    assert (found.circle.u_px, found.circle.v_px, found.circle.radius_px) == pytest.approx((*AT, radius_px), abs=1.0)
 
 
 def test_another_red_thing_is_noticed_behind_dust() -> None:

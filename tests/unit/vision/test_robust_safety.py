@@ -41,6 +41,34 @@ def test_a_decoy_alone_is_no_marker(name: str, ground: str) -> None:
     assert {rejection.why for rejection in found.rejected} <= set(REJECTIONS)
 
 
+@pytest.mark.parametrize("radius", [30.0, 40.0])
+@pytest.mark.parametrize("off", [6.0, 9.0])
+def test_a_lamp_that_blinds_the_camera_is_no_marker(radius: float, off: float) -> None:
+    """White in the middle, round it a red that falls off."""
+    sheet = decoys.sheet(WIDTH, HEIGHT, "concrete", 7)
+    sheet.paint *= 0.6
+    for reach, light in ((0.22, (300, 300, 420)), (0.8, (18, 14, 190))):
+        away = np.hypot(*sheet.far(158.0 + off * (reach < 0.5), 122.0)) / (reach * radius)
+        sheet.paint += np.exp(-(away**2))[..., None] * np.array(light, np.float32)
+    found = detect(sheet.finished(), PARAMS)
+
+    assert found.circle is None
+    assert "blur" in {rejection.why for rejection in found.rejected}
+
+
+@pytest.mark.parametrize("words", ["S", "O", "8"])
+@pytest.mark.parametrize("size", [60, 120])
+def test_a_letter_is_no_marker(words: str, size: int) -> None:
+    sheet = decoys.sheet(WIDTH, HEIGHT, "concrete", 11)
+    mask = np.zeros(sheet.paint.shape[:2], np.uint8)
+    scale, thick = decoys.SUPER * size / 25, round(decoys.SUPER * size / 4)
+    place = (decoys.SUPER * 130, decoys.SUPER * 150)
+    cv2.putText(mask, words, place, cv2.FONT_HERSHEY_SIMPLEX, scale, 1, thick, cv2.LINE_8)
+    sheet.fill(mask > 0, decoys.RED)
+
+    assert detect(sheet.finished(), PARAMS).circle is None
+
+
 @pytest.mark.parametrize("ground", decoys.GROUNDS)
 @pytest.mark.parametrize("seed", range(3))
 def test_an_empty_ground_has_no_marker(ground: str, seed: int) -> None:

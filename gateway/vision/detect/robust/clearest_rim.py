@@ -27,8 +27,9 @@ BY_CHANCE = 1.3  # of the rms over a sector's edges: so much wave has a rim that
 MOST, WELL = 0.6, 0.25  # of the total fall, so much is at the rim and not in creases; of the semi-minor axis
 CLEARLY = 0.05  # more quality is required of red against green where all colours lie evenly on their ellipse
 SEARCH_PX, SEARCH = 3.0, 0.08  # the rim is searched for so far off; the latter of its semi-minor axis
-# Behind a veil.
+# Behind a veil, and in the dark.
 FAINT = 0.6  # share of airlight from which on
+DARK_GREY = 10.0  # grey levels across the rim up to which
 ENOUGH = 0.8  # quality of the rim on the pixels as they are, from which on it is taken
 REACH = 1.4  # radii
 MARGIN_PX = 16.0
@@ -78,9 +79,11 @@ def clearest_rim(image: Colours, seed: Ellipse, reach_px: float = 0.0) -> Rim | 
 
 
 def rim_behind_veil(image: Colours, seed: Ellipse, share: float, reach_px: float = 0.0) -> Rim | None:
-    """`clearest_rim`; behind `share` of airlight and where that is poor, the better of it and the smoothed one's."""
+    """`clearest_rim`; where that is poor and the edge faint, by `share` of airlight or in the dark, the better of it
+    and the smoothed one's."""
     rim = clearest_rim(image, seed, reach_px)
-    if share < FAINT or (rim is not None and quality(rim) >= ENOUGH):
+    dark = rim is not None and rim.contrast <= DARK_GREY
+    if (share < FAINT and not dark) or (rim is not None and quality(rim) >= ENOUGH):
         return rim
     smooth = _smoothed_rim(image, seed, reach_px)
     return smooth if rim is None or (smooth is not None and quality(smooth) > quality(rim)) else rim

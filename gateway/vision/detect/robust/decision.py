@@ -24,6 +24,8 @@ from gateway.vision.track.distractors import SIZE, WEAKER
 MIN_ASPECT = 0.55  # a disc tilted by 57 degrees
 MIN_CONTRAST, MIN_SHARE = 0.15, 0.4  # log units in clear air; of the redness inside: less is a red spot on red
 MIN_COVERAGE, MAX_LEAK, MIN_FILL, MAX_HOLLOW = 0.6, 0.4, 0.5, 0.75
+OPEN, WHOLE = 0.1, 0.93  # as hollow as that it is a letter where red, or what covers it, ends at less of the rim,
+HOLLOW, ROUND = 0.5, 0.65  # and as hollow as that where less of the rim lies on the ellipse
 MIN_VISIBLE, MIN_SUPPORT = 0.4, 0.45
 CRUSTED, CRUSTED_LEAK, CRUSTED_ROUND = 0.4, 0.05, 0.8  # so little coverage is enough, with so little leak, so round,
 CRUSTED_WHOLE, CRUSTED_FILL = 0.88, 0.6  # where red or crust ends at so much of the rim, and so much inside is red
@@ -43,6 +45,7 @@ AS_SURE, AS_RED = 0.6, 0.3  # of the surest disc's confidence and of the reddest
 ABOUT_AS_LARGE, AS_LARGE = 1.1, 1.05  # a radius by another: more weight decides; the two are equal
 CLEARLY_MORE = 1.5  # weight by another's
 SHAPE = "shape"  # rejection code: not the outline of a disc
+BLUR = "blur"  # rejection code: a glow, no rim
 COLOUR = "colour"  # rejection code: another one than the marker's
 AMBIGUOUS = "ambiguous"  # rejection code: another disc is as large, and nothing tells which is the marker
 POWERS = {
@@ -113,6 +116,12 @@ def _crusted(c: Candidate) -> bool:
     return left and e.coverage + e.covered >= CRUSTED_WHOLE and roundness(c.rim) >= CRUSTED_ROUND
 
 
+def _letter(c: Candidate) -> bool:
+    """What opens the rim of an S or an 8 reaches to the middle, and an O is not quite round."""
+    e = c.evidence
+    return (e.hollow > OPEN and e.coverage + e.covered < WHOLE) or (e.hollow > HOLLOW and quality(c.rim) < ROUND)
+
+
 def ragged(rim: Rim) -> bool:
     """A spot or a hole: its edges are sharper than they are off the ellipse, all along it and not by their noise."""
     off_px = max(MOST_RAGGED * rim.ellipse.semi_minor_px, RAGGED_BLURS * rim.blur_px)
@@ -137,10 +146,10 @@ GATES: tuple[tuple[str, Gate], ...] = (
     ("visible", lambda c, _: c.rim.visible >= MIN_VISIBLE),
     ("visible", lambda c, _: c.rim.visible >= HALF * c.rim.support or quality(c.rim) >= CLEAR_HALF),
     ("fill", lambda c, _: c.evidence.fill >= MIN_FILL),
-    ("hollow", lambda c, _: c.evidence.hollow <= MAX_HOLLOW),
+    ("hollow", lambda c, _: c.evidence.hollow <= MAX_HOLLOW and not _letter(c)),
     (COLOUR, lambda c, _: _behind_dust(c)),
     ("support", lambda c, _: c.rim.support >= MIN_SUPPORT),
-    ("blur", lambda c, _: _sharp(c)),
+    (BLUR, lambda c, _: _sharp(c)),
     (SHAPE, lambda c, _: not ragged(c.rim)),
     ("confidence", lambda c, limits: confidence(c) >= limits.min_confidence),
     (SIZE, _of_possible_size),

@@ -3,6 +3,8 @@
 import math
 from dataclasses import replace
 
+import numpy as np
+
 from gateway.config import VisionConfig
 from gateway.core.detection import Circle, Detection, Ellipse, Rejection
 from gateway.vision.detect.lens import normalise
@@ -20,6 +22,7 @@ from gateway.vision.track.distractors import SIZE
 Window = tuple[int, int, int, int]  # x0, y0, x1, y1 px of the full frame, the last two beyond it
 
 SMALLEST_PX = 4.0  # of a radius, whatever the limits say: less is not a rim
+SPARSE, AT_ONCE = 16, 0.5  # every so many columns; so much of a row has another colour than the lost ones below it
 
 
 def detect(
@@ -104,11 +107,22 @@ def limits_of(image: Pixels, params: VisionConfig, radii_px: tuple[float, float]
 
 def _part(image: Pixels, window: Window | None) -> tuple[int, int, Pixels]:
     """The window as far as it lies in the picture, at least one pixel of it, and its corner."""
+    image = image[: _received(image)]
     if window is None:
         return 0, 0, image
     height, width = image.shape[:2]
     x0, y0 = min(max(0, window[0]), width - 1), min(max(0, window[1]), height - 1)
     return x0, y0, image[y0 : max(y0 + 1, window[3]), x0 : max(x0 + 1, window[2])]
+
+
+def _received(image: Pixels) -> int:
+    """Rows. A decoder fills what was lost below them with one colour: that is the picture's edge, not a thing in it."""
+    fill = image[-1, 0]
+    if (image[-1, ::SPARSE] != fill).any():
+        return len(image)
+    other = (image[:, ::SPARSE] != fill).any(axis=2)
+    last = int(np.flatnonzero(other.any(axis=1)).max(initial=-1))  # an even ground begins here and there, in many rows
+    return last + 1 if last >= 0 and other[last].mean() >= AT_ONCE else len(image)
 
 
 def _filled(found: Detection, taken: Candidate, x0: int, y0: int) -> Detection:

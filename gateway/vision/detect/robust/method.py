@@ -34,7 +34,7 @@ REJECTIONS: dict[str, str] = {
     "leak": "the red continues outside the rim: a part of a larger red thing",
     "visible": "too little of the complete rim lies in the picture and shows an edge",
     "fill": "too little of the inside is red: an arc, a letter, a half of something",
-    "hollow": "not red round the centre: a ring, the letter O",
+    "hollow": "not red round the centre: a ring, a letter",
     "support": "too few edges lie on the rim",
     "blur": "a glow, not a disc: no rim that is sharp for its size",
     "confidence": "passes every gate, but too narrowly in too many: not round, not clear, not complete",

@@ -8,9 +8,13 @@ from numpy.typing import NDArray
 
 from gateway.core.detection import Ellipse
 from gateway.vision.detect.robust.conic import outline
+from gateway.vision.detect.robust.constants import WHITE
+from gateway.vision.detect.robust.redness import redness
 from gateway.vision.pixels import Colours
 
 LEAST_RED = 1.0  # grey levels: red above green
+BURNT, AT_RIM = 0.08, 0.6  # share of the middle that is white; of the fall of redness, so much less lies at the rim
+_MIDDLE, _INSIDE, _OUTSIDE = (0.1, 0.2, 0.3, 0.4, 0.5), tuple(np.arange(0.3, 0.91, 0.1)), (1.1, 1.3)  # of the radius
 _SHARES = np.linspace(0.1, 0.8, 8)  # of the radius
 _AROUND = np.arange(72.0) * (2 * np.pi / 72)
 
@@ -35,3 +39,20 @@ def is_red_itself(image: Colours, rim: Ellipse) -> bool:
     places = np.concatenate([np.stack(scaled(rim, float(share))) for share in _SHARES], axis=1)
     inside = colours_at(image, *places).astype(np.float32)
     return len(inside) > 0 and float(np.median(inside[:, 2] - inside[:, 1])) >= LEAST_RED
+
+
+def is_glow(image: Colours, rim: Ellipse) -> bool:
+    """Whether a lamp blinds the camera there: white in the middle, and round it a red that falls off with no edge.
+
+    White has no redness, so that the evidence of the core does not tell.
+    """
+    middle = np.concatenate([colours_at(image, *scaled(rim, share)) for share in _MIDDLE])
+    if len(middle) == 0 or float((middle.min(axis=1) >= WHITE).mean()) < BURNT:
+        return False
+    inside, outside = ([_redness_at(image, rim, share) for share in shares] for shares in (_INSIDE, _OUTSIDE))
+    return inside[-1] - outside[0] < AT_RIM * (max(inside) - outside[-1])
+
+
+def _redness_at(image: Colours, rim: Ellipse, share: float) -> float:
+    seen = redness(colours_at(image, *scaled(rim, share)))
+    return float(np.median(seen)) if seen.size else 0.0

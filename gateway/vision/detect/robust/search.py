@@ -12,6 +12,7 @@ from gateway.vision.detect.robust.burnt import of_the_legible
 from gateway.vision.detect.robust.candidates import Seed
 from gateway.vision.detect.robust.clearest_rim import CLEARLY, quality, rim_behind_veil
 from gateway.vision.detect.robust.decision import (
+    BLUR,
     COLOUR,
     SHAPE,
     Candidate,
@@ -28,7 +29,7 @@ from gateway.vision.detect.robust.decision import (
 )
 from gateway.vision.detect.robust.evidence import Evidence
 from gateway.vision.detect.robust.facets import cornered
-from gateway.vision.detect.robust.own_colour import is_red_itself
+from gateway.vision.detect.robust.own_colour import is_glow, is_red_itself
 from gateway.vision.detect.robust.redness import BLACK, PyramidLevel, pyramid
 from gateway.vision.detect.robust.rim_fine import Rim
 from gateway.vision.detect.robust.veil import Veil
@@ -158,8 +159,11 @@ def _failed(image: Colours, found: Candidate, limits: Limits) -> str | None:
     """The code of the first gate that it does not pass. What was found less a veil must be red in the picture, too:
     before a cyan wall, taken for dust, the subtraction makes a grey disc red."""
     why = failed_gate(found, limits)
-    own = why not in (None, SIZE) or found.airlight == BLACK or is_red_itself(image, found.rim.ellipse)
-    return why if own else COLOUR
+    if why not in (None, SIZE):
+        return why
+    if found.airlight != BLACK and not is_red_itself(image, found.rim.ellipse):
+        return COLOUR
+    return BLUR if is_glow(image, found.rim.ellipse) else why
 
 
 def levels_of(image: Colours, limits: Limits) -> list[PyramidLevel]:
