@@ -30,6 +30,7 @@ from gateway.ranger.hcsr04.protocol import (
 from gateway.ranger.ranger_service import RangerService
 from gateway.shared_state import SharedVector
 from gateway.vision.source.contract import Frame, Source
+from gateway.vision.source.specs import source_spec
 from gateway.web.ipc.devices import Finding, Verdict
 
 OK, WARNING, FAULT = Verdict.OK, Verdict.WARNING, Verdict.FAULT
@@ -150,7 +151,7 @@ def test_the_remedy_fits_a_film_and_a_network_camera(url: str, remedy: str, tmp_
         nobody.bind(("127.0.0.1", 0))
         address = url.format(folder=tmp_path, port=nobody.getsockname()[1])
         with pytest.raises(LinkError) as refused:
-            sensors.source_spec(CameraConfig.model_validate({"url": address})).open(SystemClock())
+            source_spec(CameraConfig.model_validate({"url": address})).open(SystemClock())
     assert remedy in sensors.camera_remedy(str(refused.value))
 
 
