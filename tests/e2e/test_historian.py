@@ -339,7 +339,7 @@ def test_the_doctor_logs_in_and_proves_the_right_to_insert(server: Postgres, sch
         ({"url": "postgresql://nobody:x@127.0.0.1:PORT/plant"}, 'authentication failed for user "nobody"'),
         ({"url": "URL_BASE/other"}, 'database "other" does not exist'),
         ({"url": "postgresql://gateway:x@127.0.0.1:1/plant"}, "Connect call failed ('127.0.0.1', 1)"),
-        ({"create_tables": False}, "have version 0, and 3 is needed"),
+        ({"create_tables": False}, "have version 0, and 4 is needed"),
         ({"tls": {}}, "rejected SSL upgrade"),
         ({"url": "URL_BASE/latin"}, "its encoding is LATIN1; it must be UTF8"),
     ],
