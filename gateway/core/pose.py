@@ -1,21 +1,18 @@
 """Where the marker's centre is against its taught place, in millimetres, with standard deviations. Pure.
 
 The axes are the camera's: x to the picture's right, y downwards, z away from it. In coordinates of equation 11, without
-the lens's distortion, a disc of radius r whose centre is seen at c, at the depth Z, tilted against the picture by the
-vector T (its length is the sine, it points to the far side), has to the second order in T a rim of the shape
-
-    M = rho^2 (I + c c^T - W W^T),    W = T + c,    rho = r / Z,
-
-whose ellipse's centre lies rho^2 T beside c, towards the near side (project the rim: both follow). So M gives rho and
-W, but not its sign: T is W - c or -W - c, as in gateway/vision/detect/robust/perspective.py. Both are weighted by how
-likely a tilt is, and their distance is part of the deviation. That holds for tilts up to some 10 degrees.
+the lens's distortion, a disc of radius r and normal n, whose centre is seen at c = (x, y, 1) in the depth Z, has a rim
+of the dual conic c c^T - rho^2 (I - n n^T), rho = r / Z. So of the one that is seen, A, with the least eigenvalue -mu,
+A + mu I is of rank 2, and two normals fit it: the disc is tilted to one side of the line of sight, or as far to the
+other, and one view can't tell which. Both are weighted by how likely such a tilt is, as in
+gateway/vision/detect/robust/perspective.py (which has the sources), and their distance is part of the deviation.
 
 The depth is that of the camera and of the ranger, weighted by 1 / variance; where they differ by more than their
 deviations say, that of the result grows as much (Birge 1932, Phys. Rev. 40, 207).
 """
 
 from dataclasses import dataclass
-from math import cos, exp, hypot, isfinite, pi, sin, sqrt
+from math import acos, atan2, cos, exp, hypot, isfinite, pi, radians, sin, sqrt
 
 from gateway.config import BayConfig, CrossCheck, FusionConfig, GuidanceConfig, Intrinsics
 from gateway.core.detection import Ellipse
@@ -30,7 +27,11 @@ NOISE_MM = 1.0  # of the ranger, after its median
 SOUND_PER_K = 0.00175  # change of the speed of sound at 15 degrees Celsius, as a share
 AIR_K = 5.0  # temperature_c against the air
 MEASURED_AIR_K = 0.5  # the board's own sensor
-TILT = 0.1  # of the marker against the picture, to each side: sine
+TILT = 0.1  # of the marker against the picture, to each side, where no ellipse tells: sine
+# How far a marker leans, one sigma each: some hang as they should, the rest lean any way. Narrower than for the picture
+# (gateway/vision/detect/robust/perspective.py): one that hangs straight is to be exact at 30 cm.
+USUAL_TILT_RAD, OTHER_TILT_RAD = radians(3), radians(25)
+USUALLY = 0.15  # chance of the former
 
 _ITERATIONS = 50
 _EXACT = 1e-9
@@ -97,9 +98,10 @@ def metric_pose(
     if aim is None or disc is None:
         return None
     offset_mm = 0.0 if check is None else check.camera_offset_mm
-    seen_mm = radius_mm * sqrt(1 / disc.rho_squared + disc.tilt_squared) - offset_mm
+    whole_mm = radius_mm / disc.rho
+    seen_mm = whole_mm - offset_mm
     rim_n = RIM_PX / sqrt(lens.fx * lens.fy)
-    seen_var = (seen_mm + offset_mm) * (seen_mm + offset_mm) * (SIZE_SHARE**2 + rim_n * rim_n / disc.rho_squared)
+    seen_var = whole_mm * whole_mm * (SIZE_SHARE**2 + rim_n * rim_n / (disc.rho * disc.rho))
     kelvin = 0.0 if not sight.sound else AIR_K if distance.air_c is None else MEASURED_AIR_K
     air_mm = z_mm * SOUND_PER_K * kelvin
     heard_var = STEP_MM**2 / 12 + NOISE_MM**2 + air_mm * air_mm
@@ -120,14 +122,13 @@ def metric_pose(
 
 @dataclass(frozen=True, slots=True)
 class _Disc:
-    """In coordinates of equation 11: centre, with what its unknown tilt makes of its deviations; (r / Z)^2; sin^2."""
+    """In coordinates of equation 11: the centre; r / Z; what the unknown tilt makes of the centre's deviations."""
 
     x: float
     y: float
+    rho: float
     x_sd: float
     y_sd: float
-    rho_squared: float
-    tilt_squared: float
 
 
 def _disc(vision: VisionReading, lens: Intrinsics) -> _Disc | None:
@@ -143,32 +144,51 @@ def _disc(vision: VisionReading, lens: Intrinsics) -> _Disc | None:
         du, dv = ellipse.semi_major_px * cos(0.4 * pi * n), ellipse.semi_minor_px * sin(0.4 * pi * n)
         points.append(_straight(ellipse.u_px + du * along - dv * aside, ellipse.v_px + du * aside + dv * along, lens))
     conic = _through([point for point in points if point is not None])
-    if conic is None:
+    possible = None if conic is None else _possible(*conic)
+    if possible is None:
         return None
-    x, y, xx, xy, yy = conic
-    # The larger root of det(rho^2 (I + c c^T) - M) = 0; what is left then is rho^2 W W^T.
-    cxx, cyy, cxy = 1 + x * x, 1 + y * y, x * y
-    scale, middle = 1 + x * x + y * y, (cxx * yy + cyy * xx - 2 * cxy * xy) / 2
-    root = middle * middle - scale * (xx * yy - xy * xy)
-    rho_squared = (middle + sqrt(max(0.0, root))) / scale
-    if not 0 < rho_squared < 1:
+    (*one, likely), (*other, unlikely) = possible
+    share = unlikely / (likely + unlikely)
+    if vision.ellipse is None:  # a circle tells nothing of a tilt
+        share = float(share > 0.5)
+    spread = sqrt(share * (1 - share))
+    x, y, rho = (a + share * (b - a) for a, b in zip(one, other, strict=True))
+    unknown = 0.0 if vision.ellipse else TILT * rho * rho
+    return _Disc(x, y, rho, hypot(spread * (other[0] - one[0]), unknown), hypot(spread * (other[1] - one[1]), unknown))
+
+
+def _possible(x: float, y: float, xx: float, xy: float, yy: float) -> list[tuple[float, float, float, float]] | None:
+    """Both discs whose rim is seen as the ellipse with that centre and shape: x, y, r / Z, and how likely each is."""
+    trace, det = x * x - xx + y * y - yy + 1, xx * yy - xy * xy
+    minors = det - xx * (1 + y * y) - yy * (1 + x * x) + 2 * xy * x * y
+    mean, size = trace / 3, sqrt(max(0.0, trace * trace - 3 * minors)) / 3
+    if not (size > 0 and det > 0):
         return None
-    wx, wy = sqrt(max(0.0, cxx - xx / rho_squared)), sqrt(max(0.0, cyy - yy / rho_squared))
-    wy = wy if cxy >= xy / rho_squared else -wy
-    # |T|^2 of both solutions differs by 4 W c.
-    far = 1 / (1 + exp(min(700.0, 2 * abs(wx * x + wy * y) / TILT**2)))  # chance of the one that leans more
-    way = 1 - 2 * far if wx * x + wy * y >= 0 else 2 * far - 1
-    tx, ty = way * wx - x, way * wy - y
-    spread = 2 * sqrt(far * (1 - far)) if vision.ellipse else 0.0
-    unknown = 0.0 if vision.ellipse else TILT
-    return _Disc(
-        x + rho_squared * tx,
-        y + rho_squared * ty,
-        rho_squared * hypot(spread * wx, unknown),
-        rho_squared * hypot(spread * wy, unknown),
-        rho_squared,
-        min(1.0, tx * tx + ty * ty),
-    )
+    turned = (det - minors * mean + 2 * mean * mean * mean) / (2 * size * size * size)
+    mu = -mean - 2 * size * cos((acos(min(max(turned, -1.0), 1.0)) + 2 * pi) / 3)
+    if not mu > 0:
+        return None
+    # A + mu I is g g^T + h h^T, and so is each turn of both that makes sqrt(mu) n of one: by an angle of tangent t.
+    root = sqrt(1 + mu)
+    gx, gy = x / root, y / root
+    hx, hy = sqrt(max(0.0, mu * (1 + gx * gx) - xx)), sqrt(max(0.0, mu * (1 + gy * gy) - yy))
+    hy = hy if mu * gx * gy >= xy else -hy
+    g_h, g_g = gx * hx + gy * hy, 1 + gx * gx + gy * gy  # the latter less mu
+    found = []
+    for side in (1, -1):
+        t = (side * sqrt(max(0.0, g_h * g_h + g_g * (mu - hx * hx - hy * hy))) - g_h) / g_g
+        rho = sqrt(mu * (1 + t * t)) / root
+        if not rho < 1:
+            return None
+        tilt_rad = atan2(hypot(t * gx + hx, t * gy + hy), abs(t) * root)
+        found.append(((gx - t * hx) / root, (gy - t * hy) / root, rho, _likely(tilt_rad)))
+    return found
+
+
+def _likely(tilt_rad: float) -> float:
+    """Density of a normal so far off the picture's, but for a constant."""
+    usual, other = (exp(-0.5 * (tilt_rad / sigma) ** 2) / sigma**2 for sigma in (USUAL_TILT_RAD, OTHER_TILT_RAD))
+    return USUALLY * usual + (1 - USUALLY) * other
 
 
 def _through(points: list[tuple[float, float]]) -> tuple[float, float, float, float, float] | None:

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gateway.config import BayConfig, CrossCheck, DriveConfig, FusionConfig, GuidanceConfig, Intrinsics, VisionConfig
-from gateway.core import interlock
+from gateway.core import interlock, pose
 from gateway.core.detection import Circle, Ellipse
 from gateway.core.interlock import Rules
 from gateway.core.pose import MetricPose, Sight, metric_pose
@@ -40,9 +40,9 @@ def at(
     return metric_pose(vision, distance, S, Sight(lens, sound), fusion, guidance, speed, place_mm)
 
 
-def numbers(pose: MetricPose | None) -> tuple[float, ...]:
-    assert pose is not None
-    return pose.x_mm, pose.y_mm, pose.z_mm, pose.x_sd_mm, pose.y_sd_mm, pose.z_sd_mm
+def numbers(of: MetricPose | None) -> tuple[float, ...]:
+    assert of is not None
+    return of.x_mm, of.y_mm, of.z_mm, of.x_sd_mm, of.y_sd_mm, of.z_sd_mm
 
 
 def rim(x: float, y: float, z: float, tilt_deg: float, towards_deg: float, lens: Intrinsics = LENS) -> VisionReading:
@@ -85,28 +85,63 @@ def test_against_the_aim_point_at_the_places_distance_with_the_camera_behind_the
 
 @pytest.mark.parametrize("lens", [LENS, BARREL])
 @pytest.mark.parametrize(("x", "y"), [(60.0, 0.0), (-45.0, 40.0)])
-@pytest.mark.parametrize(("tilt_deg", "towards_deg"), [(0.0, 0.0), (3.0, 0.0), (-3.0, 60.0), (6.0, 30.0)])
-def test_the_centre_of_a_tilted_disc_beside_the_axis(
-    lens: Intrinsics, x: float, y: float, tilt_deg: float, towards_deg: float
-) -> None:
-    """The ellipse's own centre is up to 2.8 mm beside it; behind this lens the radius is up to 4 % smaller."""
-    found = at(rim(x, y, 300.0, tilt_deg, towards_deg, lens), heard(300.0), lens)
+def test_the_centre_of_a_disc_that_hangs_straight_beside_the_axis(lens: Intrinsics, x: float, y: float) -> None:
+    """The ellipse's own centre is up to 1.8 mm beside it; behind this lens the radius is up to 4 % smaller. The other
+    disc that looks so would lean by 23 degrees, and counts for 4 %, of 11 mm."""
+    found = at(rim(x, y, 300.0, 0.0, 0.0, lens), heard(300.0), lens)
     assert numbers(found)[:3] == pytest.approx((x, y, 0.0), abs=0.5)
+
+
+@pytest.mark.parametrize(("x", "y"), [(0.0, 0.0), (60.0, 0.0), (-45.0, 40.0)])
+@pytest.mark.parametrize("tilt_deg", [-40.0, -25.0, -15.0, -8.0, -3.0, 3.0, 8.0, 15.0, 25.0, 40.0])
+@pytest.mark.parametrize("towards_deg", [0.0, 50.0])
+def test_of_a_tilted_disc_one_of_two_is_exact(x: float, y: float, tilt_deg: float, towards_deg: float) -> None:
+    """Without noise: place in the picture, and 90 mm in 300 mm."""
+    vision = rim(x, y, 300.0, tilt_deg, towards_deg)
+    assert vision.ellipse is not None
+    points = [seen_at(vision.ellipse, 0.4 * pi * n) for n in range(5)]
+    through = pose._through([((u - LENS.cx) / LENS.fx, (v - LENS.cy) / LENS.fy) for u, v in points])
+    assert through is not None
+    found = pose._possible(*through)
+    assert found is not None
+    off = min(hypot(300 * u - x, 300 * v - y, 1000 * (rho - 0.3)) for u, v, rho, _ in found)
+    assert off < 0.02
+
+
+def seen_at(ellipse: Ellipse, turn: float) -> tuple[float, float]:
+    du, dv = ellipse.semi_major_px * cos(turn), ellipse.semi_minor_px * sin(turn)
+    along, aside = cos(ellipse.angle_rad), sin(ellipse.angle_rad)
+    return ellipse.u_px + du * along - dv * aside, ellipse.v_px + du * aside + dv * along
+
+
+@pytest.mark.one_interpreter
+def test_tilted_discs_are_within_their_stated_deviations() -> None:
+    """As many of each tilt up to 30 degrees, to each side, anywhere in the picture: nine of ten are within twice
+    theirs. By one Gaussian of 6 degrees it were 76 %."""
+    within: dict[bool, list[float]] = {True: [], False: []}
+    for x, y in ((0.0, 0.0), (70.0, 0.0), (-40.0, 30.0), (20.0, -70.0), (110.0, 60.0)):
+        for tilt_deg in (2.0, 6.0, 10.0, 14.0, 18.0, 22.0, 26.0, 30.0):
+            for towards_deg in range(0, 360, 40):
+                found = numbers(at(rim(x, y, 500.0, tilt_deg, towards_deg), heard(500.0)))
+                within[tilt_deg > 10] += [abs(found[0] - x) / found[3], abs(found[1] - y) / found[4]]
+    for deviations in within.values():
+        assert np.mean(np.array(deviations) <= 2) > 0.9
 
 
 @pytest.mark.parametrize("tilt_deg", [-6.0, 6.0])
 def test_on_the_axis_the_side_to_which_a_disc_leans_is_open_and_stated(tilt_deg: float) -> None:
-    """0.3^2 sin 6 degrees of 300 mm are 2.8 mm."""
+    """0.3^2 sin 6 degrees of 300 mm are 2.8 mm to the ellipse's centre, and as far again to the other disc's, which
+    leans by one degree less."""
     x, y, _, x_sd, y_sd, _ = numbers(at(rim(0.0, 0.0, 300.0, tilt_deg, 0.0), heard(300.0)))
-    assert (abs(x), y) == pytest.approx((2.8, 0.0), abs=0.1)
-    assert (x_sd, y_sd) == pytest.approx((2.7, 0.05), abs=0.1)
+    assert (abs(x), y) == pytest.approx((3.2, 0.0), abs=0.1)
+    assert (x_sd, y_sd) == pytest.approx((2.5, 0.05), abs=0.1)
 
 
 def test_the_air_counts_only_for_sound_and_where_nothing_measures_it() -> None:
     """300 mm x 0.00175 x 5 = 2.625 mm; 2.278 joined with 2.333 + 6.891, with 2.333 + 0, with 2.402."""
     circle = seen(Circle(320.0, 240.0, 180.0))
     found = [at(circle, heard(300.0, None)), at(circle, heard(300.0, None), sound=False), at(circle, heard(300.0))]
-    assert [numbers(pose)[5] for pose in found] == pytest.approx([1.3516, 1.0736, 1.0813], abs=1e-4)
+    assert [numbers(one)[5] for one in found] == pytest.approx([1.3516, 1.0736, 1.0813], abs=1e-4)
 
 
 def test_what_the_vehicle_may_have_moved_since_the_older_reading_is_part_of_the_deviation() -> None:
@@ -125,7 +160,7 @@ CIRCLE = seen(Circle(320.0, 240.0, 180.0))
 
 
 @pytest.mark.parametrize(
-    "pose",
+    "none",
     [
         at(seen(None), heard(300.0)),
         at(CIRCLE, heard(None)),
@@ -137,8 +172,8 @@ CIRCLE = seen(Circle(320.0, 240.0, 180.0))
         at(CIRCLE, heard(300.0), BARREL.model_copy(update={"distortion": (*(0.1,) * 12, 0.01, 0.0)})),
     ],
 )
-def test_none_where_something_is_missing_or_impossible(pose: MetricPose | None) -> None:
-    assert pose is None
+def test_none_where_something_is_missing_or_impossible(none: MetricPose | None) -> None:
+    assert none is None
 
 
 ANY = st.one_of(st.floats(), st.sampled_from([0.0, nan, inf, -inf, 1e-300, 1e300, 180.0]))
