@@ -132,7 +132,7 @@ def largest_valid(
     sized = [(area, contour) for contour in found if (area := contour_area(contour)) > min_area_px2]
     sized.sort(key=lambda pair: -pair[0])  # stable: equal areas keep their order
     for _, contour in sized:
-        if circularity(contour) < min_circularity:
+        if min_circularity and circularity(contour) < min_circularity:
             continue
         if not min_fill or fill(contour, enclosing_circle(contour)) >= min_fill:
             return contour, len(sized)
