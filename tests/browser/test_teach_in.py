@@ -23,6 +23,7 @@ start = { distance_cm = 36, lateral_mm = 10 }
 
 
 @pytest.mark.long
+@pytest.mark.timeout(300)  # a measurement that is refused is begun again
 def test_a_truck_that_stands_is_measured_saved_and_in_place_from_then_on(
     visit: Visit, watches: list[Watch], tmp_path: Path
 ) -> None:
