@@ -216,7 +216,8 @@ class _Past:
             yield self.near_ns or state.t_ns, say.Z_FROM_HERE()
         if factor is Factor.LATCH and self.target_ns is not None:
             yield self.target_ns, say.D_BECAME_1()
-        if factor in (Factor.HOLD, Factor.CLEAR) and self.ended is not None:
+        of_this_stop = self.ended is not None and self.ended[0] == state.memory.no_cause_since_ns  # not an earlier one
+        if factor in (Factor.HOLD, Factor.CLEAR) and self.ended is not None and of_this_stop:
             yield self.ended[0], say.LAST_CAUSE(self.ended[1])
 
     def _contradiction(self, state: StateVector) -> Iterator[tuple[int, str]]:

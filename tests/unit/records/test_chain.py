@@ -335,3 +335,13 @@ def test_a_stop_without_a_known_cause_is_not_said_to_be_none() -> None:
 def test_a_tick_is_a_tick() -> None:
     assert chain.entered(Tick(), None, StateVector("bay1")) == "tick"
     assert chain.entered(None, None, StateVector("bay1")) == "a new beginning of the recording"
+
+
+@pytest.mark.parametrize(("since_ns", "told"), [(9, ["the last cause ended: it stood"]), (20, []), (None, [])])
+def test_the_last_cause_is_that_of_this_stop(since_ns: int | None, told: list[str]) -> None:
+    """One that ends in the step itself is not that of an earlier stop."""
+    state = Story(NEAR).run(1).bench.state
+    now = replace(state, memory=replace(state.memory, no_cause_since_ns=since_ns))
+    past = chain._Past(ended=(9, "it stood"))
+    for factor in (Factor.HOLD, Factor.CLEAR):
+        assert [text for _, text in past._of(factor, now, now)] == told
