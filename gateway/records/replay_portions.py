@@ -179,7 +179,8 @@ class _Seen:
         if now.state is None or (self._newest is not None and differs(self._newest)):
             return b""
         ongoing = (now.state, now.silent is now.state, now.recorded, now.step is None)
-        return hashlib.sha256(msgspec.msgpack.encode((ongoing, trucks.open, trucks.before, trucks.marks))).digest()
+        of_trucks = (trucks.open, trucks.before, trucks.marks, trucks.gaps, trucks.missing)
+        return hashlib.sha256(msgspec.msgpack.encode((ongoing, of_trucks))).digest()
 
     def _overlaps(self, truck: ComparedTruck) -> bool:
         return truck.begun_ns <= self.job.end_ns and truck.ended_ns >= self.job.begin_ns

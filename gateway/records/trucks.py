@@ -14,10 +14,10 @@ from gateway.records.replay import Step
 
 
 class ThenNow(NamedTuple):
-    """Of one truck, by the recorded decisions or by the other rules. `stop_mm`: Z when it was first stopped at the
-    mark; None: it was not, or Z was not known."""
+    """Of one truck, by the recorded decisions or by the other rules. `in_place` None: not known, as records of its
+    visit are missing. `stop_mm`: Z when it was first stopped at the mark; None: it was not, or that is not known."""
 
-    in_place: bool = False
+    in_place: bool | None = False
     stop_mm: float | None = None
 
 
@@ -46,16 +46,28 @@ class Trucks:
     open: VisitSummary | None = None
     before: list[tuple[bool, bool] | None] = field(default_factory=lambda: [None, None])  # at mark, in place: then, now
     marks: list[tuple[int, int, ThenNow]] = field(default_factory=list)  # Unix ns; 0: then, 1: now
+    gaps: list[tuple[int, int]] = field(default_factory=list)  # the records before and behind what is missing, Unix ns
+    newest_ns: int = 0
+    missing: bool = False  # since the newest record
 
     def visits(self, items: Iterable[Item | MissingItem]) -> Iterator[Item | MissingItem]:
         """The same items."""
         for item in items:
-            if not isinstance(item, MissingItem) and isinstance(record := item[1], VisitRecord):
-                self.open = record.visit
-                if record.visit.end is not VisitEnd.OPEN:
-                    self._end()
+            if isinstance(item, MissingItem):
+                self.missing = True
+            else:
+                self._goes_on(unix_ns(item[0].head, item[1].t_ns))
+                if isinstance(record := item[1], VisitRecord):
+                    self.open = record.visit
+                    if record.visit.end is not VisitEnd.OPEN:
+                        self._end()
             yield item
         self._end()
+
+    def _goes_on(self, at_ns: int) -> None:
+        if self.missing:
+            self.gaps.append((self.newest_ns, at_ns))
+        self.newest_ns, self.missing = at_ns, False
 
     def step(self, step: Step) -> None:
         at_ns, z_mm = unix_ns(step.place.head, step.state.t_ns), step.state.range.distance_mm
@@ -76,10 +88,14 @@ class Trucks:
         begun_ns, ended_ns = visit.begun_ms * NS_PER_MS, visit.last_seen_ms * NS_PER_MS
         of = [mark for mark in self.marks if begun_ns <= mark[0] <= ended_ns]
         self.marks = [mark for mark in self.marks if mark[0] > ended_ns]
+        last_ns = self.newest_ns if visit.end is VisitEnd.OPEN else ended_ns
+        gap_ns = min((since for since, until in self.gaps if since <= last_ns and until >= begun_ns), default=None)
+        self.gaps = [gap for gap in self.gaps if gap[1] > ended_ns]
+        sure = of if gap_ns is None else [mark for mark in of if mark[0] <= gap_ns]  # the first stop may be missing
         then, now = (
             ThenNow(
-                any(mark.in_place for _, by, mark in of if by == which),
-                next((mark.stop_mm for _, by, mark in of if by == which and mark.stop_mm is not None), None),
+                any(mark.in_place for _, by, mark in of if by == which) or (None if gap_ns else False),
+                next((mark.stop_mm for _, by, mark in sure if by == which and mark.stop_mm is not None), None),
             )
             for which in (0, 1)
         )

@@ -14,7 +14,10 @@ from gateway.config import load
 from gateway.core.events import Event, EventKind
 from gateway.core.plc import Control
 from gateway.core.visit_summary import VisitEnd, VisitSummary
+from gateway.records.moment import unix_ns
+from gateway.records.recording import MissingItem, records
 from gateway.records.replay_portions import Portion, ReplayJob, replayed
+from gateway.records.trucks import ThenNow, Trucks
 from tests.recorded_bay import CONFIG, T0_NS, Recorded, S, unix, with_visits
 from tests.visit_bench import Bench, Levels, truck
 
@@ -124,6 +127,38 @@ def test_a_threshold_that_the_truck_never_reaches_is_told_as_such(
     (one,) = against(visit, tmp_path, "radius_threshold_px = 280", capsys)["trucks"]
     assert (one["in_place_then"], one["in_place_now"]) == (True, False)
     assert (one["stop_now_mm"], one["earlier_mm"]) == (None, None)
+
+
+@pytest.mark.parametrize(
+    ("gap_s", "then"),
+    [
+        ((5, 8), (True, 300.0)),  # behind the stop, before it was in place: that is recorded
+        ((1, 3), (True, None)),  # it may have been stopped then
+        ((8, 12), (None, 300.0)),
+        ((30, 40), (True, 300.0)),  # behind the visit
+    ],
+)
+def test_what_is_missing_of_a_visit_may_have_shown_it_in_place(
+    gap_s: tuple[int, int], then: tuple[bool | None, float | None]
+) -> None:
+    marks = [(4 * S, 0, ThenNow(False, 300.0)), (9 * S, 0, ThenNow(in_place=True))]
+    begin_ns, end_ns = (second * S for second in gap_s)
+    recorded = [mark for mark in marks if not begin_ns < mark[0] < end_ns]
+    trucks = Trucks(open=VisitSummary(2000, 18.0, VisitEnd.CLEAR), marks=recorded, gaps=[(begin_ns, end_ns)])
+    assert not list(trucks.visits([]))
+    assert trucks.found[0].then == then
+
+
+def test_a_visit_without_an_end_may_last_through_what_is_missing(visits: Recorded) -> None:
+    before, behind = (list(records([path])) for path in sorted(visits.path.iterdir())[:2])
+    trucks = Trucks()
+    items = trucks.visits([*before, MissingItem("why"), behind[0], MissingItem("why")])
+    times_ns = [unix_ns(item[0].head, item[1].t_ns) for item in items if not isinstance(item, MissingItem)]
+    assert trucks.gaps == [(times_ns[-2], times_ns[-1])]
+    begun_ms = times_ns[0] // 10**6
+    open_visit = Trucks(open=VisitSummary(begun_ms, 0.1), gaps=trucks.gaps, newest_ns=times_ns[-1])
+    assert not list(open_visit.visits([]))
+    assert open_visit.found[0].then == (None, None)
 
 
 def test_only_what_was_asked_for(visit: Recorded, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
