@@ -53,7 +53,7 @@ PARTS = """
 TITLES=() RUNNING=() FAILED=() LOGS=
 begin 'the first' bash -c 'echo of the first; exit 1'
 begin 'the second' echo of the second
-finish
+finish 0
 begin 'the third' bash -c 'echo of the third >&2; exit 2'
 finish
 report
