@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -53,6 +54,21 @@ def test_what_has_corners_is_no_disc(count: int, radius: float, flat: float) -> 
 
     assert found.circle is None
     assert SHAPE in [rejected.why for rejected in found.rejected]
+
+
+@pytest.mark.parametrize("radius", [18.0, 20.0])
+@pytest.mark.parametrize("octagon", [True, False])
+def test_brightness_shows_the_corners_that_the_coarse_colours_of_a_jpeg_hide(octagon: bool, radius: float) -> None:
+    sheet = decoys.sheet(WIDTH, HEIGHT, "concrete", 2)
+    if octagon:
+        sheet.polygon(corners(8, radius, 0.3))
+    else:
+        sheet.disc(161.3, 119.2, radius)
+    stored = cv2.imencode(".jpg", sheet.finished(1.0), [cv2.IMWRITE_JPEG_QUALITY, 60])[1]
+    found = detect(np.asarray(cv2.imdecode(stored, cv2.IMREAD_COLOR), np.uint8), PARAMS)
+
+    assert (found.circle is None) == octagon
+    assert (SHAPE in {rejection.why for rejection in found.rejected}) == octagon
 
 
 def test_nor_is_a_stop_sign_or_a_letter_on_it() -> None:

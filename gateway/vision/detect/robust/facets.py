@@ -30,7 +30,11 @@ INNER, OUTER = slice(0, 5), slice(21, None)  # of SHARES: inside the sides' midd
 FINE_PX = 32  # of the semi-minor axis: more pixels show no more
 WEAK = 0.3  # of the usual change across the rim: less is no edge
 STRAY, MOST_STRAY = 3.7, 0.25  # of the median deviation from the curve; share of the edges that may be: letters, dirt
+
 EXPLAINED, SWING = 0.65, 0.5  # of the deviations' squares by the polygon's curve; of that curve's own height
+EXPLAINED_GREY, MOST_SWING = 0.45, 1.5  # the former by brightness; and a higher curve is no polygon's
+
+GREY = np.array([0.114, 0.587, 0.299], np.float32)
 
 Floats = NDArray[np.float64]
 
@@ -40,12 +44,25 @@ def cornered(image: Colours, rim: Rim) -> bool:
     minor_px = rim.ellipse.semi_minor_px
     if minor_px < SMALLEST_PX or rim.rms_px <= min(TIDY * minor_px, TIDY_PX):
         return False
-    explained, swing = polygon_share(*_edges(*_samples(image, rim.ellipse)))
-    return explained >= EXPLAINED and swing >= SWING
+    bgr, seen = _samples(image, rim.ellipse)
+    explained, swing = polygon_share(*_edges(redness(bgr), seen))
+    if explained >= EXPLAINED and swing >= SWING:
+        return True
+    if minor_px >= FINE_PX:
+        return False
+    explained, swing = polygon_share(*_edges(_darkness(bgr, seen), seen))
+    return explained >= EXPLAINED_GREY and SWING <= swing <= MOST_SWING
 
 
-def _samples(image: Colours, rim: Ellipse) -> tuple[Plane, NDArray[np.bool_]]:
-    """(RAYS, SHARES): redness along even angles of the ellipse; (RAYS,): whether a ray lies in the picture."""
+def _darkness(bgr: Colours, seen: NDArray[np.bool_]) -> Plane:
+    """(RAYS, SHARES): a JPEG's colours are coarse and hide the corners of something small; its brightness is not."""
+    grey = np.asarray(bgr.astype(np.float32) @ GREY, np.float32)
+    inside, outside = (np.median(grey[seen, shares]) if seen.any() else 0.0 for shares in (INNER, OUTER))
+    return grey if inside > outside else -grey
+
+
+def _samples(image: Colours, rim: Ellipse) -> tuple[Colours, NDArray[np.bool_]]:
+    """(RAYS, SHARES, 3): colours along even angles of the ellipse; (RAYS,): whether a ray lies in the picture."""
     factor = max(1, int(rim.semi_minor_px // FINE_PX))
     reach = float(SHARES[-1]) * rim.semi_major_px + 2 * factor
     height, width = image.shape[:2]
@@ -53,7 +70,7 @@ def _samples(image: Colours, rim: Ellipse) -> tuple[Plane, NDArray[np.bool_]]:
     x1, y1 = min(width, math.ceil(rim.u_px + reach)), min(height, math.ceil(rim.v_px + reach))
     columns, rows = (x1 - x0) // factor, (y1 - y0) // factor
     if columns < 2 or rows < 2:
-        return np.zeros((RAYS, SHARES.size), np.float32), np.zeros(RAYS, np.bool_)
+        return np.zeros((RAYS, SHARES.size, 3), np.uint8), np.zeros(RAYS, np.bool_)
     part = image[y0 : y0 + rows * factor, x0 : x0 + columns * factor]
     if factor > 1:
         part = cast("Colours", cv2.resize(part, (columns, rows), interpolation=cv2.INTER_AREA))
@@ -63,7 +80,7 @@ def _samples(image: Colours, rim: Ellipse) -> tuple[Plane, NDArray[np.bool_]]:
     seen = (map_u >= 0) & (map_u <= columns - 1) & (map_v >= 0) & (map_v <= rows - 1)
     soft = cv2.GaussianBlur(part, (3, 3), 0.6)
     bgr = cv2.remap(soft, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return redness(cast("Colours", bgr)), np.asarray(seen[:, : OUTER.start].all(axis=1), np.bool_)
+    return cast("Colours", bgr), np.asarray(seen[:, : OUTER.start].all(axis=1), np.bool_)
 
 
 def _edges(red: Plane, seen: NDArray[np.bool_]) -> tuple[Floats, NDArray[np.bool_]]:
