@@ -64,7 +64,7 @@ OUTPUTS_ONLY = frozenset(
         "memory.scale_samples", "memory.scale",
         # listed by `_track_key`
         "memory.track",
-        # listed by `_drive_key`; the setpoint follows from it
+        # listed by `key` and `_drive_key`
         "memory.drive", "setpoint", "pose",
         # no bay of the spaces has a beacon
         "memory.beacon", "vision.beacon", "range.beacon",
@@ -259,6 +259,7 @@ def key(space: Space, node: Node) -> Hashable:
         ]),
         track,
         _drive_key(state.memory.drive, now_ns),
+        state.setpoint,
         learned,
         _known_values(known),
         known.beat is None,
@@ -303,7 +304,8 @@ def _drive_key(drive: DriveMemory, now_ns: int) -> Hashable:
         tuple((now_ns - t_ns, mm - history.way_mm, mm_s) for t_ns, mm, mm_s in history.ways),
         drive.begun and (now_ns - drive.begun[0], drive.begun[1], drive.begun[2]),
         (history.follows_mm_s, drive.peak_mm_s, now_ns - drive.peak_ns),
-        (drive.speed_mm_s, drive.rise_mm_s2, drive.run_mm_s, drive.cut, drive.tries, drive.lag_s, drive.slips_s),
+        (drive.speed_mm_s, drive.rise_mm_s2, drive.run_mm_s, drive.cut, drive.lag_s, drive.slips_s),
+        (drive.there, drive.tries, drive.tried_mm),
     )
 
 

@@ -10,11 +10,13 @@ On the way, the setpoint is the least of what is safe by that, and of
 
 with b the worst brake. A rising setpoint keeps to jerk and acceleration, too. It is 0 so early that the vehicle runs
 out at the place (core/lag.py). A vehicle that stands short of its place is moved once more, TRIES times at most; then
-it stays where it is, and `enable` is off.
+it stays where it is, and `enable` is off. No doubt in between gives it more.
+
+The setpoint is that of the newest control tick, unless something is against it since.
 """
 
 from dataclasses import dataclass
-from math import sqrt
+from math import inf, sqrt
 
 from gateway.config import DriveConfig, FusionConfig, GuidanceConfig
 from gateway.core import lag, movement, stopping_way
@@ -33,6 +35,9 @@ STILL_S = 0.5  # for so long, after the longest delay
 TRIES = 4  # of one approach
 PULSE_S = 0.6  # a setpoint lasts so long, also for a short way
 CREEP_S = 0.3  # at creep speed before the setpoint becomes 0
+EDGE_MM = 4.0  # a vehicle that was at the place leaves it so far beyond the dead band: a step of the ranger
+ANEW_MM = 300.0  # so much farther than where its last run ended it is on another approach
+APART_MM = 10.0  # by so much the marker's size may show the vehicle nearer than the ranger does
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,16 +58,32 @@ def step(
     """Memory and setpoint of a state with its final decision. Never raises."""
     dt_s = min(max(0, state.t_ns - state.memory.drive.history.t_ns) / NS_PER_S, LONGEST_STEP_S)
     memory, now = _followed(state.memory.drive, state, config)
+    doubt = _doubt(state)
+    if memory.tries and _anew(state, memory, None if doubt else now):
+        memory = replace(memory, tries=0)
     if now is None:
         waits = DriveState.NO_DISTANCE if state.may_move else DriveState.INHIBITED
         return _ended(memory), Setpoint(DriveState.AT_PLACE if state.in_place else waits)
     way = _way(state, memory, now, config, fusion, guidance)
-    if _doubt(state):
+    if doubt:
         return _stopped(state, memory, way, config)
     if way.to_go_mm is None or not now.known:
         memory = replace(memory, speed_mm_s=0.0, rise_mm_s2=0.0)
         return memory, Setpoint(DriveState.NO_DISTANCE, stopping_mm=way.stopping.mm)
     return _driven(state, memory, way, way.to_go_mm, dt_s, config)
+
+
+def stays(
+    state: StateVector, setpoint: Setpoint, config: DriveConfig, fusion: FusionConfig, guidance: GuidanceConfig
+) -> bool:
+    """Between two control ticks: is nothing against the setpoint of the former?"""
+    if not setpoint.enable:
+        return True
+    to_go_mm, distance_mm = state.guidance.to_go_mm, state.range.distance_mm
+    if _doubt(state) or to_go_mm is None or distance_mm is None or setpoint.stopping_mm is None:
+        return False
+    limit_mm = distance_mm - fusion.distance_threshold_mm + guidance.overshoot_mm
+    return to_go_mm + config.place_mm > config.dead_band_mm and setpoint.stopping_mm <= limit_mm
 
 
 def _followed(memory: DriveMemory, state: StateVector, config: DriveConfig) -> tuple[DriveMemory, Movement | None]:
@@ -103,9 +124,11 @@ def _way(
     closing_mm_s = max(0.0, history.acting_mm_s(lag.lag_s(memory, config)) + now.excess_mm_s)
     age_s = max(0.0, (state.t_ns - state.range.t_ns) / NS_PER_S)
     worst_mm_s = max(0.0, closing_mm_s + SIGMAS * now.speed_sd_mm_s)
+    fastest_mm_s = max(worst_mm_s, FASTER * history.follows_mm_s)
     nearest_mm = min(
         now.distance_mm - SIGMAS * now.distance_sd_mm,
-        measured_mm - max(worst_mm_s, FASTER * history.follows_mm_s) * age_s,
+        measured_mm - fastest_mm_s * age_s,
+        _seen_mm(state, fastest_mm_s, fusion),
     )
     return _Way(
         now,
@@ -115,6 +138,16 @@ def _way(
         stopping_way.at_worst(history, worst_mm_s, config),
         state.t_ns - memory.still_ns >= (config.delay_s + STILL_S) * NS_PER_S,
     )
+
+
+def _seen_mm(state: StateVector, fastest_mm_s: float, fusion: FusionConfig) -> float:
+    """Nearer the vehicle is not by the marker's size, which is R_th where it was taught: a ranger may have frozen."""
+    circle = state.vision.circle
+    if circle is None or circle.radius_px <= 0:
+        return inf
+    age_s = max(0.0, (state.t_ns - state.vision.t_ns) / NS_PER_S)
+    taught_mm = fusion.distance_threshold_mm * fusion.radius_threshold_px / circle.radius_px
+    return taught_mm + APART_MM - fastest_mm_s * age_s
 
 
 def _to_go_mm(
@@ -154,26 +187,35 @@ def _doubt(state: StateVector) -> bool:
 def _stopped(state: StateVector, memory: DriveMemory, way: _Way, config: DriveConfig) -> tuple[DriveMemory, Setpoint]:
     """Stop is on, or something is in doubt. By D alone, the vehicle runs out, and its way is learned."""
     at_mark = state.d is True and state.reason is Reason.TARGET_REACHED
-    if not at_mark:
-        memory = _ended(memory)
+    if not at_mark and not (memory.there and state.reason is Reason.CLEARING):
         reached = DriveState.AT_PLACE if state.in_place else DriveState.INHIBITED
-        return memory, Setpoint(reached, stopping_mm=way.stopping.mm)
+        return _ended(memory), Setpoint(reached, stopping_mm=way.stopping.mm)
     if memory.speed_mm_s > 0:
         memory = _cut(memory, way, state.t_ns)
         return memory, Setpoint(DriveState.SETTLE, stopping_mm=way.stopping.mm)
     if memory.cut is not None and not way.stands:
         return memory, Setpoint(DriveState.SETTLE, stopping_mm=way.stopping.mm)
     memory = lag.learned(memory, way.movement.distance_mm, config)
-    there = state.in_place or (way.stands and way.to_go_mm is not None and abs(way.to_go_mm) <= config.dead_band_mm)
-    return memory, Setpoint(DriveState.AT_PLACE if there else DriveState.INHIBITED, stopping_mm=way.stopping.mm)
+    inside = way.to_go_mm is not None and abs(way.to_go_mm) <= _band_mm(memory, config)
+    memory = _there(memory, there=state.in_place or (inside and (memory.there or way.stands)))
+    return memory, Setpoint(DriveState.AT_PLACE if memory.there else DriveState.INHIBITED, stopping_mm=way.stopping.mm)
+
+
+def _band_mm(memory: DriveMemory, config: DriveConfig) -> float:
+    """So near is at the place; one that was there must not flicker at its edge."""
+    return config.dead_band_mm + (EDGE_MM if memory.there else 0.0)
+
+
+def _there(memory: DriveMemory, *, there: bool) -> DriveMemory:
+    return memory if memory.there == there else replace(memory, there=there)
 
 
 def _driven(
     state: StateVector, memory: DriveMemory, way: _Way, to_go_mm: float, dt_s: float, config: DriveConfig
 ) -> tuple[DriveMemory, Setpoint]:
     """May move, and the distance is known."""
-    raw_mm = state.guidance.to_go_mm
-    there = to_go_mm <= config.dead_band_mm or (raw_mm is not None and raw_mm + config.place_mm <= config.dead_band_mm)
+    raw_mm, band_mm = state.guidance.to_go_mm, _band_mm(memory, config)
+    there = to_go_mm <= band_mm or (raw_mm is not None and raw_mm + config.place_mm <= band_mm)
     if memory.cut is not None:
         if not way.stands:
             return memory, Setpoint(DriveState.SETTLE, True, 0.0, way.stopping.mm)
@@ -182,8 +224,10 @@ def _driven(
     ahead_mm = to_go_mm - memory.history.left_mm(slip) - memory.history.follows_mm_s**2 / (2 * config.brake_mm_s2)
     if memory.speed_mm_s > 0 and (there or ahead_mm <= 0):
         return _cut(memory, way, state.t_ns), Setpoint(DriveState.SETTLE, True, 0.0, way.stopping.mm)
+    memory = _there(memory, there=there and (memory.there or way.stands))
     if there:
-        return memory, Setpoint(DriveState.AT_PLACE if way.stands else DriveState.SETTLE, False, 0.0, way.stopping.mm)
+        reached = DriveState.AT_PLACE if memory.there else DriveState.SETTLE
+        return memory, Setpoint(reached, False, 0.0, way.stopping.mm)
     if memory.tries >= TRIES:
         return memory, Setpoint(DriveState.SETTLE, False, 0.0, way.stopping.mm)
     if ahead_mm <= 0:
@@ -229,11 +273,22 @@ def _ramped(memory: DriveMemory, goal_mm_s: float, dt_s: float, config: DriveCon
     return replace(memory, speed_mm_s=speed_mm_s, rise_mm_s2=rise, peak_mm_s=peak_mm_s, peak_ns=peak_ns)
 
 
+def _anew(state: StateVector, memory: DriveMemory, now: Movement | None) -> bool:
+    """Is the approach over, and has the next one all of its tries? The vehicle has arrived or left, or a person is at
+    work."""
+    return (
+        state.in_place
+        or state.function_check is not FunctionCheck.OFF
+        or state.visit.phase in (VisitPhase.EMPTY, VisitPhase.LEAVING)
+        or (now is not None and now.distance_mm > memory.tried_mm + ANEW_MM)
+    )
+
+
 def _ended(memory: DriveMemory) -> DriveMemory:
-    """This approach is over; the next one begins anew."""
-    if memory.speed_mm_s == 0 and memory.run_mm_s is None and memory.cut is None and memory.tries == 0:
+    """This run is over."""
+    if memory.speed_mm_s == 0 and memory.run_mm_s is None and memory.cut is None and not memory.there:
         return memory
-    return replace(memory, speed_mm_s=0.0, rise_mm_s2=0.0, run_mm_s=None, cut=None, tries=0)
+    return replace(memory, speed_mm_s=0.0, rise_mm_s2=0.0, run_mm_s=None, cut=None, there=False)
 
 
 def _cut(memory: DriveMemory, way: _Way, now_ns: int) -> DriveMemory:
@@ -247,6 +302,7 @@ def _cut(memory: DriveMemory, way: _Way, now_ns: int) -> DriveMemory:
         begun=None,
         cut=Cut(now_ns, way.movement.distance_mm, memory.speed_mm_s, moving),
         tries=memory.tries + 1,
+        tried_mm=way.movement.distance_mm,
         still_mm=way.movement.distance_mm,
         still_ns=now_ns,
     )

@@ -189,6 +189,7 @@ def _step(state: StateVector, observation: fusion.Observation, now_ns: int, rule
         memory=memory,
         plc=plc,
         guidance=state.guidance,
+        setpoint=state.setpoint,
         function_check=function_check,
         visit=current,
         marker=(observation if observation.visits else None) if isinstance(observation, MarkerWear) else state.marker,
@@ -205,11 +206,14 @@ def _step(state: StateVector, observation: fusion.Observation, now_ns: int, rule
     )
     if advice != decided.guidance:
         decided = replace(decided, guidance=advice)
-    return decided if recipe.drive is None else _driven(decided, recipe, recipe.drive)
+    return decided if recipe.drive is None else _driven(decided, observation, recipe, recipe.drive)
 
 
-def _driven(decided: StateVector, recipe: Recipe, config: DriveConfig) -> StateVector:
+def _driven(decided: StateVector, observation: fusion.Observation, recipe: Recipe, config: DriveConfig) -> StateVector:
     """The decision is final: the setpoint can only follow it."""
+    ticks = isinstance(observation, Tick)
+    if not ticks and drive.stays(decided, decided.setpoint, config, recipe.fusion, recipe.guidance):
+        return decided
     memory, setpoint = drive.step(decided, config, recipe.fusion, recipe.guidance)
     return replace(decided, memory=replace(decided.memory, drive=memory), setpoint=setpoint)
 

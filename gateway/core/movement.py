@@ -66,13 +66,15 @@ class DriveMemory:
     peak_ns: int = 0  # then it was near that for the last time
     begun: tuple[int, float, float] | None = None  # t_ns, distance mm, setpoint: since then the lag is measured
     cut: Cut | None = None
+    there: bool = False  # it stood at its place, and has not left it since
     tries: int = 0  # runs of this approach that have ended
+    tried_mm: float = 0.0  # the distance at which the last one did
     lag_s: float | None = None  # the vehicle follows its setpoint so late
     slips_s: tuple[float, ...] = ()  # so late it came to a standstill, newest last
 
     def resumed(self) -> "DriveMemory":
         """After a time in which nothing was decided."""
-        return DriveMemory(lag_s=self.lag_s, slips_s=self.slips_s)
+        return DriveMemory(tries=self.tries, tried_mm=self.tried_mm, lag_s=self.lag_s, slips_s=self.slips_s)
 
 
 def distance_at(movement: Movement, t_ns: int, moved_mm: float) -> float:
