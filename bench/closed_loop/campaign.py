@@ -194,6 +194,33 @@ def with_faults(first: int, approaches: int, jobs: int, kinds: Sequence[str]) ->
     return {"first_seed": first, "rows": rows}
 
 
+def merged(parts: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """What `with_faults` found in blocks of seeds, as if it were one."""
+    rows = []
+    every = [row for part in parts for row in part["rows"]]
+    for kind, aid in dict.fromkeys((row["kind"], row["aid"]) for row in every):
+        of = [row for row in every if (row["kind"], row["aid"]) == (kind, aid)]
+        count = sum(row["approaches"] for row in of)
+        summed = {
+            key: dict(sum((Counter(row[key]) for row in of), Counter()).most_common())
+            for key in ("collided_with", "faults")
+        }
+        rows.append(
+            {
+                "kind": kind,
+                "aid": aid,
+                "approaches": count,
+                "collisions": sum(row["collisions"] for row in of),
+                "collided_with": summed["collided_with"],
+                "seeds": [seed for row in of for seed in row["seeds"]][:20],
+                "faults": summed["faults"],
+                "in_place": round(sum(row["in_place"] * row["approaches"] for row in of) / count, 4),
+                "deepest_mm": max(row["deepest_mm"] for row in of),
+            }
+        )
+    return {"first_seed": min(part["first_seed"] for part in parts), "rows": rows}
+
+
 def told(name: str, aid: Aid, seed: int, *, faults: bool) -> None:
     """One approach, at each change of the drive's state and each second; of a trolley the tractor's before it."""
     trace: list[tuple[float, ...]] = []
@@ -219,6 +246,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--approaches", type=int, default=1000, help="for each vehicle and program")
     parser.add_argument("--faults", type=int, metavar="N", help="instead, N approaches with random faults")
+    parser.add_argument("--merge", type=Path, nargs="+", metavar="FILE", help="instead, results of --faults in blocks")
     parser.add_argument("--from", type=int, dest="first", default=UNSEEN, help="seed of the first; default %(default)s")
     parser.add_argument("--jobs", type=int, default=1, help="processes; default 1")
     parser.add_argument("--kind", choices=KINDS, help="this one only")
@@ -230,7 +258,10 @@ def main() -> int:
     if args.seed is not None:
         told(kinds[0], args.aid, args.seed, faults=bool(args.faults))
         return 0
-    if args.faults:
+    if args.merge:
+        blocks = [json.loads(path.read_text(encoding="utf-8"))["faults"] for path in args.merge]
+        part, found = "faults", merged(blocks)
+    elif args.faults:
         part, found = "faults", with_faults(args.first, args.faults, args.jobs, kinds)
     else:
         part, found = "comparison", compared(args.first, args.approaches, args.jobs, kinds)

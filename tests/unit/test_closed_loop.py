@@ -4,6 +4,7 @@ import json
 import math
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import pytest
 
@@ -138,6 +139,28 @@ def test_the_figures_of_known_results() -> None:
     assert found["error_mm"] == [-0.5, 400.0]
     assert found["past_band"] == 0.05  # -10 only
     assert (found["time_s"], found["ratio"]) == ([12.0, 12.0], [1.2, 1.2])
+
+
+def test_blocks_of_faulty_approaches_are_merged_to_one() -> None:
+    def block(first: int, approaches: int, collisions: int, in_place: float, deepest_mm: float) -> dict[str, Any]:
+        row = {
+            "approaches": approaches,
+            "collisions": collisions,
+            "collided_with": {"NO_ECHO": collisions},
+            "seeds": [f"winch {first}"] * collisions,
+            "faults": {"NO_ECHO": 3, f"ONLY_{first}": 1},
+            "in_place": in_place,
+            "deepest_mm": deepest_mm,
+        }
+        return {"first_seed": first, "rows": [{"kind": "vehicles", "aid": aid.value, **row} for aid in Aid]}
+
+    found = campaign.merged([block(2000, 2000, 0, 0.5, 30.0), block(0, 1000, 2, 0.8, 12.5)])
+    assert found["first_seed"] == 0
+    assert [row["aid"] for row in found["rows"]] == [aid.value for aid in Aid]
+    row = found["rows"][0]
+    assert (row["approaches"], row["collisions"], row["in_place"], row["deepest_mm"]) == (3000, 2, 0.6, 30.0)
+    assert row["seeds"] == ["winch 0", "winch 0"]
+    assert row["faults"] == {"NO_ECHO": 6, "ONLY_2000": 1, "ONLY_0": 1}
 
 
 class Reckless:
