@@ -1,6 +1,7 @@
 """`[drive]`: a drive that moves the vehicle to its place by the gateway's speed setpoint. Pure."""
 
 from collections.abc import Iterator
+from math import floor, sqrt
 
 from pydantic import Field
 
@@ -45,13 +46,22 @@ class DriveConfig(Section):
             yield "creep_speed_mm_s", f"must be at most max_speed_mm_s, {self.max_speed_mm_s:g}"
         if self.min_speed_mm_s > self.creep_speed_mm_s:
             yield "min_speed_mm_s", f"must be at most creep_speed_mm_s, {self.creep_speed_mm_s:g}"
-        if self.place_mm + self.dead_band_mm > overshoot_mm:
-            yield "place_mm", f"with dead_band_mm must be at most guidance.overshoot_mm, {overshoot_mm:g}"
+        if self.dead_band_mm > overshoot_mm:
+            yield "dead_band_mm", f"must be at most guidance.overshoot_mm, {overshoot_mm:g}"
+        elif self.place_mm + self.dead_band_mm > overshoot_mm:
+            yield (
+                "place_mm",
+                f"must be at most {overshoot_mm - self.dead_band_mm:g}: guidance.overshoot_mm, {overshoot_mm:g}, less "
+                f"dead_band_mm, {self.dead_band_mm:g}",
+            )
         elif (way_mm := self.stopping_mm(self.creep_speed_mm_s, deadline_s)) > overshoot_mm - self.place_mm:
+            delay_s, left_mm = self.delay_s + deadline_s, overshoot_mm - self.place_mm
+            most_mm_s = self.brake_mm_s2 * (sqrt(delay_s**2 + 2 * left_mm / self.brake_mm_s2) - delay_s)
             yield (
                 "creep_speed_mm_s",
-                f"a vehicle needs {way_mm:.0f} mm to stop from it, by lag_s, latency_s, fusion.range_deadline_s and "
-                f"brake_mm_s2; from the place to guidance.overshoot_mm are {overshoot_mm - self.place_mm:g} mm",
+                f"must be at most {floor(most_mm_s)}: at {self.creep_speed_mm_s:g} mm/s a vehicle needs {way_mm:.0f} "
+                "mm to stop, by lag_s, latency_s, fusion.range_deadline_s and brake_mm_s2; from the place to "
+                f"guidance.overshoot_mm are {left_mm:g} mm",
             )
 
 

@@ -570,6 +570,23 @@ def test_a_drive_that_could_not_stop_is_refused(sections: Mapping[str, Any], pla
         parse({"fusion": {"cross_check": CHECK}, **sections})
 
 
+@pytest.mark.parametrize(
+    ("section", "told"),
+    [
+        (
+            {"place_mm": 95.0},
+            r"drive\.place_mm.*must be at most 90: guidance\.overshoot_mm, 100, less dead_band_mm, 10",
+        ),
+        ({"dead_band_mm": 120.0}, r"drive\.dead_band_mm.*must be at most guidance\.overshoot_mm, 100"),
+        ({"lag_s": 4.0}, r"drive\.creep_speed_mm_s.*must be at most 17: at 30 mm/s a vehicle needs 153 mm to stop"),
+    ],
+    ids=str,
+)
+def test_the_refusal_names_the_largest_value_that_would_do(section: Mapping[str, Any], told: str) -> None:
+    with pytest.raises(FaultsError, match=told):
+        parse({"fusion": {"cross_check": CHECK}, "drive": section})
+
+
 def test_a_recipe_changes_the_drive() -> None:
     made = config(recipes=[{"id": 7, "name": "wagon", "drive": {"creep_speed_mm_s": 20.0}}])
     recipe = Rules.of(made.bays[0], made).recipes[7].drive
