@@ -37,6 +37,7 @@ PULSE_S = 0.6  # a setpoint lasts so long, also for a short way
 CREEP_S = 0.3  # at creep speed before the setpoint becomes 0
 EDGE_MM = 4.0  # a vehicle that was at the place leaves it so far beyond the dead band: a step of the ranger
 ANEW_MM = 300.0  # so much farther than where its last run ended it is on another approach
+UNMOVED_MM = 60.0  # what was set must have moved it so far, and its distance has stayed
 APART_MM = 10.0  # by so much the marker's size may show the vehicle nearer than the ranger does
 
 
@@ -58,9 +59,9 @@ def step(
     """Memory and setpoint of a state with its final decision. Never raises."""
     dt_s = min(max(0, state.t_ns - state.memory.drive.history.t_ns) / NS_PER_S, LONGEST_STEP_S)
     memory, now = _followed(state.memory.drive, state, config)
-    doubt = _doubt(state)
-    if memory.tries and _anew(state, memory, None if doubt else now):
-        memory = replace(memory, tries=0)
+    doubt = _doubt(state) or memory.stuck
+    if (memory.tries or memory.stuck) and _anew(state, memory, None if doubt else now):
+        memory = replace(memory, tries=0, stuck=False, unmoved=None)
     if now is None:
         waits = DriveState.NO_DISTANCE if state.may_move else DriveState.INHIBITED
         return _ended(memory), Setpoint(DriveState.AT_PLACE if state.in_place else waits)
@@ -96,7 +97,8 @@ def _followed(memory: DriveMemory, state: StateVector, config: DriveConfig) -> t
     if found is None or found.t_ns != reading.t_ns:
         moved_mm = 0.0 if found is None else history.moved_mm(found.t_ns, reading.t_ns, late_s)
         found = movement.measured(found, reading.distance_mm, reading.t_ns, moved_mm, sd)
-        memory = lag.measured(replace(memory, history=history, movement=found), found, config)
+        memory = _moving(replace(memory, history=history, movement=found), reading.distance_mm, reading.t_ns, config)
+        memory = lag.measured(memory, found, config)
         found, late_s = memory.movement or found, lag.lag_s(memory, config)
     else:
         memory = replace(memory, history=history)
@@ -104,6 +106,16 @@ def _followed(memory: DriveMemory, state: StateVector, config: DriveConfig) -> t
     if memory.still_mm is None or abs(now.distance_mm - memory.still_mm) > STILL_MM:
         memory = replace(memory, still_mm=now.distance_mm, still_ns=state.t_ns)
     return memory, now
+
+
+def _moving(memory: DriveMemory, distance_mm: float, t_ns: int, config: DriveConfig) -> DriveMemory:
+    """Notes where a vehicle does not follow, or sensors have frozen that agree with each other: each delay up to the
+    longest would have moved it."""
+    if memory.unmoved is None or abs(distance_mm - memory.unmoved[0]) > STILL_MM:
+        return replace(memory, unmoved=(distance_mm, t_ns), stuck=False)
+    since_ns, longest_s = memory.unmoved[1], config.delay_s
+    least_mm = min(memory.history.moved_mm(since_ns, t_ns, late_s) for late_s in (0.0, longest_s / 2, longest_s))
+    return replace(memory, stuck=True) if least_mm > UNMOVED_MM else memory
 
 
 def _acceleration_sd(config: DriveConfig) -> float:
@@ -300,6 +312,7 @@ def _cut(memory: DriveMemory, way: _Way, now_ns: int) -> DriveMemory:
         rise_mm_s2=0.0,
         run_mm_s=None,
         begun=None,
+        unmoved=None,
         cut=Cut(now_ns, way.movement.distance_mm, memory.speed_mm_s, moving),
         tries=memory.tries + 1,
         tried_mm=way.movement.distance_mm,

@@ -67,6 +67,8 @@ class DriveMemory:
     begun: tuple[int, float, float] | None = None  # t_ns, distance mm, setpoint: since then the lag is measured
     cut: Cut | None = None
     there: bool = False  # it stood at its place, and has not left it since
+    unmoved: tuple[float, int] | None = None  # mm, t_ns: no reading since then is another
+    stuck: bool = False  # though what was set must have moved it
     tries: int = 0  # runs of this approach that have ended
     tried_mm: float = 0.0  # the distance at which the last one did
     lag_s: float | None = None  # the vehicle follows its setpoint so late
@@ -74,7 +76,14 @@ class DriveMemory:
 
     def resumed(self) -> "DriveMemory":
         """After a time in which nothing was decided."""
-        return DriveMemory(tries=self.tries, tried_mm=self.tried_mm, lag_s=self.lag_s, slips_s=self.slips_s)
+        return DriveMemory(
+            unmoved=self.unmoved,
+            stuck=self.stuck,
+            tries=self.tries,
+            tried_mm=self.tried_mm,
+            lag_s=self.lag_s,
+            slips_s=self.slips_s,
+        )
 
 
 def distance_at(movement: Movement, t_ns: int, moved_mm: float) -> float:

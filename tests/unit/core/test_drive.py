@@ -57,6 +57,7 @@ class Vehicle:
     drops: float = 0.02
     lost_ms: int | None = None  # from then on no poll is answered; the life sign ends `latency_s` after the last one
     frozen_mm: float = 0.0  # the ranger hears nothing that is nearer
+    repeats_ms: int | None = None  # from then on both sensors show where it was then
     now_ms: int = 0
     speed_mm_s: float = 0.0
     nearest_mm: float = field(init=False)
@@ -68,7 +69,7 @@ class Vehicle:
         self.polled: deque[tuple[int, float]] = deque([(0, 0.0)])
         self.echoes: deque[tuple[int, float]] = deque(maxlen=3)
         self.coming: list[tuple[int, RangeReading | VisionReading]] = []
-        self.nearest_mm = self.at_mm
+        self.nearest_mm = self.seen_mm = self.at_mm
 
     @property
     def now_ns(self) -> int:
@@ -89,14 +90,16 @@ class Vehicle:
                 self.speed_mm_s = 0.0
         self.at_mm -= self.speed_mm_s * 0.02
         self.nearest_mm = min(self.nearest_mm, self.at_mm)
+        if self.repeats_ms is None or self.now_ms < self.repeats_ms:
+            self.seen_mm = self.at_mm
         if self.now_ms % 60 == 0 and self.chance.random() >= self.drops:
-            heard_mm = max(self.at_mm, self.frozen_mm)
+            heard_mm = max(self.seen_mm, self.frozen_mm)
             self.echoes.append((self.now_ns, round((heard_mm + self.chance.gauss(0, 1.5)) / 4) * 4.0))
             if len(self.echoes) == 3:
                 middle_mm = sorted(mm for _, mm in self.echoes)[1]
                 self.coming.append((40, RangeReading(self.echoes[1][0], Quality.GOOD, middle_mm)))
         if self.now_ms % 80 == 0:
-            circle = Circle(320.0, 240.0, PX_MM / self.at_mm + self.chance.gauss(0, 0.3))
+            circle = Circle(320.0, 240.0, PX_MM / self.seen_mm + self.chance.gauss(0, 0.3))
             self.coming.append((60, VisionReading(self.now_ns, Quality.GOOD, circle)))
         due = [seen for left, seen in self.coming if left <= 0]
         self.coming = [(left - 20, seen) for left, seen in self.coming if left > 0]
@@ -146,6 +149,33 @@ def test_nor_near_the_place_with_a_focal_length_that_is_wrong_by_6_percent(froze
     vehicle.runs(14)
     assert 207.0 < vehicle.nearest_mm < 260.0
     assert (vehicle.speed_mm_s, vehicle.state.setpoint.speed_mm_s) == (0.0, 0.0)
+
+
+@pytest.mark.mostly_long(short=1)
+@pytest.mark.parametrize("repeats_ms", [3000, 1500, 4500])
+def test_sensors_that_repeat_what_they_saw_together_do_not_let_the_vehicle_pass_the_limit(repeats_ms: int) -> None:
+    """They agree with each other: only what was set tells that the vehicle is not there any more."""
+    vehicle = Vehicle(rules(), 1500.0, repeats_ms=repeats_ms)
+    vehicle.runs(repeats_ms / 1000)
+    assert vehicle.speed_mm_s > 20
+    vehicle.runs(20)
+    assert (vehicle.state.setpoint.state, vehicle.state.setpoint.speed_mm_s) == (DriveState.INHIBITED, 0.0)
+    assert vehicle.nearest_mm > 300.0, "before its place, and for as long as nothing else is seen"
+    vehicle.repeats_ms = None
+    vehicle.runs(20)
+    assert vehicle.state.setpoint.state is DriveState.AT_PLACE
+
+
+def test_a_vehicle_that_does_not_follow_is_told_0_until_its_distance_changes_or_a_person_comes() -> None:
+    vehicle = Vehicle(rules(), 1500.0, follows=False)
+    vehicle.runs(8)
+    assert vehicle.state.memory.drive.stuck
+    assert vehicle.state.setpoint.state is DriveState.INHIBITED
+    vehicle.runs(20)
+    assert vehicle.state.setpoint.speed_mm_s == 0
+    vehicle.at_mm += 30
+    vehicle.runs(1)
+    assert vehicle.state.setpoint.enable
 
 
 def test_a_vehicle_beyond_the_ranger_s_range_may_move_but_has_no_distance_to_be_driven_by() -> None:
@@ -279,7 +309,13 @@ def test_short_of_the_place_it_is_moved_again_a_limited_number_of_times() -> Non
     """It stands 25 mm short. After the last try it stays there, with enable off."""
     state = standing(315.0, {"lag_s": 0.1, "latency_s": 0.1}).state
     stood = replace(
-        state.memory.drive, speed_mm_s=0.0, run_mm_s=None, cut=None, tried_mm=315.0, history=SetpointHistory(state.t_ns)
+        state.memory.drive,
+        speed_mm_s=0.0,
+        run_mm_s=None,
+        cut=None,
+        stuck=False,
+        tried_mm=315.0,
+        history=SetpointHistory(state.t_ns),
     )
     for tries in (0, drive.TRIES - 1):
         setpoint = stepped(state, memory=replace(state.memory, drive=replace(stood, tries=tries)))
@@ -292,7 +328,9 @@ def test_short_of_the_place_it_is_moved_again_a_limited_number_of_times() -> Non
 def test_a_doubt_gives_no_further_tries_and_arriving_leaving_or_a_person_does() -> None:
     """All tries are spent 25 mm short of the place."""
     state = standing(315.0, {"lag_s": 0.1, "latency_s": 0.1}).state
-    spent = replace(state.memory.drive, speed_mm_s=0.0, run_mm_s=None, cut=None, tries=drive.TRIES, tried_mm=315.0)
+    spent = replace(
+        state.memory.drive, speed_mm_s=0.0, run_mm_s=None, cut=None, stuck=False, tries=drive.TRIES, tried_mm=315.0
+    )
     state = replace(state, memory=replace(state.memory, drive=spent))
 
     def tries(**fields: Any) -> int:
@@ -414,7 +452,8 @@ def test_the_setpoint_rises_by_acceleration_and_jerk() -> None:
 
 
 def driven() -> StateVector:
-    vehicle = standing(900.0)
+    vehicle = Vehicle(rules(), 1200.0)
+    vehicle.runs(3)
     assert vehicle.state.setpoint.speed_mm_s > 50.0
     assert vehicle.state.setpoint.enable
     return vehicle.state
