@@ -61,7 +61,7 @@ class Sight:
     def of(bay: BayConfig) -> "Sight | None":
         """None: without intrinsics."""
         lens = bay.vision.intrinsics
-        return None if lens is None else Sight(lens, bay.ranger.type == "hcsr04")
+        return None if lens is None else Sight(lens, bay.ranger.needs_air_temperature)
 
 
 def true_radius_mm(config: GuidanceConfig, check: CrossCheck | None) -> float | None:

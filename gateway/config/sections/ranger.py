@@ -229,6 +229,11 @@ class RangerConfig(Section):
     def has_beacon(self) -> bool:
         return self.type == "hcsr04" and self.hcsr04.beacon
 
+    @property
+    def needs_air_temperature(self) -> bool:
+        """It measures by sound, and does not compensate for the air itself."""
+        return self.type == "hcsr04"
+
     @model_validator(mode="after")
     def _reachable(self) -> "RangerConfig":
         if self.type == "modbus" and self.modbus.framing == "tcp" and not self.port.startswith("socket://"):
