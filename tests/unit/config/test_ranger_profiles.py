@@ -86,7 +86,7 @@ def test_a_profile_is_as_strict_as_its_source() -> None:
 
 def test_check_shows_the_values_in_force(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "bay.toml").write_text(FILE)
-    assert check.main(argparse.Namespace(config=tmp_path / "bay.toml", keys=False, full=False)) == 0
+    assert check.main(argparse.Namespace(config=tmp_path / "bay.toml", keys=False, full=False, digest=False)) == 0
     shown = capsys.readouterr().out
     assert (
         'bay bay1: ranger 1, profile geolux-lx80-o: type = "modbus", baud = 19200, parity = "even", '
