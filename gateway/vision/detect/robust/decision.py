@@ -11,6 +11,7 @@ from gateway.vision.detect.robust.clearest_rim import even, quality, roundness, 
 from gateway.vision.detect.robust.constants import FULL_REDNESS
 from gateway.vision.detect.robust.evidence import Evidence
 from gateway.vision.detect.robust.marker_colour import (
+    BRIGHTEST,
     PAPER_RED,
     MarkerColour,
     distance,
@@ -117,8 +118,11 @@ def _crusted(c: Candidate) -> bool:
 
 
 def _letter(c: Candidate) -> bool:
-    """What opens the rim of an S or an 8 reaches to the middle, and an O is not quite round."""
+    """What opens the rim of an S or an 8 reaches to the middle, and an O is not quite round. A disc whose own red is
+    clipped may be white there."""
     e = c.evidence
+    if e.colour[2] + e.veil * c.airlight[2] >= BRIGHTEST:
+        return False
     return (e.hollow > OPEN and e.coverage + e.covered < WHOLE) or (e.hollow > HOLLOW and quality(c.rim) < ROUND)
 
 
