@@ -7,8 +7,10 @@ differ. Times are Unix time, ms, of this machine.
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Annotated
 
 import msgspec
+from msgspec import Meta
 
 from gateway.fleet.config import ExpectedGateway
 
@@ -16,20 +18,30 @@ MAX_PAYLOAD_BYTES = 256 * 1024
 MAX_GATEWAYS = 10_000
 Key = tuple[str, str]  # site, instance
 
+# Anybody who may publish on one topic of a status may say anything: whatever is read can be kept, shown and calculated
+# with. Each is at least what a gateway's own configuration allows.
+MAX_BAYS = 64
+_Name = Annotated[str, Meta(min_length=1, max_length=64)]
+_Word = Annotated[str, Meta(max_length=64)]
+_Address = Annotated[str, Meta(max_length=2000)]
+_Count = Annotated[int, Meta(ge=0, le=2**53)]  # what a browser can count, too
+_Days = Annotated[int, Meta(ge=-1_000_000, le=1_000_000_000)]
+_Duration = Annotated[float, Meta(ge=0, le=1e9)]
+
 
 class _Named(msgspec.Struct, frozen=True):
-    name: str = ""
+    name: _Word = ""
 
 
 class _Alarms(msgspec.Struct, frozen=True):
-    high: int = 0
-    medium: int = 0
-    low: int = 0
+    high: _Count = 0
+    medium: _Count = 0
+    low: _Count = 0
 
 
 class _Visit(msgspec.Struct, frozen=True):
-    begun_ms: int
-    length_s: float = 0.0
+    begun_ms: _Count
+    length_s: _Duration = 0.0
 
 
 class _Marker(msgspec.Struct, frozen=True):
@@ -40,9 +52,9 @@ class _Marker(msgspec.Struct, frozen=True):
 class BayHealth(msgspec.Struct, frozen=True):
     """As in a gateway's status. What an older version does not say has its default."""
 
-    bay: str
-    title: str = ""
-    function_check: str = ""
+    bay: _Name
+    title: _Word = ""
+    function_check: _Word = ""
     ne107: _Named = _Named()
     reason: _Named = _Named()
     veil: float | None = None
@@ -52,35 +64,35 @@ class BayHealth(msgspec.Struct, frozen=True):
 
 
 class _Configuration(msgspec.Struct, frozen=True):
-    in_force: str = ""
-    reviewed: str | None = None
+    in_force: _Word = ""
+    reviewed: _Word | None = None
     as_reviewed: bool | None = None
 
 
 class _Update(msgspec.Struct, frozen=True):
-    stage: str = ""
-    outcome: str | None = None
+    stage: _Word = ""
+    outcome: _Word | None = None
 
 
 class _Own(msgspec.Struct, frozen=True):
     configuration: _Configuration = _Configuration()
     update: _Update | None = None
-    certificate_days: dict[str, int] = {}
-    pages: str | None = None
+    certificate_days: Annotated[dict[_Word, _Days], Meta(max_length=MAX_BAYS)] = {}
+    pages: _Address | None = None
 
 
 class GatewayStatus(msgspec.Struct, frozen=True):
     """What of a status is read."""
 
-    site: str
-    instance: str
-    status: str
-    version: str = ""
-    boot: str = ""
-    bays: tuple[str, ...] = ()
-    timestamp_ms: int | None = None
+    site: _Name
+    instance: _Name
+    status: _Word
+    version: _Word = ""
+    boot: _Word = ""
+    bays: Annotated[tuple[_Word, ...], Meta(max_length=MAX_BAYS)] = ()
+    timestamp_ms: _Count | None = None
     gateway: _Own | None = None
-    health: tuple[BayHealth, ...] = ()
+    health: Annotated[tuple[BayHealth, ...], Meta(max_length=MAX_BAYS)] = ()
 
 
 class GatewayLife(StrEnum):

@@ -3,7 +3,9 @@
 import json
 from typing import Any
 
+import msgspec
 import pytest
+from prometheus_client import CollectorRegistry, generate_latest
 from prometheus_client.core import Metric
 
 from gateway.fleet import rows
@@ -149,6 +151,40 @@ def test_what_is_no_status_is_counted(payload: bytes) -> None:
     roster = Roster()
     assert roster.heard(TOPIC, payload, 5_000) == (None, [])
     assert (roster.damaged, roster.known) == (1, {})
+
+
+@pytest.mark.parametrize(
+    "bay",
+    [{"last_visit": {"begun_ms": 10**400}}, {"last_visit": {"begun_ms": 0, "length_s": 1e308}},
+     {"alarms": {"high": 10**400}}, {"alarms": {"low": -1}}, {"title": "x" * 65}, {"bay": ""}],
+)  # fmt: skip
+def test_a_status_that_can_t_be_shown_is_none(bay: dict[str, Any]) -> None:
+    """One of them would be the end of the page and of /metrics, for all gateways."""
+    roster = Roster()
+    assert roster.heard(TOPIC, status(health=[{"bay": "bay-1"} | bay]), 5_000) == (None, [])
+    assert roster.heard(TOPIC, status(health=[{"bay": "bay-1"}] * 65), 5_000) == (None, [])
+    assert roster.heard(TOPIC, status(gateway={"certificate_days": {"hmi": 10**400}}), 5_000) == (None, [])
+    assert roster.heard(TOPIC, status(version="x" * 65), 5_000) == (None, [])
+    assert (roster.damaged, roster.known) == (4, {})
+
+
+@pytest.mark.parametrize("t_ms", [0, 2**53])
+def test_the_greatest_numbers_of_a_status_are_shown(t_ms: int) -> None:
+    bay = {"bay": "b" * 64, "alarms": {"high": t_ms}, "last_visit": {"begun_ms": t_ms, "length_s": 1e9}}
+    roster = alive(health=[bay], gateway={"certificate_days": {"hmi": -1_000_000}})
+    (row,) = json.loads(msgspec.json.encode(rows.rows(roster, 6_000)))
+    assert row["last_visit_ms"] == t_ms + 10**12
+    text = generate_latest(_Collected(list(rows.metrics(roster, 6_000, connected=True)))).decode()
+    assert "loading_fleet_gateway_certificate_days{" in text
+
+
+class _Collected(CollectorRegistry):
+    def __init__(self, found: list[Metric]) -> None:
+        super().__init__()
+        self._found = found
+
+    def collect(self) -> list[Metric]:
+        return self._found
 
 
 def test_a_cleared_topic_is_no_damage() -> None:
