@@ -55,7 +55,7 @@ class Listener:
             await asyncio.Event().wait()
 
     async def _received(self, _: BrokerLink, message: MqttMessage) -> None:
-        key, changes = self.roster.heard(message.topic, message.payload, self.now_ms())
+        key, changes = self.roster.heard(message.topic, message.payload, self.now_ms(), retained=message.retain)
         if key is not None:
             self._unwritten[key] = None
             self._changes += changes[: max(0, MAX_WAITING - len(self._changes))]

@@ -128,21 +128,25 @@ class Known:
 
 @dataclass(slots=True)
 class Roster:
-    """`expected`: by the inventory; None: there is no inventory. `damaged`: messages that were no status."""
+    """`expected`: by the inventory; None: there is no inventory. `root`: of the topics. `damaged`: messages that were
+    no status."""
 
     expected: Mapping[Key, ExpectedGateway] | None = None
     silent_ms: int = 30_000
     certificate_days: int = 14
+    root: str = "loading"
     known: dict[Key, Known] = field(default_factory=dict)
     damaged: int = 0
     left_out: int = 0  # statuses of more than MAX_GATEWAYS
 
-    def heard(self, topic: str, payload: bytes, now_ms: int) -> tuple[Key | None, list[GatewayChange]]:
-        """Takes one message of a status topic. None: it is none."""
+    def heard(
+        self, topic: str, payload: bytes, now_ms: int, *, retained: bool = False
+    ) -> tuple[Key | None, list[GatewayChange]]:
+        """Takes one message of a status topic; `retained`: the broker had kept it. None: it is no status."""
         if not payload:  # a retained status that was cleared
             return None, []
         status = decoded(payload)
-        if status is None or topic.split("/")[-2:] != [status.instance, "status"]:
+        if status is None or not self._may_say(topic, status):
             self.damaged += 1
             return None, []
         key = status.site, status.instance
@@ -150,11 +154,18 @@ class Roster:
         if before is None and len(self.known) >= MAX_GATEWAYS:
             self.left_out += 1
             return None, []
-        alive = status.status == "online" and before is not None and before.status.timestamp_ms != status.timestamp_ms
+        newer = before is not None and before.status.timestamp_ms != status.timestamp_ms
+        alive = status.status == "online" and newer and not retained
         heard_ms = now_ms if alive else None if before is None else before.heard_ms
-        last, text = (before.last, before.text) if before is not None and status.gateway is None else (status, payload)
+        will = status.gateway is None and status.status != "online"  # an older version says nothing of its bays
+        last, text = (before.last, before.text) if before is not None and will else (status, payload)
         self.known[key] = Known(status, heard_ms, last, text)
         return key, [] if before is None else list(_changes(before, self.known[key], key, now_ms))
+
+    def _may_say(self, topic: str, status: GatewayStatus) -> bool:
+        """A broker that lets each gateway publish on its own topics only lets none speak for another one."""
+        levels = topic.removeprefix(f"{self.root}/").split("/")
+        return [levels[0], *levels[-2:]] == [status.site, status.instance, "status"]
 
     def life(self, key: Key, now_ms: int) -> GatewayLife:
         one = self.known.get(key)

@@ -35,7 +35,7 @@ def roster_of(config: FleetConfig, folder: Path) -> Roster:
     if config.inventory:
         listed = load_inventory(folder / config.inventory).gateways
         expected = {(one.site, one.instance): one for one in listed}
-    return Roster(expected, round(config.silent_s * 1000), config.certificate_days)
+    return Roster(expected, round(config.silent_s * 1000), config.certificate_days, config.mqtt.root)
 
 
 async def serve(

@@ -180,7 +180,7 @@ class BrokerLink:
         try:
             async for message in self._client.messages:
                 payload = message.payload if isinstance(message.payload, bytes) else str(message.payload).encode()
-                yield MqttMessage(str(message.topic), payload)
+                yield MqttMessage(str(message.topic), payload, bool(message.retain))
         except aiomqtt.MqttError as error:
             raise LinkError(details.LINK_LOST_WHY(self._broker, self._why(error))) from error
         raise LinkError(details.LINK_LOST(self._broker))

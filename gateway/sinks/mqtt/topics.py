@@ -16,7 +16,7 @@ MAX_ROOT_BYTES = 1000  # MQTT allows 65,535 bytes for a complete topic
 
 @dataclass(frozen=True, slots=True)
 class MqttMessage:
-    """To be sent, or received; of one received only topic and payload are known.
+    """To be sent, or received; of one received topic, payload and `retain` (the broker had kept it) are known.
 
     `expiry_s` (MQTT 5): the broker drops it after this time, retained or not; None: never. `text`: JSON in UTF-8.
     """

@@ -55,6 +55,39 @@ def test_a_retained_status_proves_nothing_before_another_one_follows() -> None:
     assert roster.life(KEY, 37_001) is GatewayLife.SILENT
 
 
+def test_what_the_broker_had_kept_proves_nothing_of_now() -> None:
+    """This program had no connection for an hour, and the gateway's last will did not reach the broker."""
+    roster = alive()
+    roster.heard(TOPIC, status(3000), 3_606_000, retained=True)
+    assert roster.life(KEY, 3_606_000) is GatewayLife.SILENT
+    assert roster.known[KEY].heard_ms == 6_000
+    roster.heard(TOPIC, status(4000), 3_607_000)
+    assert roster.life(KEY, 3_607_000) is GatewayLife.ONLINE
+
+
+def test_an_older_version_again_shows_nothing_of_the_newer_one() -> None:
+    roster = alive()
+    roster.heard(TOPIC, status(3000, version="0.1.0", gateway=None, health=[]), 7_000)
+    (row,) = rows.rows(roster, 7_000)
+    assert (row["life"], row["version"], row["bay"], row["ne107"], row["veil"]) == ("online", "0.1.0", "", "", None)
+
+
+@pytest.mark.parametrize(
+    ("topic", "taken"),
+    [("loading/north/bay-1/status", True), ("loading/north/area/line/bay-1/status", True),
+     ("loading/south/bay-1/status", False), ("loading/south/north/bay-1/status", False),
+     ("loading/north/bay-2/status", False), ("loading/north/bay-1/other/status", False)],
+)  # fmt: skip
+def test_a_gateway_speaks_for_itself_only(topic: str, taken: bool) -> None:
+    roster = Roster()
+    assert roster.heard(topic, status(), 5_000) == (KEY if taken else None, [])
+    assert roster.damaged == (not taken)
+
+
+def test_the_root_may_have_levels() -> None:
+    assert Roster(root="plants/loading").heard("plants/loading/north/bay-1/status", status(), 5_000) == (KEY, [])
+
+
 def test_a_clock_that_is_wrong_does_not_matter() -> None:
     roster = Roster()
     for n, t_ms in enumerate((9_000_000_000_000, 5)):
