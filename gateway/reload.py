@@ -43,16 +43,21 @@ class InForce:
 
     config: GatewayConfig
     visions: Mapping[str, VisionService]
+    _whole: tuple[object, GatewayConfig] | None = None  # what it is made of, and it
 
     def of(self, bay: str) -> tuple[GatewayConfig, VisionConfig]:
         """What the keys of the bay's decision are made of: another object where they may be others."""
         return self.config, self.visions[bay].settings
 
     def whole(self) -> GatewayConfig:
-        """With the applied settings of vision in it."""
-        applied = {bay.name: self.visions[bay.name].settings for bay in self.config.bays}
-        bays = tuple(bay.model_copy(update={"vision": applied[bay.name]}) for bay in self.config.bays)
-        return self.config.model_copy(update={"bays": bays})
+        """With the applied settings of vision in it; the same object while they are the same."""
+        applied = [self.visions[bay.name].settings for bay in self.config.bays]
+        made_of = (self.config, *applied)
+        if self._whole is None or self._whole[0] != made_of:
+            pairs = zip(self.config.bays, applied, strict=True)
+            bays = tuple(bay.model_copy(update={"vision": settings}) for bay, settings in pairs)
+            self._whole = made_of, self.config.model_copy(update={"bays": bays})
+        return self._whole[1]
 
     def deciding(self, bay: str) -> dict[str, Any]:
         """The keys of the bay's decision."""

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from gateway.config import parse
+from gateway import gateway_facts
+from gateway.config import GatewayConfig, parse
 from gateway.config.digest import digest
 from gateway.core.events import Event, EventKind
 from gateway.core.state import StateVector
@@ -46,6 +47,24 @@ def test_it_follows_the_configuration_in_force_the_file_and_the_visits(tmp_path:
     visit = VisitSummary(1_700_000_000_000, 60.0)
     collector.note(Event(EventKind.VISIT, "bay1", 0, StateVector(bay="bay1"), summary=visit))
     assert collector.now().last_visits == {"bay1": visit}
+
+
+def test_the_digest_is_made_once_of_each_configuration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It takes a millisecond for each bay, in the loop that decides."""
+    made: list[GatewayConfig] = []
+
+    def counted(config: GatewayConfig) -> str:
+        made.append(config)
+        return digest(config)
+
+    monkeypatch.setattr(gateway_facts, "digest", counted)
+    now, clock = [CONFIG], HandClock()
+    collector = FactsCollector(lambda: now[0], "", clock, CertificateEnds(CONFIG, clock))
+    for config in (CONFIG, CONFIG, parse({"site": "south"})):
+        now[0] = config
+        clock.t_ns += LOOK_NS
+        assert collector.now().in_force == digest(config)
+    assert made == [CONFIG, now[0]]
 
 
 @pytest.mark.parametrize(

@@ -63,3 +63,14 @@ def test_other_settings_of_vision_and_of_the_cameras_controls_replace_the_vision
     assert vision.applied == applied
     assert control.seen == (new if applied else None)
     assert bool(control.told) == bool(applied)
+
+
+def test_what_is_in_force_as_a_whole_is_another_object_only_where_it_is_another() -> None:
+    vision = Part()
+    in_force = InForce(GatewayConfig(), cast("Any", {"bay1": vision}))
+    first = in_force.whole()
+    assert in_force.whole() is first
+    vision.settings = PAPER
+    assert in_force.whole().bays[0].vision == PAPER
+    in_force.config = GatewayConfig(site="south")
+    assert (in_force.whole().site, in_force.whole().bays[0].vision) == ("south", PAPER)
