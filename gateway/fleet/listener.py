@@ -18,6 +18,7 @@ log = logging.getLogger(__name__)
 
 LEVELS = 3  # at most between site and `status`: with area, with line
 KEEP_S = 2.0  # between two writes to the database
+STEP_MS = 500  # by which the clock was set; a smaller one shortens or extends nothing that counts
 MAX_WAITING = 10_000  # changes that are not written yet
 
 
@@ -29,6 +30,7 @@ class Listener:
         self._root = config.mqtt.root
         self._store = store
         self._clock = clock
+        self._was_ahead_ms = self._ahead_ms()
         self._session = BrokerSession(
             config.mqtt, config.mqtt.client_id or f"fleet-{socket.gethostname()}", clock=clock
         )
@@ -45,7 +47,15 @@ class Listener:
         return self._session.peer
 
     def now_ms(self) -> int:
-        return self._clock.wall_ns() // NS_PER_MS
+        ahead_ms = self._ahead_ms()
+        if abs(by_ms := ahead_ms - self._was_ahead_ms) > STEP_MS:
+            self.roster.clock_set(by_ms)
+            self._was_ahead_ms = ahead_ms
+        return self._was_ahead_ms + self._clock.now_ns() // NS_PER_MS
+
+    def _ahead_ms(self) -> int:
+        """Of Unix time before the time that nobody can set."""
+        return (self._clock.wall_ns() - self._clock.now_ns()) // NS_PER_MS
 
     async def listen(self) -> None:
         """One connection. Raises LinkError when it is lost."""
@@ -90,11 +100,12 @@ class Listener:
         self._failing = False
         return True
 
-    def changes(self, key: Key) -> list[GatewayChange]:
-        """What is written of it, and what is not yet; the newest first."""
+    async def changes(self, key: Key) -> list[GatewayChange]:
+        """What is written of it, and what is not yet; the newest first. A database that another program has locked
+        holds up nobody else."""
         waiting = [change for change in reversed(self._changes) if change.key == key]
         try:
-            return waiting + self._store.changes(key)
+            return waiting + await asyncio.to_thread(self._store.changes, key)
         except sqlite3.Error as error:
             log.error("database: %s", error)
             return waiting

@@ -91,6 +91,7 @@ async def _gateway(request: Request, site: str, instance: str) -> Response:
         raise HTTPException(404, "no such gateway was heard of, and none is in the inventory")
     one = listener.roster.known.get(key)
     wanted = (listener.roster.expected or {}).get(key)
+    changes = await listener.changes(key)
     return Response(
         msgspec.json.encode(
             {
@@ -101,7 +102,7 @@ async def _gateway(request: Request, site: str, instance: str) -> Response:
                 "status": None if one is None or not one.text else msgspec.Raw(one.text),
                 "changes": [
                     {"t_ms": change.t_ms, "what": change.what, "was": change.was, "now": change.now}
-                    for change in listener.changes(key)
+                    for change in changes
                 ],
             }
         ),

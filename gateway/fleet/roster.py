@@ -5,7 +5,7 @@ differ. Times are Unix time, ms, of this machine.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Annotated
 
@@ -161,6 +161,12 @@ class Roster:
         last, text = (before.last, before.text) if before is not None and will else (status, payload)
         self.known[key] = Known(status, heard_ms, last, text)
         return key, [] if before is None else list(_changes(before, self.known[key], key, now_ms))
+
+    def clock_set(self, by_ms: int) -> None:
+        """This machine's clock was set by so much: nothing becomes fresh, or silent, by that."""
+        for key, one in self.known.items():
+            if one.heard_ms is not None:
+                self.known[key] = replace(one, heard_ms=one.heard_ms + by_ms)
 
     def _may_say(self, topic: str, status: GatewayStatus) -> bool:
         """A broker that lets each gateway publish on its own topics only lets none speak for another one."""

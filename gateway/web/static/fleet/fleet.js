@@ -120,12 +120,12 @@ function Detail({ row, close }) {
     ${wrong && html`<p class="notice bad" role="alert">${wrong}</p>`}
     ${got && html`<dl>
       ${fact('heard last', known(got.heard_ms) ? stamp(got.heard_ms) : '')}
-      ${fact('configuration in force', own?.configuration.in_force.slice(0, 16))}
-      ${fact('reviewed', own?.configuration.reviewed?.slice(0, 16))}
+      ${fact('configuration in force', own?.configuration?.in_force?.slice(0, 16))}
+      ${fact('reviewed', own?.configuration?.reviewed?.slice(0, 16))}
       ${fact('in the inventory', got.expected?.digest.slice(0, 16))}
       ${fact('version', got.status?.version)}
-      ${fact('newest update', own?.update && `${own.update.stage} ${own.update.outcome ?? ''}`)}
-      ${fact('certificates, days', own && Object.entries(own.certificate_days).map(([name, days]) => `${name} ${days}`).join(', '))}
+      ${fact('newest update', own?.update && `${own.update.stage ?? ''} ${own.update.outcome ?? ''}`)}
+      ${fact('certificates, days', own && Object.entries(own.certificate_days ?? {}).map(([name, days]) => `${name} ${days}`).join(', '))}
     </dl>
     <h3>Changes</h3>
     ${got.changes.length ? html`<ul class="changes">${got.changes.map((one) => html`<li translate="no">${stamp(one.t_ms)} ${one.what}: ${short(one.was) || NONE} → ${short(one.now) || NONE}</li>`)}</ul>` : html`<p class="muted">none since this page's program listens</p>`}`}
