@@ -5,7 +5,6 @@ from typing import Any
 
 import msgspec
 from fastapi import FastAPI
-from prometheus_client.exposition import choose_encoder
 from prometheus_client.registry import Collector
 from starlette.exceptions import HTTPException
 from starlette.middleware.gzip import GZipMiddleware
@@ -26,6 +25,7 @@ from gateway.web.auth.page_files import STATIC, page_file, pages_digest
 from gateway.web.auth.security import SecurityMiddleware
 from gateway.web.languages import Languages, languages
 from gateway.web.server.app import HANDLERS
+from gateway.web.server.metrics.text import encoded
 
 ADDRESSES = Addresses()
 
@@ -112,8 +112,8 @@ async def _gateway(request: Request, site: str, instance: str) -> Response:
 
 @ADDRESSES.get("/metrics", Level.VIEWER, "for Prometheus")
 async def _metrics(request: Request) -> Response:
-    encode, content_type = choose_encoder(request.headers.get("accept", ""))
-    return Response(encode(_Collector(_listener(request))), media_type=content_type)
+    body, content_type = encoded(_Collector(_listener(request)), request.headers.get("accept", ""))
+    return Response(body, media_type=content_type)
 
 
 @ADDRESSES.get("/healthz", Level.OPEN, "200 with a connection to the broker, else 503")

@@ -26,6 +26,7 @@ class FleetStore:
     """Raises ConfigError for a file that can't be used."""
 
     def __init__(self, path: Path) -> None:
+        self._path = path
         try:
             self._db = sqlite3.connect(path, check_same_thread=False, timeout=5)
             (version,) = self._db.execute("PRAGMA user_version").fetchone()
@@ -34,18 +35,25 @@ class FleetStore:
             self._db.execute("PRAGMA journal_mode = WAL")
             self._db.executescript(SCHEMA)
         except sqlite3.Error as error:
-            raise ConfigError(f"{path}: can't be used as the fleet's database: {error}") from error
+            raise self._unusable(error) from error
 
     def close(self) -> None:
         self._db.close()
 
     def read(self) -> dict[Key, Known]:
-        """As they were kept. None of them is alive before it is heard."""
+        """As they were kept. None of them is alive before it is heard. Raises ConfigError."""
+        try:
+            kept = self._db.execute("SELECT status, text FROM statuses").fetchall()
+        except sqlite3.Error as error:  # pages inside of it are damaged
+            raise self._unusable(error) from error
         found = {}
-        for life, text in self._db.execute("SELECT status, text FROM statuses"):
+        for life, text in kept:
             if (last := decoded(text)) is not None:
                 found[last.site, last.instance] = Known(structs.replace(last, status=life), None, last, text)
         return found
+
+    def _unusable(self, error: sqlite3.Error) -> ConfigError:
+        return ConfigError(f"{self._path}: can't be used as the fleet's database: {error}")
 
     def keep(self, known: Iterable[Known], changes: Iterable[GatewayChange]) -> None:
         """Together or not at all. Raises sqlite3.Error."""

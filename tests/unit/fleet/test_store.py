@@ -46,6 +46,19 @@ def test_a_damaged_row_is_left_out(tmp_path: Path) -> None:
     store.close()
 
 
+def test_a_file_that_is_damaged_inside_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "fleet.sqlite"
+    store = FleetStore(path)
+    store.keep(alive().known.values(), ())
+    store.close()
+    data = path.read_bytes()
+    path.write_bytes(data[:4096] + b"\xaa" * (len(data) - 4096))
+    store = FleetStore(path)
+    with pytest.raises(ConfigError, match=r"fleet\.sqlite: can't be used"):
+        store.read()
+    store.close()
+
+
 @pytest.mark.parametrize("kind", ["no database", "another layout", "a folder"])
 def test_a_file_that_can_t_be_used_is_named(tmp_path: Path, kind: str) -> None:
     path = tmp_path / "fleet.sqlite"

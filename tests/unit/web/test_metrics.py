@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import pytest
-from prometheus_client import parser
+from prometheus_client import CollectorRegistry, parser
 from prometheus_client.core import Metric
 from prometheus_client.openmetrics import parser as openmetrics_parser
 
@@ -29,7 +29,7 @@ from gateway.web.server.live import ViewerCounts
 from gateway.web.server.metrics.bays import BAYS
 from gateway.web.server.metrics.family import PREFIX, MetricsSource, PageStatistics
 from gateway.web.server.metrics.parts import PARTS
-from gateway.web.server.metrics.text import FAMILIES, text
+from gateway.web.server.metrics.text import FAMILIES, encoded, text
 from gateway.web.server.process_usage import ProcessUsage
 from tests.unit.web.gateway_client import Plant, plant
 from tests.unit.web.links import full
@@ -231,6 +231,11 @@ def test_names_keep_the_conventions() -> None:
         assert (family.form == "state set") == bool(family.states), family.name
         assert family.name.startswith("bay_") == ("bay" in family.labels), family.name
     assert len({family.name for family in FAMILIES}) == len(FAMILIES) == len(BAYS) + len(PARTS)
+
+
+@pytest.mark.parametrize("accept", ["application/openmetrics-text; version=x", "text/plain; version=1.0.0\xb2"])
+def test_a_version_that_is_no_number_gets_the_plain_form(accept: str) -> None:
+    assert encoded(CollectorRegistry(), accept)[1].startswith("text/plain; version=0.0.4")
 
 
 @in_virtual_time

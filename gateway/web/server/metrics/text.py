@@ -49,8 +49,16 @@ class GatewayCollector(Collector):
 
 def text(source: MetricsSource, accept: str = "") -> tuple[bytes, str]:
     """Body and content type; `accept` is the request's header: OpenMetrics on request."""
-    encode, content_type = choose_encoder(accept)
-    return encode(GatewayCollector(source)), content_type
+    return encoded(GatewayCollector(source), accept)
+
+
+def encoded(collector: Collector, accept: str) -> tuple[bytes, str]:
+    """Likewise, of any collector."""
+    try:
+        encode, content_type = choose_encoder(accept)
+    except TypeError:  # a version in the header that is no number
+        encode, content_type = choose_encoder("")
+    return encode(collector), content_type
 
 
 def _metric(family: Family, source: MetricsSource) -> Metric:
