@@ -20,7 +20,7 @@ from math import inf, sqrt
 
 from gateway.config import DriveConfig, FusionConfig, GuidanceConfig
 from gateway.core import lag, movement, stopping_way
-from gateway.core.movement import Cut, DriveMemory, Movement
+from gateway.core.movement import Cut, DriveMemory, Movement, Told
 from gateway.core.readings import Quality
 from gateway.core.setpoint import DriveState, Setpoint
 from gateway.core.state import FunctionCheck, Reason, StateVector, VisitPhase
@@ -37,6 +37,8 @@ PULSE_S = 0.6  # a setpoint lasts so long, also for a short way
 CREEP_S = 0.3  # at creep speed before the setpoint becomes 0
 EDGE_MM = 4.0  # a vehicle that was at the place leaves it so far beyond the dead band: a step of the ranger
 ANEW_MM = 300.0  # so much farther than where its last run ended it is on another approach
+CAME_MM = 24.0  # a vehicle that comes so much nearer as it was told follows
+UNLIKE = 2  # ways that are unlike what it was told: it does so no more. In one of them the sensors may have frozen
 UNMOVED_MM = 60.0  # what was set must have moved it so far, and its distance has stayed
 APART_MM = 10.0  # by so much the marker's size may show the vehicle nearer than the ranger does
 
@@ -109,13 +111,24 @@ def _followed(memory: DriveMemory, state: StateVector, config: DriveConfig) -> t
 
 
 def _moving(memory: DriveMemory, distance_mm: float, t_ns: int, config: DriveConfig) -> DriveMemory:
-    """Notes where a vehicle does not follow, or sensors have frozen that agree with each other: each delay up to the
-    longest would have moved it."""
-    if memory.unmoved is None or abs(distance_mm - memory.unmoved[0]) > STILL_MM:
-        return replace(memory, unmoved=(distance_mm, t_ns), stuck=False)
-    since_ns, longest_s = memory.unmoved[1], config.delay_s
-    least_mm = min(memory.history.moved_mm(since_ns, t_ns, late_s) for late_s in (0.0, longest_s / 2, longest_s))
-    return replace(memory, stuck=True) if least_mm > UNMOVED_MM else memory
+    """Notes where a vehicle that followed does so no more, or sensors have frozen that agree with each other: each
+    delay up to the longest would have moved it. One that nobody moves yet, or that brakes by itself, does not follow.
+    """
+    start = Told(distance_mm, t_ns)
+    unmoved, came = memory.unmoved or start, memory.came or start
+    if memory.stuck and abs(unmoved.distance_mm - distance_mm) <= CAME_MM:
+        return replace(memory, unmoved=unmoved)
+    if memory.stuck:
+        return replace(memory, unmoved=start, came=start, follows=0, stuck=False)
+    unmoved, came = (told.added(memory.history, t_ns, config.delay_s) for told in (unmoved, came))
+    follows, gone_mm = memory.follows, came.distance_mm - distance_mm
+    if abs(unmoved.distance_mm - distance_mm) > STILL_MM:
+        unmoved = start
+        if abs(gone_mm) > CAME_MM:
+            as_told = min(came.by_mm) - STILL_MM <= gone_mm <= max(came.by_mm) + STILL_MM
+            follows, came = UNLIKE if as_told else max(0, follows - 1), start
+    stuck = follows > 0 and min(unmoved.by_mm) > UNMOVED_MM
+    return replace(memory, unmoved=unmoved, came=came, follows=follows, stuck=stuck)
 
 
 def _acceleration_sd(config: DriveConfig) -> float:
@@ -297,10 +310,11 @@ def _anew(state: StateVector, memory: DriveMemory, now: Movement | None) -> bool
 
 
 def _ended(memory: DriveMemory) -> DriveMemory:
-    """This run is over."""
-    if memory.speed_mm_s == 0 and memory.run_mm_s is None and memory.cut is None and not memory.there:
+    """This run is over. Whether anybody follows the next one is to be seen."""
+    runs = memory.speed_mm_s != 0 or memory.run_mm_s is not None or memory.cut is not None
+    if not (runs or memory.there or memory.follows):
         return memory
-    return replace(memory, speed_mm_s=0.0, rise_mm_s2=0.0, run_mm_s=None, cut=None, there=False)
+    return replace(memory, speed_mm_s=0.0, rise_mm_s2=0.0, run_mm_s=None, cut=None, there=False, follows=0)
 
 
 def _cut(memory: DriveMemory, way: _Way, now_ns: int) -> DriveMemory:
@@ -312,7 +326,6 @@ def _cut(memory: DriveMemory, way: _Way, now_ns: int) -> DriveMemory:
         rise_mm_s2=0.0,
         run_mm_s=None,
         begun=None,
-        unmoved=None,
         cut=Cut(now_ns, way.movement.distance_mm, memory.speed_mm_s, moving),
         tries=memory.tries + 1,
         tried_mm=way.movement.distance_mm,

@@ -52,6 +52,20 @@ class Cut:
 
 
 @dataclass(frozen=True, slots=True)
+class Told:
+    """By how much what was set may have moved the vehicle since it was here. `t_ns`: of the newest reading."""
+
+    distance_mm: float
+    t_ns: int
+    by_mm: tuple[float, ...] = (0.0, 0.0, 0.0)  # acting at once, and by half and all of the longest delay later
+
+    def added(self, history: SetpointHistory, t_ns: int, delay_s: float) -> "Told":
+        late_s = (0.0, delay_s / 2, delay_s)
+        by_mm = (mm + history.moved_mm(self.t_ns, t_ns, s) for mm, s in zip(self.by_mm, late_s, strict=True))
+        return Told(self.distance_mm, t_ns, tuple(by_mm))
+
+
+@dataclass(frozen=True, slots=True)
 class DriveMemory:
     """What the setpoint must remember between steps. Times monotonic ns; None: not so."""
 
@@ -67,7 +81,9 @@ class DriveMemory:
     begun: tuple[int, float, float] | None = None  # t_ns, distance mm, setpoint: since then the lag is measured
     cut: Cut | None = None
     there: bool = False  # it stood at its place, and has not left it since
-    unmoved: tuple[float, int] | None = None  # mm, t_ns: no reading since then is another
+    unmoved: Told | None = None  # no reading since then is another
+    came: Told | None = None  # how it came nearer since is still to be judged
+    follows: int = 0  # above 0: it comes nearer as it is told, but for so many ways
     stuck: bool = False  # though what was set must have moved it
     tries: int = 0  # runs of this approach that have ended
     tried_mm: float = 0.0  # the distance at which the last one did
@@ -77,7 +93,7 @@ class DriveMemory:
     def resumed(self) -> "DriveMemory":
         """After a time in which nothing was decided."""
         return DriveMemory(
-            unmoved=self.unmoved,
+            unmoved=self.unmoved if self.stuck else None,
             stuck=self.stuck,
             tries=self.tries,
             tried_mm=self.tried_mm,

@@ -152,7 +152,7 @@ def test_nor_near_the_place_with_a_focal_length_that_is_wrong_by_6_percent(froze
 
 
 @pytest.mark.mostly_long(short=1)
-@pytest.mark.parametrize("repeats_ms", [3000, 1500, 4500])
+@pytest.mark.parametrize("repeats_ms", [3000, 2200, 4500])
 def test_sensors_that_repeat_what_they_saw_together_do_not_let_the_vehicle_pass_the_limit(repeats_ms: int) -> None:
     """They agree with each other: only what was set tells that the vehicle is not there any more."""
     vehicle = Vehicle(rules(), 1500.0, repeats_ms=repeats_ms)
@@ -166,16 +166,41 @@ def test_sensors_that_repeat_what_they_saw_together_do_not_let_the_vehicle_pass_
     assert vehicle.state.setpoint.state is DriveState.AT_PLACE
 
 
-def test_a_vehicle_that_does_not_follow_is_told_0_until_its_distance_changes_or_a_person_comes() -> None:
-    vehicle = Vehicle(rules(), 1500.0, follows=False)
+def test_nor_is_a_slow_creep_speed_forgotten_before_it_adds_up() -> None:
+    """At 10 mm/s, what is kept of the setpoint is less than 60 mm; and the ranger's noise is no movement."""
+    vehicle = Vehicle(rules({"creep_speed_mm_s": 10}), 900.0, repeats_ms=5500)
+    vehicle.runs(30)
+    assert (vehicle.state.setpoint.state, vehicle.speed_mm_s) == (DriveState.INHIBITED, 0.0)
+    assert vehicle.nearest_mm > 200.0
+
+
+def test_a_vehicle_that_follows_no_more_is_told_0_until_its_distance_changes_or_a_person_comes() -> None:
+    vehicle = Vehicle(rules(), 1500.0)
+    vehicle.runs(4)
+    vehicle.follows, vehicle.speed_mm_s = False, 0.0
     vehicle.runs(8)
     assert vehicle.state.memory.drive.stuck
     assert vehicle.state.setpoint.state is DriveState.INHIBITED
     vehicle.runs(20)
     assert vehicle.state.setpoint.speed_mm_s == 0
-    vehicle.at_mm += 30
+    vehicle.at_mm += 40
     vehicle.runs(1)
     assert vehicle.state.setpoint.enable
+
+
+@pytest.mark.parametrize("pushed_mm_s", [0.0, 200.0])
+def test_a_start_of_the_plc_s_program_may_be_late(pushed_mm_s: float) -> None:
+    """Nobody follows the setpoint before it, whether the vehicle stood there or was pushed there."""
+    vehicle = Vehicle(rules(), 1500.0 + 4 * pushed_mm_s, follows=False, speed_mm_s=pushed_mm_s)
+    vehicle.runs(3)
+    while vehicle.speed_mm_s > 0:
+        vehicle.speed_mm_s = max(0.0, vehicle.speed_mm_s - 3.0)
+        vehicle.runs(0.02)
+    vehicle.runs(10)
+    assert vehicle.state.setpoint.speed_mm_s > 100.0
+    vehicle.follows = True
+    vehicle.runs(20)
+    assert vehicle.state.setpoint.state is DriveState.AT_PLACE
 
 
 def test_a_vehicle_beyond_the_ranger_s_range_may_move_but_has_no_distance_to_be_driven_by() -> None:
