@@ -21,7 +21,7 @@ from math import inf, sqrt
 from gateway.config import DriveConfig, FusionConfig, GuidanceConfig
 from gateway.core import lag, movement, stopping_way
 from gateway.core.movement import Cut, DriveMemory, Movement, Told
-from gateway.core.readings import Quality
+from gateway.core.readings import Quality, VisionReading
 from gateway.core.setpoint import DriveState, Setpoint
 from gateway.core.state import FunctionCheck, Reason, StateVector, VisitPhase
 from gateway.core.stopping_way import FASTER, LONGEST_STEP_S, StoppingWay
@@ -39,6 +39,8 @@ EDGE_MM = 4.0  # a vehicle that was at the place leaves it so far beyond the dea
 ANEW_MM = 300.0  # so much farther than where its last run ended it is on another approach
 CAME_MM = 24.0  # a vehicle that comes so much nearer as it was told follows
 UNLIKE = 2  # ways that are unlike what it was told: it does so no more. In one of them the sensors may have frozen
+SAME_PX = 0.01  # R of live pictures varies by more, though nothing moves,
+SAME_S = 1.5  # within so long
 UNMOVED_MM = 60.0  # what was set must have moved it so far, and its distance has stayed
 APART_MM = 10.0  # by so much the marker's size may show the vehicle nearer than the ranger does
 
@@ -99,7 +101,8 @@ def _followed(memory: DriveMemory, state: StateVector, config: DriveConfig) -> t
     if found is None or found.t_ns != reading.t_ns:
         moved_mm = 0.0 if found is None else history.moved_mm(found.t_ns, reading.t_ns, late_s)
         found = movement.measured(found, reading.distance_mm, reading.t_ns, moved_mm, sd)
-        memory = _moving(replace(memory, history=history, movement=found), reading.distance_mm, reading.t_ns, config)
+        memory = replace(memory, history=history, movement=found)
+        memory = _moving(memory, reading.distance_mm, reading.t_ns, state.vision, config)
         memory = lag.measured(memory, found, config)
         found, late_s = memory.movement or found, lag.lag_s(memory, config)
     else:
@@ -110,9 +113,12 @@ def _followed(memory: DriveMemory, state: StateVector, config: DriveConfig) -> t
     return memory, now
 
 
-def _moving(memory: DriveMemory, distance_mm: float, t_ns: int, config: DriveConfig) -> DriveMemory:
+def _moving(
+    memory: DriveMemory, distance_mm: float, t_ns: int, seen: VisionReading, config: DriveConfig
+) -> DriveMemory:
     """Notes where a vehicle that followed does so no more, or sensors have frozen that agree with each other: each
-    delay up to the longest would have moved it. One that nobody moves yet, or that brakes by itself, does not follow.
+    delay up to the longest would have moved it. One that nobody moves yet, or that brakes by itself, does not follow;
+    its pictures are live, so that R varies by its noise.
     """
     start = Told(distance_mm, t_ns)
     unmoved, came = memory.unmoved or start, memory.came or start
@@ -127,8 +133,17 @@ def _moving(memory: DriveMemory, distance_mm: float, t_ns: int, config: DriveCon
         if abs(gone_mm) > CAME_MM:
             as_told = min(came.by_mm) - STILL_MM <= gone_mm <= max(came.by_mm) + STILL_MM
             follows, came = UNLIKE if as_told else max(0, follows - 1), start
-    stuck = follows > 0 and min(unmoved.by_mm) > UNMOVED_MM
-    return replace(memory, unmoved=unmoved, came=came, follows=follows, stuck=stuck)
+    same = _same(memory.same, seen)
+    dead = same is not None and seen.t_ns - same[1] >= SAME_S * NS_PER_S
+    stuck = (follows > 0 or dead) and min(unmoved.by_mm) > UNMOVED_MM
+    return replace(memory, unmoved=unmoved, same=same, came=came, follows=follows, stuck=stuck)
+
+
+def _same(same: tuple[float, int] | None, seen: VisionReading) -> tuple[float, int] | None:
+    if seen.circle is None:
+        return None
+    radius_px = seen.circle.radius_px
+    return same if same is not None and abs(radius_px - same[0]) <= SAME_PX else (radius_px, seen.t_ns)
 
 
 def _acceleration_sd(config: DriveConfig) -> float:

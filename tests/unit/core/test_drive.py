@@ -58,6 +58,7 @@ class Vehicle:
     lost_ms: int | None = None  # from then on no poll is answered; the life sign ends `latency_s` after the last one
     frozen_mm: float = 0.0  # the ranger hears nothing that is nearer
     repeats_ms: int | None = None  # from then on both sensors show where it was then
+    dead: bool = False  # then without noise
     now_ms: int = 0
     speed_mm_s: float = 0.0
     nearest_mm: float = field(init=False)
@@ -74,6 +75,10 @@ class Vehicle:
     @property
     def now_ns(self) -> int:
         return T0 + self.now_ms * MS
+
+    def _noise_px(self) -> float:
+        repeats = self.repeats_ms is not None and self.now_ms >= self.repeats_ms
+        return 0.0 if self.dead and repeats else self.chance.gauss(0, 0.3)
 
     def runs(self, seconds: float) -> None:
         for _ in range(round(seconds * 50)):
@@ -99,7 +104,7 @@ class Vehicle:
                 middle_mm = sorted(mm for _, mm in self.echoes)[1]
                 self.coming.append((40, RangeReading(self.echoes[1][0], Quality.GOOD, middle_mm)))
         if self.now_ms % 80 == 0:
-            circle = Circle(320.0, 240.0, PX_MM / self.seen_mm + self.chance.gauss(0, 0.3))
+            circle = Circle(320.0, 240.0, PX_MM / self.seen_mm + self._noise_px())
             self.coming.append((60, VisionReading(self.now_ns, Quality.GOOD, circle)))
         due = [seen for left, seen in self.coming if left <= 0]
         self.coming = [(left - 20, seen) for left, seen in self.coming if left > 0]
@@ -186,6 +191,16 @@ def test_a_vehicle_that_follows_no_more_is_told_0_until_its_distance_changes_or_
     vehicle.at_mm += 40
     vehicle.runs(1)
     assert vehicle.state.setpoint.enable
+
+
+def test_sensors_that_are_dead_before_the_vehicle_was_seen_to_follow_do_not_let_it_pass_the_limit() -> None:
+    """It stands until the PLC's program starts. The same picture again and again shows nothing any more."""
+    vehicle = Vehicle(rules(), 1500.0, follows=False, repeats_ms=2500, dead=True)
+    vehicle.runs(2.5)
+    vehicle.follows = True
+    vehicle.runs(30)
+    assert vehicle.state.setpoint.speed_mm_s == 0
+    assert vehicle.nearest_mm > 300.0
 
 
 @pytest.mark.parametrize("pushed_mm_s", [0.0, 200.0])
