@@ -94,7 +94,7 @@ class Trucks:
         sure = of if gap_ns is None else [mark for mark in of if mark[0] <= gap_ns]  # the first stop may be missing
         then, now = (
             ThenNow(
-                any(mark.in_place for _, by, mark in of if by == which) or (None if gap_ns else False),
+                any(mark.in_place for _, by, mark in of if by == which) or (False if gap_ns is None else None),
                 next((mark.stop_mm for _, by, mark in sure if by == which and mark.stop_mm is not None), None),
             )
             for which in (0, 1)

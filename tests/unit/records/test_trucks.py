@@ -135,6 +135,7 @@ def test_a_threshold_that_the_truck_never_reaches_is_told_as_such(
         ((5, 8), (True, 300.0)),  # behind the stop, before it was in place: that is recorded
         ((1, 3), (True, None)),  # it may have been stopped then
         ((8, 12), (None, 300.0)),
+        ((0, 12), (None, None)),  # before the first record
         ((30, 40), (True, 300.0)),  # behind the visit
     ],
 )
