@@ -41,6 +41,8 @@ from gateway.sinks.mqtt.web_socket import WebSocket
 
 CONNECT_S = 5.0  # for the socket, and again for the CONNACK
 MAX_INCOMING = 100  # messages received and not fetched yet
+CROWDED = MAX_INCOMING // 4  # of them: from here on, reading waits for those that fetch them
+ROUNDS = 8  # of the event loop at most; aiomqtt needs three to hand over a message
 MAX_PACKET_BYTES = 65_536  # one of more ends the connection: MQTT allows 256 MB, which would be memory
 MAX_IN_FLIGHT = 64  # messages without acknowledgement at once; more wait their turn
 MAX_IN_FLIGHT_311 = 20  # MQTT 3.1.1 brokers state no Receive Maximum
@@ -344,6 +346,7 @@ class _Client(aiomqtt.Client):
         self.maximum_packet_bytes: float = math.inf
         self.maximum_qos, self.retain_available = 2, True
         self.overflowed = False
+        self._waited = 0  # rounds of the event loop
         self.unanswered: list[str] = []
         self.newest_refusal: tuple[str, str, float] | None = None
         self._answers: dict[int, tuple[str, asyncio.Future[ReasonCode]]] = {}  # topic, answer; by packet identifier
@@ -424,7 +427,13 @@ class _Client(aiomqtt.Client):
         return self._link
 
     def read(self) -> None:
-        """All that has arrived: of TLS and of WebSockets, some may be in memory and make no socket readable."""
+        """All that has arrived: of TLS and of WebSockets, some may be in memory and make no socket readable.
+
+        Called again in each round of the event loop for as long as the socket is readable."""
+        if len(self.messages) >= CROWDED and self._waited < ROUNDS:
+            self._waited += 1
+            return
+        self._waited = 0
         while self._client.loop_read() == MQTT_ERR_SUCCESS:
             self.overflowed |= len(self.messages) >= MAX_INCOMING
             pending = getattr(self._client.socket(), "pending", None)

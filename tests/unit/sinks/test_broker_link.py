@@ -40,7 +40,7 @@ def test_what_is_overridden_of_aiomqtt_exists_with_the_same_parameters() -> None
 
 
 def test_what_is_used_of_aiomqtts_attributes_is_there() -> None:
-    ours = {"_answers", "_given", "_told", "_link"}
+    ours = {"_answers", "_given", "_told", "_link", "_waited"}
     of_client = SOURCE[SOURCE.index("class _Client") :]
     assert sorted(set(re.findall(r"self\.(_[a-z]\w*)", of_client)) - ours) == USED_OF_AIOMQTT
     text = inspect.getsource(aiomqtt.Client)
@@ -113,5 +113,34 @@ def test_a_packet_that_a_broker_announces_as_huge_ends_the_connection_and_takes_
             with pytest.raises(LinkError, match="connection lost"):
                 await listen(server.sockets[0].getsockname()[1])
         assert sent < 50_000_000
+
+    asyncio.run(scenario())
+
+
+def test_more_retained_messages_than_the_queue_holds_arrive_all() -> None:
+    """As after a subscription to the statuses of a fleet: aiomqtt reads three while it hands over one."""
+    sent = 10 * broker_link.MAX_INCOMING
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.read(1000)
+        writer.write(b"\x20\x02\x00\x00")
+        for n in range(sent):  # PUBLISH, every other one retained
+            writer.write(bytes([0x30 + n % 2, 3 + 100]) + b"\x00\x01t" + b"%100d" % n)
+        await writer.drain()
+        await reader.read()
+        writer.close()
+
+    async def scenario() -> None:
+        async with await asyncio.start_server(serve, "127.0.0.1", 0) as server, asyncio.timeout(30):
+            endpoint = at(f"mqtt://127.0.0.1:{server.sockets[0].getsockname()[1]}")
+            about = {"client_id": "c", "will": None, "keepalive_s": 5, "acknowledge_s": 5, "tls": None}
+            async with broker_link.connect(endpoint, **about) as link:  # type: ignore[arg-type]
+                found = []
+                async for message in link.incoming():
+                    found.append((int(message.payload), message.retain))
+                    if len(found) == sent:
+                        break
+                assert found == [(n, n % 2 == 1) for n in range(sent)]
+                assert not link.overflowed
 
     asyncio.run(scenario())
