@@ -27,10 +27,14 @@ def own_names() -> tuple[str, ...]:
 
 
 def own_addresses() -> list[str]:
-    """IPv4 addresses of this machine, loopback last."""
+    """IPv4 addresses of this machine, loopback last; none where the system does not tell them."""
     import psutil  # noqa: PLC0415 - half a megabyte, and only where the pages' addresses are shown
 
-    found = [a.address for each in psutil.net_if_addrs().values() for a in each if a.family == socket.AF_INET]
+    try:
+        interfaces = psutil.net_if_addrs().values()
+    except OSError:  # no netlink for this service, or no memory for its answer
+        return []
+    found = [a.address for each in interfaces for a in each if a.family == socket.AF_INET]
     return sorted(set(found), key=lambda address: (ipaddress.ip_address(address).is_loopback, address))
 
 

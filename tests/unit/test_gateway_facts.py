@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import psutil
 import pytest
 
 from gateway import gateway_facts
@@ -11,6 +12,7 @@ from gateway.core.events import Event, EventKind
 from gateway.core.state import StateVector
 from gateway.core.visit_summary import VisitSummary
 from gateway.gateway_facts import LOOK_NS, FactsCollector, pages_address, reviewed_digest, reviewed_path
+from gateway.net import own_host
 from gateway.net.certificate_ends import CertificateEnds
 from tests.virtual_time import HandClock
 
@@ -80,3 +82,13 @@ def test_the_digest_is_made_once_of_each_configuration(tmp_path: Path, monkeypat
 )  # fmt: skip
 def test_where_the_pages_are_opened(hmi: dict[str, object], address: str) -> None:
     assert pages_address(parse({"hmi": hmi})) == address
+
+
+def test_a_system_that_does_not_tell_its_addresses_ends_no_output(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused() -> None:
+        raise OSError("no netlink")
+
+    monkeypatch.setattr(psutil, "net_if_addrs", refused)
+    monkeypatch.setattr(own_host, "MDNS_SOCKET", Path("/nowhere"))
+    config = parse({"hmi": {"enabled": True, "host": "0.0.0.0", "tls_cert": "auto"}})
+    assert pages_address(config) == "https://localhost:8080/"
