@@ -41,7 +41,7 @@ CAME_MM = 24.0  # a vehicle that comes so much nearer as it was told follows
 UNLIKE = 2  # ways that are unlike what it was told: it does so no more. In one of them the sensors may have frozen
 SAME_PX = 0.01  # R of live pictures varies by more, though nothing moves,
 SAME_S = 1.5  # within so long
-UNMOVED_MM = 60.0  # what was set must have moved it so far, and its distance has stayed
+UNMOVED_MM, UNMOVED = 60.0, 0.6  # what was set must have moved it so far, the latter of the overshoot; it has stayed
 APART_MM = 10.0  # by so much the marker's size may show the vehicle nearer than the ranger does
 
 
@@ -62,7 +62,7 @@ def step(
 ) -> tuple[DriveMemory, Setpoint]:
     """Memory and setpoint of a state with its final decision. Never raises."""
     dt_s = min(max(0, state.t_ns - state.memory.drive.history.t_ns) / NS_PER_S, LONGEST_STEP_S)
-    memory, now = _followed(state.memory.drive, state, config)
+    memory, now = _followed(state.memory.drive, state, config, guidance)
     doubt = _doubt(state) or memory.stuck
     if (memory.tries or memory.stuck) and _anew(state, memory, None if doubt else now):
         memory = replace(memory, tries=0, stuck=False, unmoved=None)
@@ -91,7 +91,9 @@ def stays(
     return to_go_mm + config.place_mm > config.dead_band_mm and setpoint.stopping_mm <= limit_mm
 
 
-def _followed(memory: DriveMemory, state: StateVector, config: DriveConfig) -> tuple[DriveMemory, Movement | None]:
+def _followed(
+    memory: DriveMemory, state: StateVector, config: DriveConfig, guidance: GuidanceConfig
+) -> tuple[DriveMemory, Movement | None]:
     """The memory with the newest reading, and whether the vehicle stays where it is; and its movement now."""
     reading, found = state.range, memory.movement
     history = memory.history.advanced(state.t_ns, memory.speed_mm_s, config.brake_mm_s2, config.delay_s)
@@ -102,7 +104,8 @@ def _followed(memory: DriveMemory, state: StateVector, config: DriveConfig) -> t
         moved_mm = 0.0 if found is None else history.moved_mm(found.t_ns, reading.t_ns, late_s)
         found = movement.measured(found, reading.distance_mm, reading.t_ns, moved_mm, sd)
         memory = replace(memory, history=history, movement=found)
-        memory = _moving(memory, reading.distance_mm, reading.t_ns, state.vision, config)
+        unmoved_mm = min(UNMOVED_MM, UNMOVED * guidance.overshoot_mm)
+        memory = _moving(memory, reading.distance_mm, reading.t_ns, state.vision, config.delay_s, unmoved_mm)
         memory = lag.measured(memory, found, config)
         found, late_s = memory.movement or found, lag.lag_s(memory, config)
     else:
@@ -114,7 +117,7 @@ def _followed(memory: DriveMemory, state: StateVector, config: DriveConfig) -> t
 
 
 def _moving(
-    memory: DriveMemory, distance_mm: float, t_ns: int, seen: VisionReading, config: DriveConfig
+    memory: DriveMemory, distance_mm: float, t_ns: int, seen: VisionReading, delay_s: float, unmoved_mm: float
 ) -> DriveMemory:
     """Notes where a vehicle that followed does so no more, or sensors have frozen that agree with each other: each
     delay up to the longest would have moved it. One that nobody moves yet, or that brakes by itself, does not follow;
@@ -126,7 +129,7 @@ def _moving(
         return replace(memory, unmoved=unmoved)
     if memory.stuck:
         return replace(memory, unmoved=start, came=start, follows=0, stuck=False)
-    unmoved, came = (told.added(memory.history, t_ns, config.delay_s) for told in (unmoved, came))
+    unmoved, came = (told.added(memory.history, t_ns, delay_s) for told in (unmoved, came))
     follows, gone_mm = memory.follows, came.distance_mm - distance_mm
     if abs(unmoved.distance_mm - distance_mm) > STILL_MM:
         unmoved = start
@@ -135,7 +138,7 @@ def _moving(
             follows, came = UNLIKE if as_told else max(0, follows - 1), start
     same = _same(memory.same, seen)
     dead = same is not None and seen.t_ns - same[1] >= SAME_S * NS_PER_S
-    stuck = (follows > 0 or dead) and min(unmoved.by_mm) > UNMOVED_MM
+    stuck = (follows > 0 or dead) and min(unmoved.by_mm) > unmoved_mm
     return replace(memory, unmoved=unmoved, same=same, came=came, follows=follows, stuck=stuck)
 
 

@@ -179,6 +179,19 @@ def test_nor_is_a_slow_creep_speed_forgotten_before_it_adds_up() -> None:
     assert vehicle.nearest_mm > 200.0
 
 
+@pytest.mark.parametrize(("overshoot_mm", "repeats_ms"), [(60.0, 6300), (50.0, 5900)])
+def test_nor_do_they_where_the_limit_is_less_than_60_mm_past_the_place(overshoot_mm: float, repeats_ms: int) -> None:
+    """The drive goes on by 60 % of the limit, and its lag."""
+    check = CHECK | {"tolerance_mm": 30.0, "tolerance_share": 0.05, "lasting_s": 0.3}
+    fusion = {"radius_threshold_px": 178.0, "cross_check": check}
+    drive_keys = {"latency_s": 0.3, "creep_speed_mm_s": 15}
+    made = config(drive_keys, fusion=fusion, guidance={"overshoot_mm": overshoot_mm})
+    vehicle = Vehicle(Rules.of(made.bays[0], made), 900.0, repeats_ms=repeats_ms)
+    vehicle.runs(26)
+    assert (vehicle.state.setpoint.state, vehicle.speed_mm_s) == (DriveState.INHIBITED, 0.0)
+    assert 300.0 - overshoot_mm < vehicle.nearest_mm < 290.0
+
+
 def test_a_vehicle_that_follows_no_more_is_told_0_until_its_distance_changes_or_a_person_comes() -> None:
     vehicle = Vehicle(rules(), 1500.0)
     vehicle.runs(4)
