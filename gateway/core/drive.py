@@ -128,9 +128,12 @@ def _moving(
     if memory.stuck and abs(unmoved.distance_mm - distance_mm) <= CAME_MM:
         return replace(memory, unmoved=unmoved)
     if memory.stuck:
-        return replace(memory, unmoved=start, came=start, follows=0, stuck=False)
+        return replace(memory, unmoved=start, came=start, follows=-1, stuck=False)
     unmoved, came = (told.added(memory.history, t_ns, delay_s) for told in (unmoved, came))
-    follows, gone_mm = memory.follows, came.distance_mm - distance_mm
+    follows = memory.follows
+    if follows < 0:  # what moves it is still the run before
+        follows, came = (0 if t_ns - memory.still_ns >= STILL_S * NS_PER_S else follows), start
+    gone_mm = came.distance_mm - distance_mm
     if abs(unmoved.distance_mm - distance_mm) > STILL_MM:
         unmoved = start
         if abs(gone_mm) > CAME_MM:
@@ -330,9 +333,9 @@ def _anew(state: StateVector, memory: DriveMemory, now: Movement | None) -> bool
 def _ended(memory: DriveMemory) -> DriveMemory:
     """This run is over. Whether anybody follows the next one is to be seen."""
     runs = memory.speed_mm_s != 0 or memory.run_mm_s is not None or memory.cut is not None
-    if not (runs or memory.there or memory.follows):
+    if not (runs or memory.there or memory.follows >= 0):
         return memory
-    return replace(memory, speed_mm_s=0.0, rise_mm_s2=0.0, run_mm_s=None, cut=None, there=False, follows=0)
+    return replace(memory, speed_mm_s=0.0, rise_mm_s2=0.0, run_mm_s=None, cut=None, there=False, follows=-1)
 
 
 def _cut(memory: DriveMemory, way: _Way, now_ns: int) -> DriveMemory:

@@ -84,7 +84,7 @@ class DriveMemory:
     unmoved: Told | None = None  # no reading since then is another
     came: Told | None = None  # how it came nearer since is still to be judged
     same: tuple[float, int] | None = None  # R, px, and t_ns of the picture since which it is the same
-    follows: int = 0  # above 0: it comes nearer as it is told, but for so many ways
+    follows: int = -1  # above 0: it comes nearer as it is told, but for so many ways; below: it has not stood yet
     stuck: bool = False  # though what was set must have moved it
     tries: int = 0  # runs of this approach that have ended
     tried_mm: float = 0.0  # the distance at which the last one did

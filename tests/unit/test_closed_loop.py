@@ -286,3 +286,13 @@ def test_tables_and_figure_follow_from_the_results() -> None:
     picture = report.figures()["closed-loop-approach"]
     assert picture.startswith("<svg")
     assert picture.count('stroke="#0072B2"') == 4
+
+
+@pytest.mark.parametrize("seed", [9103, 9110])
+def test_dust_on_the_way_and_a_new_start_are_no_sensors_that_freeze(seed: int) -> None:
+    """The vehicle stops, and stands while the setpoint rises again: the PLC's program starts 1 s later. Where what
+    moved it before counted as following, it was 0 for good."""
+    kind = VehicleKind.TRACTOR
+    drives = Approach(kind, Aid.SETPOINT, seed, settings(kind, Aid.SETPOINT))
+    assert drives.dust
+    assert drives.run().in_place
