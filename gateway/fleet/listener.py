@@ -32,7 +32,7 @@ class Listener:
         self._clock = clock
         self._was_ahead_ms = self._ahead_ms()
         self._session = BrokerSession(
-            config.mqtt, config.mqtt.client_id or f"fleet-{socket.gethostname()}", clock=clock
+            config.mqtt, config.mqtt.client_id or f"fleet-{socket.gethostname()}-{config.hmi.port}", clock=clock
         )
         self._unwritten: dict[Key, None] = {}
         self._changes: list[GatewayChange] = []
@@ -74,24 +74,26 @@ class Listener:
         """Writes what is new, for ever."""
         while True:
             await self._clock.sleep(KEEP_S)
-            known, changes = self._take()
-            if known and not await asyncio.to_thread(self._written, known, changes):
-                self._unwritten |= {(one.status.site, one.status.instance): None for one in known}
+            keys, changes = tuple(self._unwritten), self._changes
+            if keys and not await asyncio.to_thread(self._written, *self._take()):
+                self._unwritten |= dict.fromkeys(keys)
                 self._changes = (changes + self._changes)[:MAX_WAITING]
 
     def close(self) -> None:
         """Writes the rest; waits for the disk."""
         self._written(*self._take())
 
-    def _take(self) -> tuple[list[Known], list[GatewayChange]]:
-        taken = [self.roster.known[key] for key in self._unwritten], self._changes
+    def _take(self) -> tuple[list[Known], list[GatewayChange], list[Key]]:
+        found = {key: self.roster.known.get(key) for key in self._unwritten}
+        gone = [key for key, one in found.items() if one is None]
+        taken = [one for one in found.values() if one is not None], self._changes, gone
         self._unwritten, self._changes = {}, []
         return taken
 
-    def _written(self, known: list[Known], changes: list[GatewayChange]) -> bool:
+    def _written(self, known: list[Known], changes: list[GatewayChange], gone: list[Key]) -> bool:
         """A disk that fails is logged once."""
         try:
-            self._store.keep(known, changes)
+            self._store.keep(known, changes, gone)
         except sqlite3.Error as error:
             if not self._failing:
                 log.error("database: %s; what is heard is not kept", error)

@@ -142,9 +142,10 @@ class Roster:
     def heard(
         self, topic: str, payload: bytes, now_ms: int, *, retained: bool = False
     ) -> tuple[Key | None, list[GatewayChange]]:
-        """Takes one message of a status topic; `retained`: the broker had kept it. None: it is no status."""
-        if not payload:  # a retained status that was cleared
-            return None, []
+        """Takes one message of a status topic; `retained`: the broker had kept it. None: it is no status. One that was
+        cleared at the broker is forgotten: its gateway is gone for good."""
+        if not payload:
+            return self._cleared(topic, now_ms)
         status = decoded(payload)
         if status is None or not self._may_say(topic, status):
             self.damaged += 1
@@ -170,8 +171,18 @@ class Roster:
 
     def _may_say(self, topic: str, status: GatewayStatus) -> bool:
         """A broker that lets each gateway publish on its own topics only lets none speak for another one."""
+        return self._key(topic) == (status.site, status.instance) and topic.endswith("/status")
+
+    def _key(self, topic: str) -> Key:
         levels = topic.removeprefix(f"{self.root}/").split("/")
-        return [levels[0], *levels[-2:]] == [status.site, status.instance, "status"]
+        return levels[0], levels[-2] if len(levels) > 1 else ""
+
+    def _cleared(self, topic: str, now_ms: int) -> tuple[Key | None, list[GatewayChange]]:
+        key = self._key(topic)
+        before = self.known.pop(key, None)
+        if before is None:
+            return None, []
+        return key, [GatewayChange(now_ms, key, "status", before.status.status, "cleared at the broker")]
 
     def life(self, key: Key, now_ms: int) -> GatewayLife:
         one = self.known.get(key)

@@ -55,9 +55,10 @@ class FleetStore:
     def _unusable(self, error: sqlite3.Error) -> ConfigError:
         return ConfigError(f"{self._path}: can't be used as the fleet's database: {error}")
 
-    def keep(self, known: Iterable[Known], changes: Iterable[GatewayChange]) -> None:
+    def keep(self, known: Iterable[Known], changes: Iterable[GatewayChange], gone: Iterable[Key] = ()) -> None:
         """Together or not at all. Raises sqlite3.Error."""
         with self._db:
+            self._db.executemany("DELETE FROM statuses WHERE site = ? AND instance = ?", gone)
             self._db.executemany(
                 "INSERT OR REPLACE INTO statuses VALUES (?, ?, ?, ?)",
                 ((one.status.site, one.status.instance, one.status.status, one.text) for one in known if one.text),

@@ -220,9 +220,12 @@ class _Collected(CollectorRegistry):
         return self._found
 
 
-def test_a_cleared_topic_is_no_damage() -> None:
-    roster = Roster()
-    assert roster.heard(TOPIC, b"", 5_000) == (None, [])
+def test_a_gateway_whose_status_is_cleared_at_the_broker_is_gone() -> None:
+    roster = alive()
+    key, (change,) = roster.heard(TOPIC, b"", 7_000)
+    assert (key, change.was, change.now) == (KEY, "online", "cleared at the broker")
+    assert roster.gateways() == []
+    assert roster.heard(TOPIC, b"", 8_000) == (None, [])
     assert roster.damaged == 0
 
 

@@ -27,6 +27,15 @@ def test_a_gateway_is_known_after_a_restart_and_not_taken_for_alive(tmp_path: Pa
     store.close()
 
 
+def test_a_gateway_that_is_gone_is_not_known_after_a_restart(tmp_path: Path) -> None:
+    store, roster = FleetStore(tmp_path / "fleet.sqlite"), alive()
+    store.keep(roster.known.values(), ())
+    assert list(store.read()) == [KEY]
+    store.keep((), (), [KEY])
+    assert store.read() == {}
+    store.close()
+
+
 def test_the_newest_changes_are_shown(tmp_path: Path) -> None:
     store = FleetStore(tmp_path / "fleet.sqlite")
     made = [GatewayChange(n, KEY, "version", str(n), str(n + 1)) for n in range(SHOWN_CHANGES + 5)]
