@@ -20,7 +20,7 @@ from math import inf, sqrt
 
 from gateway.config import DriveConfig, FusionConfig, GuidanceConfig
 from gateway.core import lag, movement, stopping_way
-from gateway.core.movement import Cut, DriveMemory, Movement, Told
+from gateway.core.movement import Cut, DriveMemory, Movement, Same, Told
 from gateway.core.readings import Quality, VisionReading
 from gateway.core.setpoint import DriveState, Setpoint
 from gateway.core.state import FunctionCheck, Reason, StateVector, VisitPhase
@@ -37,10 +37,8 @@ PULSE_S = 0.6  # a setpoint lasts so long, also for a short way
 CREEP_S = 0.3  # at creep speed before the setpoint becomes 0
 EDGE_MM = 4.0  # a vehicle that was at the place leaves it so far beyond the dead band: a step of the ranger
 ANEW_MM = 300.0  # so much farther than where its last run ended it is on another approach
-CAME_MM = 24.0  # a vehicle that comes so much nearer as it was told follows
-UNLIKE = 2  # ways that are unlike what it was told: it does so no more. In one of them the sensors may have frozen
 SAME_PX = 0.01  # R of live pictures varies by more, though nothing moves,
-SAME_S = 1.5  # within so long
+SAME_S, SAME_PICTURES = 0.5, 6  # within so long, and so many of them
 UNMOVED_MM, UNMOVED = 60.0, 0.6  # what was set must have moved it so far, the latter of the overshoot; it has stayed
 APART_MM = 10.0  # by so much the marker's size may show the vehicle nearer than the ranger does
 
@@ -63,9 +61,9 @@ def step(
     """Memory and setpoint of a state with its final decision. Never raises."""
     dt_s = min(max(0, state.t_ns - state.memory.drive.history.t_ns) / NS_PER_S, LONGEST_STEP_S)
     memory, now = _followed(state.memory.drive, state, config, guidance)
-    doubt = _doubt(state) or memory.stuck
-    if (memory.tries or memory.stuck) and _anew(state, memory, None if doubt else now):
-        memory = replace(memory, tries=0, stuck=False, unmoved=None)
+    doubt = _doubt(state) or memory.frozen
+    if memory.tries and _anew(state, memory, None if doubt else now):
+        memory = replace(memory, tries=0)
     if now is None:
         waits = DriveState.NO_DISTANCE if state.may_move else DriveState.INHIBITED
         return _ended(memory), Setpoint(DriveState.AT_PLACE if state.in_place else waits)
@@ -105,7 +103,7 @@ def _followed(
         found = movement.measured(found, reading.distance_mm, reading.t_ns, moved_mm, sd)
         memory = replace(memory, history=history, movement=found)
         unmoved_mm = min(UNMOVED_MM, UNMOVED * guidance.overshoot_mm)
-        memory = _moving(memory, reading.distance_mm, reading.t_ns, state.vision, config.delay_s, unmoved_mm)
+        memory = _seen(memory, reading.distance_mm, reading.t_ns, state.vision, config.delay_s, unmoved_mm)
         memory = lag.measured(memory, found, config)
         found, late_s = memory.movement or found, lag.lag_s(memory, config)
     else:
@@ -116,40 +114,28 @@ def _followed(
     return memory, now
 
 
-def _moving(
+def _seen(
     memory: DriveMemory, distance_mm: float, t_ns: int, seen: VisionReading, delay_s: float, unmoved_mm: float
 ) -> DriveMemory:
-    """Notes where a vehicle that followed does so no more, or sensors have frozen that agree with each other: each
-    delay up to the longest would have moved it. One that nobody moves yet, or that brakes by itself, does not follow;
-    its pictures are live, so that R varies by its noise.
+    """Notes where both sensors have frozen, so that they agree with each other: R is the same from picture to picture,
+    the distance stays, and each delay up to the longest would have moved the vehicle. In live pictures R varies by its
+    noise, also before the PLC's program starts, or when the vehicle is held.
     """
-    start = Told(distance_mm, t_ns)
-    unmoved, came = memory.unmoved or start, memory.came or start
-    if memory.stuck and abs(unmoved.distance_mm - distance_mm) <= CAME_MM:
-        return replace(memory, unmoved=unmoved)
-    if memory.stuck:
-        return replace(memory, unmoved=start, came=start, follows=-1, stuck=False)
-    unmoved, came = (told.added(memory.history, t_ns, delay_s) for told in (unmoved, came))
-    follows = memory.follows
-    if follows < 0:  # what moves it is still the run before
-        follows, came = (0 if t_ns - memory.still_ns >= STILL_S * NS_PER_S else follows), start
-    gone_mm = came.distance_mm - distance_mm
-    if abs(unmoved.distance_mm - distance_mm) > STILL_MM:
+    start, same = Told(distance_mm, t_ns), _same(memory.same, seen)
+    unmoved = (memory.unmoved or start).added(memory.history, t_ns, delay_s)
+    if same is None or same.pictures == 1 or abs(unmoved.distance_mm - distance_mm) > STILL_MM:
         unmoved = start
-        if abs(gone_mm) > CAME_MM:
-            as_told = min(came.by_mm) - STILL_MM <= gone_mm <= max(came.by_mm) + STILL_MM
-            follows, came = UNLIKE if as_told else max(0, follows - 1), start
-    same = _same(memory.same, seen)
-    dead = same is not None and seen.t_ns - same[1] >= SAME_S * NS_PER_S
-    stuck = (follows > 0 or dead) and min(unmoved.by_mm) > unmoved_mm
-    return replace(memory, unmoved=unmoved, same=same, came=came, follows=follows, stuck=stuck)
+    dead = same is not None and same.pictures >= SAME_PICTURES and same.t_ns - same.first_ns >= SAME_S * NS_PER_S
+    return replace(memory, unmoved=unmoved, same=same, frozen=dead and min(unmoved.by_mm) > unmoved_mm)
 
 
-def _same(same: tuple[float, int] | None, seen: VisionReading) -> tuple[float, int] | None:
+def _same(same: Same | None, seen: VisionReading) -> Same | None:
     if seen.circle is None:
         return None
     radius_px = seen.circle.radius_px
-    return same if same is not None and abs(radius_px - same[0]) <= SAME_PX else (radius_px, seen.t_ns)
+    if same is None or abs(radius_px - same.radius_px) > SAME_PX:
+        return Same(radius_px, seen.t_ns, seen.t_ns)
+    return same if seen.t_ns == same.t_ns else Same(same.radius_px, same.first_ns, seen.t_ns, same.pictures + 1)
 
 
 def _acceleration_sd(config: DriveConfig) -> float:
@@ -331,11 +317,10 @@ def _anew(state: StateVector, memory: DriveMemory, now: Movement | None) -> bool
 
 
 def _ended(memory: DriveMemory) -> DriveMemory:
-    """This run is over. Whether anybody follows the next one is to be seen."""
-    runs = memory.speed_mm_s != 0 or memory.run_mm_s is not None or memory.cut is not None
-    if not (runs or memory.there or memory.follows >= 0):
+    """This run is over."""
+    if memory.speed_mm_s == 0 and memory.run_mm_s is None and memory.cut is None and not memory.there:
         return memory
-    return replace(memory, speed_mm_s=0.0, rise_mm_s2=0.0, run_mm_s=None, cut=None, there=False, follows=-1)
+    return replace(memory, speed_mm_s=0.0, rise_mm_s2=0.0, run_mm_s=None, cut=None, there=False)
 
 
 def _cut(memory: DriveMemory, way: _Way, now_ns: int) -> DriveMemory:

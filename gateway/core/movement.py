@@ -66,6 +66,16 @@ class Told:
 
 
 @dataclass(frozen=True, slots=True)
+class Same:
+    """Pictures in a row that show the same R. Times of the first and the newest."""
+
+    radius_px: float
+    first_ns: int
+    t_ns: int
+    pictures: int = 1
+
+
+@dataclass(frozen=True, slots=True)
 class DriveMemory:
     """What the setpoint must remember between steps. Times monotonic ns; None: not so."""
 
@@ -82,10 +92,8 @@ class DriveMemory:
     cut: Cut | None = None
     there: bool = False  # it stood at its place, and has not left it since
     unmoved: Told | None = None  # no reading since then is another
-    came: Told | None = None  # how it came nearer since is still to be judged
-    same: tuple[float, int] | None = None  # R, px, and t_ns of the picture since which it is the same
-    follows: int = -1  # above 0: it comes nearer as it is told, but for so many ways; below: it has not stood yet
-    stuck: bool = False  # though what was set must have moved it
+    same: Same | None = None
+    frozen: bool = False  # both sensors, so it seems
     tries: int = 0  # runs of this approach that have ended
     tried_mm: float = 0.0  # the distance at which the last one did
     lag_s: float | None = None  # the vehicle follows its setpoint so late
@@ -93,14 +101,7 @@ class DriveMemory:
 
     def resumed(self) -> "DriveMemory":
         """After a time in which nothing was decided."""
-        return DriveMemory(
-            unmoved=self.unmoved if self.stuck else None,
-            stuck=self.stuck,
-            tries=self.tries,
-            tried_mm=self.tried_mm,
-            lag_s=self.lag_s,
-            slips_s=self.slips_s,
-        )
+        return DriveMemory(tries=self.tries, tried_mm=self.tried_mm, lag_s=self.lag_s, slips_s=self.slips_s)
 
 
 def distance_at(movement: Movement, t_ns: int, moved_mm: float) -> float:

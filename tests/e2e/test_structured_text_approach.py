@@ -121,7 +121,8 @@ class Loop:
 
     def _gateway(self) -> None:
         now_ns, z_mm = self.now_ms * MS, self.vehicle.z_mm
-        vision = VisionReading(now_ns, Quality.GOOD, Circle(320.0, 240.0, R_TIMES_Z / z_mm))
+        radius_px = R_TIMES_Z / z_mm + 0.02 * (self.now_ms // SCAN_MS % 3 - 1)  # live pictures: never twice the same
+        vision = VisionReading(now_ns, Quality.GOOD, Circle(320.0, 240.0, radius_px))
         seen: list[Observation] = [
             VisionReading(now_ns, Quality.NO_TARGET) if self.covered else vision,
             RangeReading(now_ns, Quality.GOOD, z_mm),

@@ -160,7 +160,7 @@ def test_nor_near_the_place_with_a_focal_length_that_is_wrong_by_6_percent(froze
 @pytest.mark.parametrize("repeats_ms", [3000, 2200, 4500])
 def test_sensors_that_repeat_what_they_saw_together_do_not_let_the_vehicle_pass_the_limit(repeats_ms: int) -> None:
     """They agree with each other: only what was set tells that the vehicle is not there any more."""
-    vehicle = Vehicle(rules(), 1500.0, repeats_ms=repeats_ms)
+    vehicle = Vehicle(rules(), 1500.0, repeats_ms=repeats_ms, dead=True)
     vehicle.runs(repeats_ms / 1000)
     assert vehicle.speed_mm_s > 20
     vehicle.runs(20)
@@ -173,7 +173,7 @@ def test_sensors_that_repeat_what_they_saw_together_do_not_let_the_vehicle_pass_
 
 def test_nor_is_a_slow_creep_speed_forgotten_before_it_adds_up() -> None:
     """At 10 mm/s, what is kept of the setpoint is less than 60 mm; and the ranger's noise is no movement."""
-    vehicle = Vehicle(rules({"creep_speed_mm_s": 10}), 900.0, repeats_ms=5500)
+    vehicle = Vehicle(rules({"creep_speed_mm_s": 10}), 900.0, repeats_ms=5500, dead=True)
     vehicle.runs(30)
     assert (vehicle.state.setpoint.state, vehicle.speed_mm_s) == (DriveState.INHIBITED, 0.0)
     assert vehicle.nearest_mm > 200.0
@@ -186,24 +186,22 @@ def test_nor_do_they_where_the_limit_is_less_than_60_mm_past_the_place(overshoot
     fusion = {"radius_threshold_px": 178.0, "cross_check": check}
     drive_keys = {"latency_s": 0.3, "creep_speed_mm_s": 15}
     made = config(drive_keys, fusion=fusion, guidance={"overshoot_mm": overshoot_mm})
-    vehicle = Vehicle(Rules.of(made.bays[0], made), 900.0, repeats_ms=repeats_ms)
+    vehicle = Vehicle(Rules.of(made.bays[0], made), 900.0, repeats_ms=repeats_ms, dead=True)
     vehicle.runs(26)
     assert (vehicle.state.setpoint.state, vehicle.speed_mm_s) == (DriveState.INHIBITED, 0.0)
     assert 300.0 - overshoot_mm < vehicle.nearest_mm < 290.0
 
 
-def test_a_vehicle_that_follows_no_more_is_told_0_until_its_distance_changes_or_a_person_comes() -> None:
+def test_a_vehicle_that_is_held_on_its_way_is_driven_on_when_it_is_let_go() -> None:
+    """The PLC's program has stopped it; the gateway offers the setpoint all the while."""
     vehicle = Vehicle(rules(), 1500.0)
     vehicle.runs(4)
     vehicle.follows, vehicle.speed_mm_s = False, 0.0
-    vehicle.runs(8)
-    assert vehicle.state.memory.drive.stuck
-    assert vehicle.state.setpoint.state is DriveState.INHIBITED
     vehicle.runs(20)
-    assert vehicle.state.setpoint.speed_mm_s == 0
-    vehicle.at_mm += 40
-    vehicle.runs(1)
     assert vehicle.state.setpoint.enable
+    vehicle.follows = True
+    vehicle.runs(20)
+    assert vehicle.state.setpoint.state is DriveState.AT_PLACE
 
 
 def test_sensors_that_are_dead_before_the_vehicle_was_seen_to_follow_do_not_let_it_pass_the_limit() -> None:
@@ -366,7 +364,6 @@ def test_short_of_the_place_it_is_moved_again_a_limited_number_of_times() -> Non
         speed_mm_s=0.0,
         run_mm_s=None,
         cut=None,
-        stuck=False,
         tried_mm=315.0,
         history=SetpointHistory(state.t_ns),
     )
@@ -381,9 +378,7 @@ def test_short_of_the_place_it_is_moved_again_a_limited_number_of_times() -> Non
 def test_a_doubt_gives_no_further_tries_and_arriving_leaving_or_a_person_does() -> None:
     """All tries are spent 25 mm short of the place."""
     state = standing(315.0, {"lag_s": 0.1, "latency_s": 0.1}).state
-    spent = replace(
-        state.memory.drive, speed_mm_s=0.0, run_mm_s=None, cut=None, stuck=False, tries=drive.TRIES, tried_mm=315.0
-    )
+    spent = replace(state.memory.drive, speed_mm_s=0.0, run_mm_s=None, cut=None, tries=drive.TRIES, tried_mm=315.0)
     state = replace(state, memory=replace(state.memory, drive=spent))
 
     def tries(**fields: Any) -> int:
