@@ -119,14 +119,17 @@ def _decision(t_ns: int, reason: Reason, *, in_place: bool = False) -> Decision:
     return msgspec.structs.replace(Decision.of(state), in_place=in_place)
 
 
-def _head(number: int, t_ns: int) -> Head:
+def _head(bay: Path, number: int, t_ns: int) -> Head:
+    """Of the gateway whose folder it is."""
+    site, _, instance = bay.parent.name.partition(".")
     made = config(Path("/nowhere"))
-    return msgspec.structs.replace(head_of(made, made.bays[0], f"boot{number}"), number=number, t_ns=t_ns, unix_ns=t_ns)
+    of = {"site": site, "instance": instance, "number": number, "t_ns": t_ns, "unix_ns": t_ns}
+    return msgspec.structs.replace(head_of(made, made.bays[0], f"boot{number}"), **of)
 
 
 def _segment(bay: Path, number: int, t_ns: int, found: Sequence[AnyRecord]) -> None:
     path = bay / str(FileName(number, t_ns // S, SEGMENT))
-    path.write_bytes(head_block(_head(number, t_ns)) + records_block(1, [packed(record) for record in found]))
+    path.write_bytes(head_block(_head(bay, number, t_ns)) + records_block(1, [packed(record) for record in found]))
 
 
 def _pictures(bay: Path, number: int, taken: Sequence[tuple[int, int]]) -> None:
@@ -137,5 +140,5 @@ def _pictures(bay: Path, number: int, taken: Sequence[tuple[int, int]]) -> None:
         blocks.append(picture_block(PictureHead(frame_id, t_ns, t_ns, "png", ("in_place",)), data))
     written_s = taken[-1][0] // S + 3
     (bay / str(FileName(number, written_s, PICTURES))).write_bytes(
-        head_block(_head(number, written_s * S)) + b"".join(blocks)
+        head_block(_head(bay, number, written_s * S)) + b"".join(blocks)
     )
