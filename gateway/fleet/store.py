@@ -29,13 +29,17 @@ class FleetStore:
         self._path = path
         try:
             self._db = sqlite3.connect(path, check_same_thread=False, timeout=5)
+        except sqlite3.Error as error:
+            raise self._unusable(error) from error
+        try:
             (version,) = self._db.execute("PRAGMA user_version").fetchone()
             if version not in (0, VERSION):
                 raise ConfigError(f"{path}: made by another version of gateway fleet (layout {version}); move it away")
             self._db.execute("PRAGMA journal_mode = WAL")
             self._db.executescript(SCHEMA)
-        except sqlite3.Error as error:
-            raise self._unusable(error) from error
+        except (sqlite3.Error, ConfigError) as error:
+            self._db.close()
+            raise error if isinstance(error, ConfigError) else self._unusable(error) from error
 
     def close(self) -> None:
         self._db.close()
