@@ -14,6 +14,10 @@ def main() -> int:
         return verbs()
     except KeyboardInterrupt:
         return 130
+    except Exception:
+        if interrupts.asked():  # a library has made another error of it, as pydantic does while it builds a model
+            return 130
+        raise
 
 
 if __name__ == "__main__":

@@ -73,11 +73,11 @@ function Row({ row, chosen, choose, nowMs }) {
     <td class=${live && row.ne107 === 'GOOD' ? '' : 'mark'}>${live ? (NE107[row.ne107] ?? 'not known') : row.life}</td>
     <td class="why">${row.attention.filter((one) => one !== row.life && one !== NE107[row.ne107]).map((one) => html`<span class="mark">${one}</span>`)}</td>
     <td>${row.function_check && row.function_check !== 'OFF' ? 'yes' : ''}</td>
-    <td class="number"><${Alarms} alarms=${row.alarms} /></td>
-    <td class="number">${known(row.veil) ? number(100 * row.veil, 0, '%') : NONE}</td>
-    <td class="number">${known(row.marker_days) ? number(row.marker_days, 0, 'd') : NONE}</td>
-    <td class="number">${known(row.certificate_days) ? number(row.certificate_days, 0, 'd') : NONE}</td>
-    <td class="number">${known(row.last_visit_ms) ? since(nowMs - row.last_visit_ms) : NONE}</td>
+    <td class="number" translate="no"><${Alarms} alarms=${row.alarms} /></td>
+    <td class="number" translate="no">${known(row.veil) ? number(100 * row.veil, 0, '%') : NONE}</td>
+    <td class="number" translate="no">${known(row.marker_days) ? number(row.marker_days, 0, 'd') : NONE}</td>
+    <td class="number" translate="no">${known(row.certificate_days) ? number(row.certificate_days, 0, 'd') : NONE}</td>
+    <td class="number" translate="no">${known(row.last_visit_ms) ? since(nowMs - row.last_visit_ms) : NONE}</td>
     <td translate="no">${row.version || NONE}</td>
     <td>${row.pages && html`<a href=${row.pages} rel="noreferrer">open</a>`}</td>
   </tr>`;
