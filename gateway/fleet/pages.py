@@ -87,17 +87,18 @@ def _steady(answer: dict[str, Any]) -> dict[str, Any]:
 @ADDRESSES.get("/api/fleet/{site}/{instance}", Level.VIEWER, "all that is known of a gateway, and its newest changes")
 async def _gateway(request: Request, site: str, instance: str) -> Response:
     listener, key = _listener(request), (site, instance)
-    if key not in listener.roster.gateways():
+    roster = listener.roster
+    if key not in roster:
         raise HTTPException(404, "no such gateway was heard of, and none is in the inventory")
-    one = listener.roster.known.get(key)
-    wanted = (listener.roster.expected or {}).get(key)
+    one, wanted = roster.known.get(key), (roster.expected or {}).get(key)
+    life = roster.life(key, listener.now_ms())
     changes = await listener.changes(key)
     return Response(
         msgspec.json.encode(
             {
-                "life": listener.roster.life(key, listener.now_ms()),
+                "life": life,
                 "heard_ms": None if one is None else one.heard_ms,
-                "attention": listener.roster.attention(key, listener.now_ms()),
+                "attention": roster.attention(key, life, roster.deviations(key)),
                 "expected": None if wanted is None else wanted.model_dump(),
                 "status": None if one is None or not one.text else msgspec.Raw(one.text),
                 "changes": [

@@ -4,7 +4,7 @@ Only a status that follows another one proves that its gateway lives: what is re
 differ. Times are Unix time, ms, of this machine.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Annotated
@@ -213,11 +213,11 @@ class Roster:
             found.append(f"version {one.last.version} instead of {wanted.version}")
         return found
 
-    def attention(self, key: Key, now_ms: int) -> list[str]:
-        """Why somebody should look at this gateway, the most important first; in words."""
-        life, one = self.life(key, now_ms), self.known.get(key)
-        found = [str(life)] if life is not GatewayLife.ONLINE else []
-        found += self.deviations(key)
+    def attention(self, key: Key, life: GatewayLife, deviations: Sequence[str]) -> list[str]:
+        """Why somebody should look at this gateway, the most important first; in words. The others: as of `life` and
+        `deviations`."""
+        one = self.known.get(key)
+        found = [*([str(life)] if life is not GatewayLife.ONLINE else []), *deviations]
         last = None if one is None else one.last
         if last is None or last.gateway is None:
             return found
@@ -227,6 +227,10 @@ class Roster:
         if last.gateway.update is not None and last.gateway.update.outcome in ("returned", "not_proven"):
             found.append("an update was not proven")
         return found
+
+    def __contains__(self, key: object) -> bool:
+        """Known or expected."""
+        return key in self.known or key in (self.expected or {})
 
     def gateways(self) -> list[Key]:
         """Known and expected ones, in order."""

@@ -24,18 +24,19 @@ def _rows_of(roster: Roster, key: Key, now_ms: int) -> Iterator[dict[str, Any]]:
     one = roster.known.get(key)
     last = None if one is None else one.last
     own = None if last is None else last.gateway
-    attention = roster.attention(key, now_ms)
+    life, deviations = roster.life(key, now_ms), roster.deviations(key)
+    attention = roster.attention(key, life, deviations)
     shared = {
         "site": key[0],
         "instance": key[1],
-        "life": roster.life(key, now_ms),
+        "life": life,
         "heard_ms": None if one is None else one.heard_ms,
         "version": "" if last is None else last.version,
         "pages": None if own is None else _web_address(own.pages),
         "certificate_days": None if own is None else min(own.certificate_days.values(), default=None),
-        "deviates": bool(roster.deviations(key)),
+        "deviates": bool(deviations),
     }
-    live = shared["life"] is GatewayLife.ONLINE
+    live = life is GatewayLife.ONLINE
     for health in (last.health if last is not None else ()) or (BayHealth(""),):
         marker, visit, alarms = health.marker, health.last_visit, health.alarms
         yield shared | {

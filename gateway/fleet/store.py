@@ -1,5 +1,6 @@
 """What outlives the fleet page's process: each gateway's last status, and what has changed. SQLite. IO: blocks."""
 
+import contextlib
 import sqlite3
 from collections.abc import Iterable
 from pathlib import Path
@@ -28,18 +29,20 @@ class FleetStore:
     def __init__(self, path: Path) -> None:
         self._path = path
         try:
-            self._db = sqlite3.connect(path, check_same_thread=False, timeout=5)
+            with contextlib.ExitStack() as opened:
+                self._db = opened.enter_context(
+                    contextlib.closing(sqlite3.connect(path, check_same_thread=False, timeout=5))
+                )
+                (version,) = self._db.execute("PRAGMA user_version").fetchone()
+                if version not in (0, VERSION):
+                    raise ConfigError(
+                        f"{path}: made by another version of gateway fleet (layout {version}); move it away"
+                    )
+                self._db.execute("PRAGMA journal_mode = WAL")
+                self._db.executescript(SCHEMA)
+                opened.pop_all()
         except sqlite3.Error as error:
             raise self._unusable(error) from error
-        try:
-            (version,) = self._db.execute("PRAGMA user_version").fetchone()
-            if version not in (0, VERSION):
-                raise ConfigError(f"{path}: made by another version of gateway fleet (layout {version}); move it away")
-            self._db.execute("PRAGMA journal_mode = WAL")
-            self._db.executescript(SCHEMA)
-        except (sqlite3.Error, ConfigError) as error:
-            self._db.close()
-            raise error if isinstance(error, ConfigError) else self._unusable(error) from error
 
     def close(self) -> None:
         self._db.close()

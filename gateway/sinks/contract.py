@@ -110,8 +110,8 @@ class BayAlarms:
     @property
     def highest_priority(self) -> str | None:
         """Of the active ones; None: none is."""
-        found = [ALARM_PRIORITIES.index(alarm.priority) for alarm in (*self.bay, *self.gateway) if alarm.active]
-        return ALARM_PRIORITIES[max(found)] if found else None
+        counts = self.by_priority
+        return next((priority for priority in reversed(ALARM_PRIORITIES) if counts[priority]), None)
 
 
 @dataclass(frozen=True, slots=True)
