@@ -1,7 +1,9 @@
 """The pages behind nginx, which ends TLS and serves them below a base path: each page with links and live data."""
 
 import json
+import os
 import re
+import socket
 import ssl
 import subprocess
 from collections.abc import Iterator
@@ -16,7 +18,7 @@ from tests.browser.chromium import Watch, until
 from tests.browser.conftest import Visit
 from tests.browser.plant import STANDING, Plant, plant
 from tests.browser.test_login import log_in
-from tests.e2e.brokers import free_port
+from tests.e2e.brokers import program
 from tests.plant_certs import Plant as PlantCertificates
 
 PASSWORD = "spout-and-truck-41"
@@ -66,22 +68,28 @@ def proxied(tmp_path: Path) -> Iterator[tuple[Plant, int, int]]:
     certificates = PlantCertificates(tmp_path / "certificates").folder
     with plant(tmp_path, STANDING, role="driver", users=KEYS) as bay:
         assert bay.url.endswith("/bay1")
-        port = bay.url.removesuffix("/bay1").rpartition(":")[2]
-        plain, tls = free_port(), free_port()
-        config = tmp_path / "nginx.conf"
-        config.write_text(
-            NGINX.format(
-                folder=tmp_path,
-                plain=plain,
-                tls=tls,
-                certificate=certificates.certificate_path("gateway"),
-                key=certificates.key_path("gateway"),
-                location=documented().replace("127.0.0.1:8080", f"127.0.0.1:{port}"),
+        config, errors = tmp_path / "nginx.conf", tmp_path / "error.log"
+        # It takes over sockets that listen already, as in an update of itself: who asks before it runs waits. This
+        # process closes its own, so that after the end of nginx nobody waits.
+        with socket.create_server(("127.0.0.1", 0)) as plain, socket.create_server(("127.0.0.1", 0)) as tls:
+            ports = plain.getsockname()[1], tls.getsockname()[1]
+            config.write_text(
+                NGINX.format(
+                    folder=tmp_path,
+                    plain=ports[0],
+                    tls=ports[1],
+                    certificate=certificates.certificate_path("gateway"),
+                    key=certificates.key_path("gateway"),
+                    location=documented().replace("127.0.0.1:8080", bay.url.split("/")[2]),
+                )
             )
-        )
-        nginx = subprocess.Popen(["nginx", "-c", str(config), "-e", str(tmp_path / "error.log")])
+            nginx = subprocess.Popen(
+                [program("nginx", "apt-get install nginx-light"), "-c", str(config), "-e", str(errors)],
+                pass_fds=(plain.fileno(), tls.fileno()),
+                env=os.environ | {"NGINX": f"{plain.fileno()};{tls.fileno()};"},
+            )
         try:
-            yield bay, plain, tls
+            yield bay, *ports
         finally:
             nginx.terminate()
             nginx.wait(30)
