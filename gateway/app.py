@@ -97,8 +97,7 @@ async def run(
         pages = Pages()
         if config.hmi.enabled:
             settings = settings_file(source, startup, reload, in_force)
-            restart = startup.restart_of(config)
-            pages = build_pages(shared, sensors, outputs, bays, status, in_force, settings, source, restart)
+            pages = build_pages(shared, sensors, outputs, bays, status, in_force, settings, source, startup)
         requests = reload or ReloadRequests(lambda: config)  # which nobody sends
         reloader = Reloader(
             requests, in_force, bays.controls, outputs.recorder, pages.service, status, service, outputs.files

@@ -57,7 +57,7 @@ def build_pages(
     in_force: InForce,
     settings: SettingsFile | None,
     source: str,
-    restart: Callable[[], None] | None,
+    startup: Startup,
 ) -> Pages:
     """What runs the web process, and the processes that reply to it. A taken port is no reason to let the PLC wait; a
     certificate that can't be read is a ConfigError, or the port would be open without a server behind it.
@@ -128,9 +128,15 @@ def build_pages(
         devices,
         test_sets=test_sets,
         updates=updates,
+        login=startup.login_of(config),
     )
     handler = PagesRequestHandler(
-        outputs.history, parts, clock, lambda: status.system_status(outputs.alarms), outputs.alarms, restart
+        outputs.history,
+        parts,
+        clock,
+        lambda: status.system_status(outputs.alarms),
+        outputs.alarms,
+        startup.restart_of(config),
     )
     if not config.hmi.own_certificate:
         tls.check(TlsFiles.of_pages(config))

@@ -26,7 +26,7 @@ from gateway.parts import Ports
 from gateway.reload import ReloadRequests
 from gateway.supervisor import Task
 from gateway.systemd import Notifier
-from gateway.web.host.startup import ALONE, Restart, Startup
+from gateway.web.host.startup import ALONE, LOGIN, Restart, Startup
 
 REPEATS_S = 10.0  # between two looks at what the log has not written
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -72,8 +72,9 @@ async def serve(
     where the pages requested that.
     """
     stop = stop or asyncio.Event()
+    restart = Restart(stop)
     if in_place_restart is not None:
-        startup = replace(startup, restart=Restart(stop))
+        startup = replace(startup, restart=restart, login=os.environ.pop(LOGIN, ""))
     loop = asyncio.get_running_loop()
     for number in SIGNALS:
         loop.add_signal_handler(number, stop.set)
@@ -117,7 +118,7 @@ async def serve(
                 startup=startup,
             )
             if in_place_restart is not None and startup.starts_again:
-                in_place_restart.request(notifier.given)
+                in_place_restart.request({**notifier.given, **restart.environment})
     finally:
         for number in SIGNALS:
             with contextlib.suppress(ValueError, RuntimeError):

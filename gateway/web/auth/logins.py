@@ -66,6 +66,12 @@ class Logins:
         self.record(AuditRecord(AuditKind.LOGIN, user.name, address, f"as {user.role}"))
         return opened
 
+    def resume(self, session: Session) -> None:
+        """Whoever had the gateway start again stays logged in, if they are the same user still."""
+        user = next((user for user in self.config.users if user.name == session.user), None)
+        if user is not None and self._level(user) is session.level:
+            self.sessions.resume(session)
+
     def logout(self, caller: Caller) -> None:
         """Ends the session and all that hangs on it. Without one: nothing to do."""
         if caller.session is not None:

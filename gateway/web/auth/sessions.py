@@ -1,6 +1,7 @@
 """Sessions and callers. Ids are random and made here, never taken from a browser; nothing is kept on disk. Pure.
 
 A session ends after its lifetime, after its idle time, by logging out, or when the same user opens too many others.
+With the web process all end, but that of a technician who has the gateway start again (`resume`).
 Only hashes of the ids are kept: from a copy of this memory no session can be used.
 """
 
@@ -63,6 +64,10 @@ class Sessions:
         session = Session(_key(identity), user, level, self._token(ID_BYTES), now_ns, now_ns)
         self._open[session.key] = session
         return identity, session
+
+    def resume(self, session: Session) -> None:
+        """One that the web process before this one had opened. It ends when it would have ended there."""
+        self._open[session.key] = session
 
     def find(self, identity: str, now_ns: int) -> Session | None:
         """The session of this id, if it is valid; it counts as seen."""

@@ -32,6 +32,7 @@ from gateway.processes.codec import record_of, record_packed
 from gateway.ranger.ranger_service import RangerService
 from gateway.vision.process.vision_service import VisionService
 from gateway.web.auth.audit_log import printable
+from gateway.web.auth.sessions import Session
 from gateway.web.host.releases import BayRelease
 from gateway.web.ipc.messages import (
     MAX_EVENTS,
@@ -124,9 +125,9 @@ class PagesRequestHandler:
         clock: Clock,
         links: Callable[[], SystemStatus],
         alarms: AlarmMonitor,
-        restart: Callable[[], None] | None = None,
+        restart: Callable[[Session | None], None] | None = None,
     ) -> None:
-        """`restart`: ends the gateway and starts it again; None: it may not, or can't."""
+        """`restart`: ends the gateway and starts it again, with this login; None: it may not, or can't."""
         self._bays = bays
         self._clock = clock
         self._links = links
@@ -184,7 +185,7 @@ class PagesRequestHandler:
         why = self._why_no_restart(wanted)
         if not why and self._restart is not None:
             log.warning("the gateway is started again, by %s", printable(str(who)))
-            self._restart()
+            self._restart(wanted.login)
         return why
 
     def _why_no_restart(self, wanted: RestartGateway) -> str:

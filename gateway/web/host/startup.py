@@ -3,20 +3,32 @@
 import asyncio
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
+from hashlib import sha256
 from typing import Any
 
+import msgspec
+
 from gateway.config import GatewayConfig
+from gateway.web.auth.sessions import Session
+
+LOGIN = "LOADING_GATEWAY_LOGIN"
+"""The environment variable from one start to the next. No login can be used from it: it has only a hash of its id."""
 
 
 @dataclass(slots=True)
 class Restart:
     """A request to end cleanly, as SIGTERM does, and to start again. `stop`: ends the gateway; whoever waits for that
-    end looks at `requested`."""
+    end looks at `requested`, and gives the `environment` to the next start."""
 
     stop: asyncio.Event
     requested: bool = False
+    environment: dict[str, str] = field(default_factory=dict)
 
-    def request(self) -> None:
+    def request(self, users: str, login: Session | None) -> None:
+        """`users`: the digest of those that may log in."""
+        if login is not None:
+            self.environment[LOGIN] = msgspec.json.encode((users, login)).decode()
         self.requested = True
         self.stop.set()
 
@@ -24,11 +36,12 @@ class Restart:
 @dataclass(frozen=True, slots=True)
 class Startup:
     """`overrides`: of the file, from the command line. `restart`: None: impossible. `warnings`: of settings that are
-    legal and make no sense."""
+    legal and make no sense. `login`: as the start before has given it; empty: none."""
 
     overrides: Mapping[str, Any] = field(default_factory=dict)
     restart: Restart | None = None
     warnings: Callable[[GatewayConfig], Iterable[str]] = lambda _: ()
+    login: str = ""
 
     @property
     def file_overrides(self) -> Mapping[str, Any]:
@@ -41,9 +54,23 @@ class Startup:
         """Is the end that has begun a restart?"""
         return self.restart is not None and self.restart.requested
 
-    def restart_of(self, config: GatewayConfig) -> Callable[[], None] | None:
+    def restart_of(self, config: GatewayConfig) -> Callable[[Session | None], None] | None:
         """None: the pages may not, or nobody can."""
-        return self.restart.request if self.restart is not None and config.hmi.setup_page else None
+        if self.restart is None or not config.hmi.setup_page:
+            return None
+        return partial(self.restart.request, _digest(config))
+
+    def login_of(self, config: GatewayConfig) -> Session | None:
+        """The login that outlives this restart: none where the users, their passwords or roles have changed."""
+        try:
+            users, login = msgspec.json.decode(self.login, type=tuple[str, Session])
+        except msgspec.DecodeError:
+            return None
+        return login if users == _digest(config) else None
+
+
+def _digest(config: GatewayConfig) -> str:
+    return sha256(config.hmi.model_dump_json(include={"users"}).encode()).hexdigest()
 
 
 ALONE = Startup()

@@ -154,6 +154,7 @@ class WebProcessService:
         if texts is not None:
             own.callback(os.close, texts)
         job = replace(self._setup, sockets=listening, source=source, languages=texts)
+        self._setup = replace(self._setup, login=None)  # the next web process is no restart of the gateway
         others = tuple(fd for fd in (job.questions, job.devices, job.test_sets, job.updates, texts) if fd is not None)
         return Role(MODULE, "gw-hmi", job, (*rings, *listening, *others))
 

@@ -26,6 +26,7 @@ from gateway.sinks.contract import LinkStatus
 from gateway.values.gateway_values import GatewayFacts
 from gateway.vision.transport.messages import ControlsReport
 from gateway.vision.transport.ring_spec import RingSpec
+from gateway.web.auth.sessions import Session
 from gateway.web.profile.settings_edit import MAX_CHANGES, SettingChange
 
 MAX_STATES = 6  # in one answer, which must fit into one message of the link
@@ -49,6 +50,7 @@ class WebSetup(Message, frozen=True):
     languages: int | None = None  # the plant's own: memory, inherited (gateway.web.languages)
     test_sets: int | None = None  # to the process that keeps test sets, as `questions`
     updates: int | None = None  # to the process that leaves packages for the update, likewise
+    login: Session | None = None  # of whoever had the gateway start again
 
 
 # From the web process.
@@ -144,9 +146,10 @@ class ReadRelease(Message, frozen=True):
 
 class RestartGateway(Message, frozen=True):
     """End cleanly, stop in every register, and start again with the file as it is now. `despite_trucks`: also while a
-    truck is at a bay."""
+    truck is at a bay. `login`: outlives it."""
 
     despite_trucks: bool = False
+    login: Session | None = None
 
 
 class Command(Message, frozen=True):

@@ -76,6 +76,8 @@ async def _serve(about: WebSetup, channel: Channel[FromWeb, ToWeb]) -> None:
     files = TlsFiles.of_pages(about.config)
     tls = None if files is None else ReloadingContext(files, pace)
     logins = Logins(config, pace, _log, instance=about.config.instance)
+    if about.login is not None:
+        logins.resume(about.login)
     services = services_of(client, pace)
     server = uvicorn.Server(
         uvicorn.Config(

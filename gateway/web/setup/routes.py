@@ -139,7 +139,7 @@ async def _restart(services: WebServices, caller: RequestCaller, body: RestartBo
             first = found.faults[0]
             raise ConfigError(f"it would not start: {'.'.join(first.path)}: {first.message}")
     try:
-        await client.command(RestartGateway(body.despite_trucks), caller.writer)
+        await client.command(RestartGateway(body.despite_trucks, caller.session), caller.writer)
     except RefusedError as error:
         if str(error).startswith(TRUCK_AT_BAY):
             raise RefusalError(409, "truck", str(error)) from None

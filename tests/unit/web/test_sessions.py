@@ -1,13 +1,21 @@
 """Who is logged in, and how long."""
 
+import asyncio
 import itertools
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gateway.clock import SystemClock
+from gateway.config import GatewayConfig
+from gateway.config.sections.hmi import HmiConfig
 from gateway.web.auth.access import Level
-from gateway.web.auth.sessions import MAX_PER_USER, MAX_SESSIONS, Sessions
+from gateway.web.auth.logins import Logins
+from gateway.web.auth.passwords import hashed
+from gateway.web.auth.sessions import MAX_PER_USER, MAX_SESSIONS, Session, Sessions
+from gateway.web.host.startup import LOGIN, Restart, Startup
+from tests.unit.web.auth import USERS
 
 S = 1_000_000_000
 HOUR = 3600 * S
@@ -101,3 +109,69 @@ def test_never_more_than_allowed_and_each_end_is_reported_once(steps: list[tuple
     assert len(alive) == len(book)
     assert len(ended) == len(set(ended))
     assert sorted([*ended, *alive]) == sorted(key for _, key in made)
+
+
+def with_user(
+    name: str = "tom", role: str = "technician", password_hash: str = USERS[1].password_hash
+) -> GatewayConfig:
+    user = {"name": name, "role": role, "password_hash": password_hash}
+    return GatewayConfig.model_validate({"hmi": {"users": [user]}})
+
+
+def handed_on(login: Session | None, before: GatewayConfig) -> str:
+    """As the next start finds it in its environment."""
+    restart = Restart(asyncio.Event())
+    requested = Startup(restart=restart).restart_of(before)
+    assert requested is not None
+    requested(login)
+    assert restart.requested
+    assert restart.stop.is_set()
+    return restart.environment.get(LOGIN, "")
+
+
+def test_whoever_has_the_gateway_start_again_stays_logged_in() -> None:
+    identity, session = sessions().open("tom", Level.TECHNICIAN, 5 * S)
+    text = handed_on(session, with_user())
+    assert identity not in text
+    kept = Startup(login=text).login_of(with_user())
+    assert kept == session
+    book = sessions()
+    book.resume(kept)
+    assert book.find(identity, 5 * S + HOUR - 1) is not None
+    assert book.find(identity, 5 * S + 12 * HOUR) is None  # as if it had never moved
+
+
+@pytest.mark.parametrize(
+    "after",
+    [with_user(name="tim"), with_user(role="viewer"), with_user(password_hash=hashed("lime-kiln-dust-77"))],
+    ids=["name", "role", "password"],
+)
+def test_nobody_stays_logged_in_over_a_change_of_users(after: GatewayConfig) -> None:
+    _, session = sessions().open("tom", Level.TECHNICIAN, 5 * S)
+    assert Startup(login=handed_on(session, with_user())).login_of(after) is None
+
+
+@pytest.mark.parametrize("text", ["", "{}", '["", {}]', "\x00", '["a"]'])
+def test_what_is_no_login_is_none(text: str) -> None:
+    assert Startup(login=text).login_of(with_user()) is None
+
+
+def test_a_restart_without_a_login_hands_none_on() -> None:
+    assert handed_on(None, with_user()) == ""
+
+
+@pytest.mark.parametrize(
+    ("user", "level", "stays"),
+    [
+        ("tom", Level.TECHNICIAN, True),
+        ("vera", Level.TECHNICIAN, False),
+        ("tom", Level.VIEWER, False),
+        ("tim", Level.TECHNICIAN, False),
+    ],
+)
+def test_only_a_user_in_the_same_role_stays_logged_in(user: str, level: Level, *, stays: bool) -> None:
+    _, session = sessions().open(user, level, 5 * S)
+    logins = Logins(HmiConfig(users=USERS), SystemClock(), lambda _: None)
+    logins.resume(session)
+    assert len(logins.sessions) == stays
+    logins.close()
