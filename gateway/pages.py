@@ -136,7 +136,7 @@ def build_pages(
         clock,
         lambda: status.system_status(outputs.alarms),
         outputs.alarms,
-        startup.restart_of(config),
+        startup.restart_of(lambda: in_force.config),
     )
     if not config.hmi.own_certificate:
         tls.check(TlsFiles.of_pages(config))

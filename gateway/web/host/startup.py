@@ -25,10 +25,9 @@ class Restart:
     requested: bool = False
     environment: dict[str, str] = field(default_factory=dict)
 
-    def request(self, users: str, login: Session | None) -> None:
-        """`users`: the digest of those that may log in."""
+    def request(self, in_force: Callable[[], GatewayConfig], login: Session | None) -> None:
         if login is not None:
-            self.environment[LOGIN] = msgspec.json.encode((users, login)).decode()
+            self.environment[LOGIN] = msgspec.json.encode((_users(in_force()), login)).decode()
         self.requested = True
         self.stop.set()
 
@@ -54,11 +53,11 @@ class Startup:
         """Is the end that has begun a restart?"""
         return self.restart is not None and self.restart.requested
 
-    def restart_of(self, config: GatewayConfig) -> Callable[[Session | None], None] | None:
+    def restart_of(self, in_force: Callable[[], GatewayConfig]) -> Callable[[Session | None], None] | None:
         """None: the pages may not, or nobody can."""
-        if self.restart is None or not config.hmi.setup_page:
+        if self.restart is None or not in_force().hmi.setup_page:
             return None
-        return partial(self.restart.request, _digest(config))
+        return partial(self.restart.request, in_force)
 
     def login_of(self, config: GatewayConfig) -> Session | None:
         """The login that outlives this restart: none where the users, their passwords or roles have changed."""
@@ -66,10 +65,11 @@ class Startup:
             users, login = msgspec.json.decode(self.login, type=tuple[str, Session])
         except msgspec.DecodeError:
             return None
-        return login if users == _digest(config) else None
+        return login if users == _users(config) else None
 
 
-def _digest(config: GatewayConfig) -> str:
+def _users(config: GatewayConfig) -> str:
+    """A digest of them."""
     return sha256(config.hmi.model_dump_json(include={"users"}).encode()).hexdigest()
 
 

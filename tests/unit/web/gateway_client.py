@@ -188,7 +188,7 @@ async def plant(
         clock,
         lambda: replace(made.links, alarms=monitor.summary(100), changes=monitor.changes()),
         monitor,
-        startup.restart_of(config) if startup is not None else None,
+        startup.restart_of(lambda: config) if startup is not None else None,
     )
     specs = {name: RingSpec.create(0.1) for name in names}
     near, far = Channel[ToWeb, FromWeb].pair(FROM_WEB)

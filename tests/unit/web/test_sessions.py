@@ -121,7 +121,7 @@ def with_user(
 def handed_on(login: Session | None, before: GatewayConfig) -> str:
     """As the next start finds it in its environment."""
     restart = Restart(asyncio.Event())
-    requested = Startup(restart=restart).restart_of(before)
+    requested = Startup(restart=restart).restart_of(lambda: before)
     assert requested is not None
     requested(login)
     assert restart.requested
