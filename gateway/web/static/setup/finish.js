@@ -100,7 +100,7 @@ export function FileStep({ session, settings, bay, isNew, changes, reload, saved
       ${faults.length > 0 && html`<div class="notice bad" role="alert">${faults.map((fault) => html`<p translate="no">${fault.path.join('.')}${fault.line ? ` ${text('(line {0})', fault.line)}` : ''}: ${fault.message}</p>`)}</div>`}
       ${plan.diff && html`<${Diff} text=${plan.diff} />`}
       ${!plan.diff && faults.length === 0 && html`<p>The file says just this already: there is nothing to save.</p>
-        ${!isNew && html`<p><a class="button" href=${`/tune/${encodeURIComponent(bay)}`}>${text('Teach in and tune {0}', bay)}</a></p>`}`}
+        ${!isNew && html`<p><a class="button" href=${`/tune/${encodeURIComponent(bay)}#teach-in`}>${text('Teach in and tune {0}', bay)}</a></p>`}`}
       ${plan.warnings.length > 0 && html`<div class="notice warn">${plan.warnings.map((one) => html`<p translate="no">${one}</p>`)}</div>`}
       ${plan.why_not && html`<p class="notice bad">It can't be saved: ${plan.why_not}</p>`}
       ${begins && plan.diff && html`<p>${text('With the save the function check of {0} begins, unless it is on already: may_move and in_place stay off until a technician ends it.', bay)}</p>`}
@@ -141,7 +141,7 @@ export function Started({ session, bay }) {
     ${missing.length > 0 && html`<div class="notice bad" role="alert"><p>Set up is a bay whose camera and ranger are seen working. Missing now:</p><ul>${missing.map(({ said, detail }) => html`<li translate="no">${listed([said, detail].filter(Boolean), '; ')}</li>`)}</ul></div>`}
     <p role="status" data-started>${listed([t(decisionWords(state)), ...works.map(({ said }) => said)])} · ${state === null ? 'function check: not known' : live.last.function_check !== 'OFF' ? html`<b>function check is on</b>` : 'function check is off'} <${Age} of=${live} partMs=${live.last?.age_ms} /></p>
     <p>Its thresholds are those of the paper, or of the other bays, until a truck has stood right: teach it in, try it with a truck, then end the function check.</p>
-    <p class="row"><a class="button primary" href=${`/tune/${encodeURIComponent(bay)}`}>${text('Teach in and tune {0}', bay)}</a>
+    <p class="row"><a class="button primary" href=${`/tune/${encodeURIComponent(bay)}#teach-in`}>${text('Teach in and tune {0}', bay)}</a>
       <a class="button" href=${`/setup/release?bay=${encodeURIComponent(bay)}`}>Release</a><a class="button" href=${`/#${encodeURIComponent(bay)}`}>Operator's page</a><a class="button" href="/setup/new-bay?new">Set up another bay</a></p>
   </section>`;
 }
