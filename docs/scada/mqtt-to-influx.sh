@@ -3,8 +3,10 @@
 #   mqtt-to-influx.sh BROKER PORT URL      URL: http://influx:8086/write?db=plant  or  http://victoria:8428/write
 set -u
 here=$(dirname "$0")
-# -R: a retained state is not new. -c -q 1: the broker keeps events while this program is away.
-mosquitto_sub -h "$1" -p "$2" -q 1 -c -i mqtt-to-influx -R -t 'loading/+/+/state' -t 'loading/+/+/event' |
+# -R: a retained state is not new. -c -q 1: the broker keeps events while this program is away. The longer topics are those
+# of gateways with area and line.
+mosquitto_sub -h "$1" -p "$2" -q 1 -c -i mqtt-to-influx -R -t 'loading/+/+/state' -t 'loading/+/+/event' \
+    -t 'loading/+/+/+/+/state' -t 'loading/+/+/+/+/event' |
   jq --unbuffered -r -f "$here/line-protocol.jq" |
   while IFS= read -r line; do
     while :; do

@@ -173,6 +173,7 @@ def source_spec(config: "CameraConfig") -> SourceSpec:
         raise ConfigError("camera.url: a NUL is part of no address and no path")
     if "://" not in url and (config.username or config.password_file):
         raise SettingError("camera.username", "only a stream (rtsp://, http://) has users")
+    _check_file_keys(config)
     if config.gige != GigeConfig() and config.scheme not in MACHINE_VISION:
         raise ConfigError("camera.gige: only gige:// and usb3:// take it")
     by_arrival = config.frame_time == "arrival"
@@ -208,6 +209,16 @@ def source_spec(config: "CameraConfig") -> SourceSpec:
     except RuntimeError as error:
         raise ConfigError(f"camera.url = {url}: there is no such user") from error
     return FileSpec(str(path), fps=config.fps or FOLDER_FPS, fast=config.pace == "fast", loop=config.loop)
+
+
+def _check_file_keys(config: "CameraConfig") -> None:
+    """Raises SettingError where a camera or a stream is told how to play a file."""
+    own = config.streams or config.scheme in (*MACHINE_VISION, "gst")
+    if names_file(config) or ("://" in config.url and not own):
+        return  # a type of another distribution may read files, too
+    for key, set_, value in (("loop", config.loop, "true"), ("pace", config.pace == "fast", '"fast"')):
+        if set_:
+            raise SettingError(f"camera.{key}", f"is {value}; only a film, a picture or a folder of them takes that")
 
 
 def stream_spec(config: "CameraConfig") -> StreamSpec:

@@ -7,6 +7,7 @@ the pictures. An unknown user costs the same check as a known one.
 """
 
 import asyncio
+import re
 import unicodedata
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
@@ -21,7 +22,13 @@ from gateway.web.auth.refusals import AGAIN, RefusalError
 MEMORY_KIB, PASSES, LANES = 19_456, 2, 1
 MIN_LENGTH, MAX_LENGTH = 10, 256  # characters
 MAX_WAITING = 8  # checks, the running one included
-COMMON = ("password", "passwort", "12345", "qwert", "gateway", "admin", "letmein", "technician", "silo", "cement")
+# What NIST SP 800-63B asks for: the commonest ones, sequences, and the words of this place.
+COMMON = (
+    *("password", "passwort", "letmein", "welcome", "changeme", "iloveyou", "secret", "default"),
+    *("12345", "54321", "abcde", "qwert", "asdfg", "1q2w3e", "q1w2e3", "1qaz2wsx"),
+    *("administrator", "admin", "technician", "operator", "gateway", "silo", "cement"),
+)
+REPEATED = re.compile(r"(.+?)\1+", re.DOTALL)
 MIN_DIFFERENT = 5
 Result = TypeVar("Result")
 
@@ -44,10 +51,19 @@ def weakness(password: str, name: str = "") -> str | None:
         return "holds a character that cannot be typed into the login page"
     if len(set(plain)) < MIN_DIFFERENT:
         return f"uses {len(set(plain))} different characters; at least {MIN_DIFFERENT} are needed"
-    folded = plain.casefold()
-    for word in (*COMMON, *([name.casefold()] if name else [])):
-        if word in folded and len(folded) - len(word) < MIN_LENGTH - 3:
-            return f"is little more than {word!r}, which is tried first"
+    return _guessable(plain.casefold(), name.casefold())
+
+
+def _guessable(folded: str, name: str) -> str | None:
+    if (repeated := REPEATED.fullmatch(folded)) and len(repeated[1]) < MIN_LENGTH:
+        return f"is {repeated[1]!r} again and again"
+    rest, found = folded, []
+    for word in filter(None, (name, *COMMON)):
+        if word in rest:
+            rest = rest.replace(word, "")
+            found.append(repr(word))
+    if found and len(rest) < MIN_LENGTH - 3:
+        return f"is little more than {' and '.join(found)}, which {'is' if len(found) == 1 else 'are'} tried first"
     return None
 
 

@@ -90,7 +90,7 @@ def test_a_line_that_the_database_refuses_for_good_does_not_hold_up_those_behind
     payload = b"\n".join(json.dumps(json.loads(state()) | {"bay": bay}).encode() for bay in bays)
     (tmp_path / "payload").write_bytes(payload)
     stand_in = tmp_path / "mosquitto_sub"
-    stand_in.write_text(f"#!/bin/sh\nexec cat {tmp_path}/payload\n")
+    stand_in.write_text(f'#!/bin/sh\necho "$@" > {tmp_path}/asked\nexec cat {tmp_path}/payload\n')
     stand_in.chmod(0o755)
     with ThreadingHTTPServer(("127.0.0.1", 0), Database) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
@@ -111,3 +111,8 @@ def test_a_line_that_the_database_refuses_for_good_does_not_hold_up_those_behind
         server.shutdown()
     assert [line.split()[0].rpartition("bay=")[2] for line in Database.written] == ["first", "later", "last"]
     assert (done.returncode, done.stderr.count("skipped, refused with 400: state,site=site1,bay=bad ")) == (0, 1)
+    asked = (tmp_path / "asked").read_text().split()
+    for place in (".", "hall2/line1"):  # without area and line, and with them
+        wanted = Path("loading/site1") / place / "bay1"
+        for kind in ("state", "event"):
+            assert sum((wanted / kind).match(topic.replace("+", "*")) for topic in asked if "+" in topic) == 1

@@ -83,6 +83,14 @@ def test_the_configuration_reaches_the_source() -> None:
     assert source_spec(stream) == StreamSpec("http://h/", 0.9 * 3, 2 * 0.4, late_s=0.4, stamped=False)
 
 
+@pytest.mark.parametrize("url", ["0", "/dev/video0", "rtsp://cam/1", "http://cam/mjpg", "gst:///pipeline", "usb3://"])
+@pytest.mark.parametrize("key", [{"loop": True}, {"pace": "fast"}])
+def test_how_a_file_is_played_is_refused_of_a_camera(url: str, key: dict[str, Any]) -> None:
+    (name,) = key
+    with pytest.raises(ConfigError, match=rf'^camera.{name}: is (true|"fast"); only a film, a picture or a folder'):
+        source_spec(CameraConfig(url=url, **key))
+
+
 @pytest.mark.parametrize(
     ("url", "frame_time", "by_arrival"),
     [

@@ -26,6 +26,12 @@ from tests.virtual_time import in_real_time
         ("PassWort2026!", "is little more than 'passwort'"),
         ("1234567890", "is little more than '12345'"),
         ("annamaria12", "is little more than 'annamaria'"),
+        ("passwordpassword", "is 'password' again and again"),
+        ("SpoutSPOUT", "is 'spout' again and again"),
+        ("passwordpassword1", "is little more than 'password', which is tried first"),
+        ("gatewaypassword", "is little more than 'password' and 'gateway', which are tried first"),
+        ("abcdefghij", "is little more than 'abcde'"),
+        ("administrator1", "is little more than 'administrator'"),
     ],
 )
 def test_weak_passwords(password: str, expected: str) -> None:
@@ -35,7 +41,15 @@ def test_weak_passwords(password: str, expected: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "password", [PASSWORD, "Xk7#pq2!zR", "Straßenbahn im Regen", "ключ от силоса", "annamaria wohnt am Fluss"]
+    "password",
+    [
+        PASSWORD,
+        "Xk7#pq2!zR",
+        "Straßenbahn im Regen",
+        "ключ от силоса",
+        "annamaria wohnt am Fluss",
+        "horse-7-dust horse-7-dust",
+    ],
 )
 def test_good_passwords(password: str) -> None:
     assert weakness(password, "annamaria") is None
