@@ -6,6 +6,8 @@ from pathlib import Path
 
 from gateway import config
 from gateway.errors import ConfigError
+from gateway.records import recording
+from gateway.records.names import SEGMENT
 from gateway.records.recorder_service import folder_of
 from gateway.systemd import default_folder
 
@@ -42,6 +44,16 @@ def folder(args: argparse.Namespace) -> Path:
 def folders_of(paths: Iterable[Path]) -> list[Path]:
     """The folders that are meant, or in which the segments lie."""
     return list(dict.fromkeys(path if path.is_dir() else path.parent for path in paths))
+
+
+def recordings_of(paths: Iterable[Path]) -> list[list[Path]]:
+    """The segments that are meant, by recording: those in a folder, below it, or named. Raises ConfigError."""
+    found: dict[Path, list[Path]] = {}
+    for path in paths:
+        below = sorted({segment.parent for segment in path.rglob(f"*{SEGMENT}")}) if path.is_dir() else []
+        for segment in (segment for each in (below or [path]) for segment in recording.segments_of([each])):
+            found.setdefault(segment.parent, []).append(segment)
+    return list(found.values())
 
 
 def _root(args: argparse.Namespace) -> Path:

@@ -2,105 +2,158 @@
 
 import argparse
 import json
-import os
+from pathlib import Path
 
-from gateway.cli import tables, vision_args
-from gateway.cli.recording_args import folders_of
+import msgspec
+
+from gateway.cli import batch_args, tables, vision_args
+from gateway.cli.recording_args import recordings_of
 from gateway.config import GatewayConfig
-from gateway.records import recording
+from gateway.errors import ConfigError
+from gateway.records import replay_jobs
 from gateway.records.excerpt import asked_span, needed
 from gateway.records.moment import shown
-from gateway.records.replay_jobs import found_by
-from gateway.records.replay_portions import Cells, Portion, ReplayJob, Row
+from gateway.records.picture_search import files_near
+from gateway.records.recorder_service import decides
+from gateway.records.replay_portions import MOST_SHOWN, Cells, Portion, ReplayRules, Row
 from gateway.vision.offline.reports.tables import Cell, ReportTable
 
 WITH_ALL_COLUMNS = 120  # characters of the terminal; on a narrower one without R, Z and pictures, which --json has
 
+Found = list[tuple[Path, Portion]]  # by the folder of a recording
+
 
 def run(args: argparse.Namespace, other: GatewayConfig | None) -> int:
     """0: all the same, and nothing missing. Raises ConfigError."""
-    paths = recording.segments_of(args.recording)
-    begin_ns, end_ns = 0, 2**63 - 1
+    recordings = recordings_of(args.recording)
+    rules = ReplayRules(None if other is None else decides(other), args.bay, complete=args.complete)
     if args.begin is not None or args.end is not None:
-        begin_ns, end_ns = asked_span(paths, args.begin, args.end)
-        paths = needed(paths, begin_ns, end_ns)
-    folders = tuple(map(str, folders_of(args.recording)))
-    job = ReplayJob(tuple(map(str, paths)), folders, other, args.bay, begin_ns, end_ns, complete=args.complete)
-    with vision_args.progress("replay", len(paths)) as advance:
-        found = found_by(job, args.jobs or len(os.sched_getaffinity(0)), advance)
+        if len(recordings) > 1:
+            raise ConfigError("--from and --to are for one recording")
+        begin_ns, end_ns = asked_span(recordings[0], args.begin, args.end)
+        recordings = [needed(recordings[0], begin_ns, end_ns)]
+        rules = msgspec.structs.replace(rules, begin_ns=begin_ns, end_ns=end_ns)
+    with (
+        batch_args.workers(args, replay_jobs.__name__) as (results, workers, count),
+        vision_args.progress("replay", sum(map(len, recordings))) as advance,
+    ):
+        portions = replay_jobs.found_by(rules, recordings, results, workers, count, advance)
+    found = list(zip((paths[0].parent for paths in recordings), portions, strict=True))
     return _print_same(found, as_json=args.json) if other is None else _print_otherwise(found, as_json=args.json)
 
 
-def _summary(found: Portion) -> dict[str, object]:
+def _summary(found: Found) -> dict[str, object]:
+    times_ns = _times_ns(found)
     return {
-        "from": None if found.first_ns is None else shown(found.first_ns),
-        "to": None if found.first_ns is None else shown(found.last_ns),
-        "steps": found.steps,
-        "steps_of_an_empty_bay": found.empty,
-        "register_images": found.images,
-        "missing": found.missing,
+        "from": shown(min(times_ns)) if times_ns else None,
+        "to": shown(max(times_ns)) if times_ns else None,
+        "recordings": len(found),
+        "steps": sum(portion.steps for _, portion in found),
+        "steps_of_an_empty_bay": sum(portion.empty for _, portion in found),
+        "register_images": sum(portion.images for _, portion in found),
+        "missing": _missing(found),
     }
 
 
-def _print_summary(found: Portion) -> None:
-    if found.first_ns is None:
+def _times_ns(found: Found) -> list[int]:
+    return [t_ns for _, of in found if of.first_ns is not None for t_ns in (of.first_ns, of.last_ns)]
+
+
+def _missing(found: Found) -> list[str]:
+    several = len(found) > 1
+    return [f"{folder}: {why}" if several else why for folder, portion in found for why in portion.missing]
+
+
+def _print_summary(found: Found) -> None:
+    said = _summary(found)
+    if said["from"] is None:
         print("no complete state is in it: nothing can be replayed")
     else:
-        print(f"{shown(found.first_ns)} to {shown(found.last_ns)}: {found.steps} steps taken again")
-    if found.empty:
-        print(
-            f"passed over: {found.empty} steps of an empty bay, where no output can differ; --complete takes them, too"
-        )
-    for why in found.missing:
+        of = f"{len(found)} recordings, " if len(found) > 1 else ""
+        print(f"{of}{said['from']} to {said['to']}: {said['steps']} steps taken again")
+    if empty := said["steps_of_an_empty_bay"]:
+        print(f"passed over: {empty} steps of an empty bay, where no output can differ; --complete takes them, too")
+    for why in _missing(found):
         print(f"missing: {why}")
 
 
-def _print_same(found: Portion, *, as_json: bool) -> int:
-    wrong = bool(found.differing or found.missing or not found.steps)
+def _print_same(found: Found, *, as_json: bool) -> int:
+    differing = sum(portion.differing for _, portion in found)
+    wrong = bool(differing or _missing(found) or not all(portion.steps for _, portion in found))
+    differences = [(folder, *difference) for folder, portion in found for difference in portion.differences][
+        :MOST_SHOWN
+    ]
     if as_json:
         rows = [
-            {"time": time, "place": place, "what": {name: [was, now] for name, was, now in what}}
-            for time, place, what in found.differences
+            {
+                "recording": str(folder),
+                "time": shown(at_ns),
+                "place": place,
+                "what": {name: [was, now] for name, was, now in what},
+            }
+            for folder, at_ns, place, what in differences
         ]
-        same = {"same": not found.differing, "differing": found.differing, "differences": rows}
-        print(json.dumps({**_summary(found), **same}))
+        print(json.dumps({**_summary(found), "same": not differing, "differing": differing, "differences": rows}))
         return int(wrong)
     _print_summary(found)
-    for time, place, whats in found.differences:
+    for folder, at_ns, place, whats in differences:
         what = "; ".join(f"{name}: recorded {was}, now {now}" for name, was, now in whats)
-        print(f"{time}  {place}: {what}")
-    if found.differing:
-        print(f"not the same: {found.differing} records differ")
-    elif found.steps:
-        print(f"the same: every output, and all registers of {found.images} images, bit for bit")
+        print(f"{shown(at_ns)}  {f'{folder}/' if len(found) > 1 else ''}{place}: {what}")
+    if differing:
+        print(f"not the same: {differing} records differ")
+    elif _times_ns(found):
+        images = sum(portion.images for _, portion in found)
+        print(f"the same: every output, and all registers of {images} images, bit for bit")
     return int(wrong)
 
 
-def _print_otherwise(found: Portion, *, as_json: bool) -> int:
-    intervals = [row for _, row in found.intervals]
+def _print_otherwise(found: Found, *, as_json: bool) -> int:
+    trucks: list[Cells] = [
+        {"recording": str(folder), "arrived": shown(at_ns), **cells}
+        for folder, of in found
+        for at_ns, cells in of.trucks
+    ]
+    intervals = [_interval_row(folder, *interval) for folder, of in found for interval in of.intervals]
+    missing = _missing(found)
     if as_json:
-        print(json.dumps({**_summary(found), "otherwise": intervals, "trucks": found.trucks}))
-        return int(bool(intervals or found.missing))
+        print(json.dumps({**_summary(found), "otherwise": intervals, "trucks": trucks}))
+        return int(bool(intervals or missing))
     _print_summary(found)
-    if found.trucks:
-        of_truck = ("truck", "in place then", "now", "stop then, mm", "now, mm", "stops")
-        tables.show(tables.console(), ReportTable("", of_truck, [("", _truck_cells(truck)) for truck in found.trucks]))
+    out, several = tables.console(), len(found) > 1
+    of_recording = ("recording",) if several else ()
+    if trucks:
+        of_truck = (*of_recording, "truck", "in place then", "now", "stop then, mm", "now, mm", "stops")
+        tables.show(out, ReportTable("", of_truck, [("", _truck_cells(row)[not several :]) for row in trucks]))
     if not intervals:
         print("no output would have been other")
-        return int(bool(found.missing))
-    out = tables.console()
-    heads = ("time", "for", "output", "reason", "R px", "Z mm", "pictures")
-    shown_columns = slice(1, None if out.width >= WITH_ALL_COLUMNS else 4)
-    tables.show(out, ReportTable("", heads, [("", _interval_cells(row)) for row in intervals]), shown_columns)
-    seconds = sum(seconds for seconds, _ in found.intervals)
+        return int(bool(missing))
+    heads = (*of_recording, "time", "for", "output", "reason", "R px", "Z mm", "pictures")
+    shown_columns = slice(1, None if out.width >= WITH_ALL_COLUMNS else 4 + several)
+    rows = [("", _interval_cells(row)[not several :]) for row in intervals]
+    tables.show(out, ReportTable("", heads, rows), shown_columns)
+    seconds = sum((end_ns - begin_ns) / 1e9 for _, of in found for begin_ns, end_ns, _ in of.intervals)
     print(f"{len(intervals)} times, {seconds:.1f} s in all, an output would have been other")
     return 1
+
+
+def _interval_row(folder: Path, begin_ns: int, end_ns: int, row: Row) -> Row:
+    pictures = ", ".join(files_near(folder, begin_ns, end_ns)) or "-"
+    return {"recording": str(folder), "time": shown(begin_ns), **row, "pictures": pictures}
 
 
 def _interval_cells(row: Row) -> tuple[Cell, ...]:
     outputs = row["outputs"].replace(", ", "\n"), "left"
     reason = f"{row['reason_then']}\n-> {row['reason_now']}", "left"
-    return row["time"], row["seconds"], outputs, reason, row["radius_px"], row["distance_mm"], row["pictures"]
+    return (
+        row["recording"],
+        row["time"],
+        row["seconds"],
+        outputs,
+        reason,
+        row["radius_px"],
+        row["distance_mm"],
+        row["pictures"],
+    )
 
 
 def _truck_cells(row: Cells) -> tuple[str, ...]:

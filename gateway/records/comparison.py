@@ -1,14 +1,13 @@
 """What another configuration, or another version, would have decided otherwise: intervals, from a replay. Pure."""
 
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from operator import attrgetter
 
 from gateway.core.state import StateVector
 from gateway.records.moment import unix_ns
 from gateway.records.record import Decision
 from gateway.records.replay import Step
-from gateway.records.segment import Head
 
 # What a PLC acts on, of a decision, and where it stands in the state; other reasons and phases are shown beside.
 JUDGED = {"stop": "stop", "may_move": "may_move", "in_place": "in_place", "moved": "visit.moved"}
@@ -39,40 +38,42 @@ class Otherwise:
         return ", ".join(f"{name} {was} -> {now}" for name, was, now in pairs if was != now)
 
 
-def otherwise(steps: Iterable[Step]) -> Iterator[Otherwise]:
-    """The intervals in which the outputs of the steps differ from what was recorded."""
-    open_: tuple[Head, Step, Decision, Decision] | None = None
-    newest: Step | None = None
-    for step in steps:
-        if open_ is not None and newest is not None and step.observation is None:
-            yield _interval(*open_, newest)  # what was between is not known
-            open_ = None
-        newest = step
+@dataclass(slots=True)
+class Intervals:
+    """Follows the steps of a replay. `found`: the times in which the outputs differ from what was recorded, and then
+    the `open` one, as far as it goes until now. `boot`, `newest_ns`: of the newest step."""
+
+    found: list[Otherwise] = field(default_factory=list)
+    open: Otherwise | None = None
+    boot: str = ""
+    newest_ns: int = 0
+
+    def step(self, step: Step) -> None:
+        head = step.place.head
+        if step.observation is None:
+            self.end()  # what was between is not known
+        same_boot, self.boot, self.newest_ns = self.boot == head.boot, head.boot, unix_ns(head, step.state.t_ns)
         was, other = step.recorded, differs(step)
-        if open_ is None and not other:
-            continue
+        if self.open is None and not other:
+            return
         now = Decision.of(step.state)
-        if open_ is not None:
-            head, first, old, new = open_
-            same = other and was is not None and (_judged(was), _judged(now)) == (_judged(old), _judged(new))
-            if same and step.place.head.boot == head.boot:
-                continue
-            yield _interval(head, first, old, new, step)
-            open_ = None
+        if self.open is not None:
+            before = _judged(self.open.was), _judged(self.open.now)
+            if other and was is not None and (_judged(was), _judged(now)) == before and same_boot:
+                return
+            self.end()
         if other and was is not None:
-            open_ = step.place.head, step, was, now
-    if open_ is not None and newest is not None:
-        yield _interval(*open_, newest)
+            self.open = Otherwise(head.bay, self.newest_ns, self.newest_ns, was, now, step.state)
+
+    def end(self) -> None:
+        if self.open is not None:
+            self.found.append(replace(self.open, end_ns=max(self.open.begin_ns, self.newest_ns)))
+        self.open = None
 
 
 def differs(step: Step) -> bool:
     """Are its outputs other than recorded?"""
     return step.recorded is not None and _judged(step.recorded) != _judged_of_state(step.state)
-
-
-def _interval(head: Head, first: Step, was: Decision, now: Decision, after: Step) -> Otherwise:
-    begin_ns, end_ns = unix_ns(head, first.state.t_ns), unix_ns(after.place.head, after.state.t_ns)
-    return Otherwise(head.bay, begin_ns, max(begin_ns, end_ns), was, now, first.state)
 
 
 _judged: Callable[[Decision], tuple[object, ...]] = attrgetter(*JUDGED)

@@ -90,9 +90,14 @@ def folder_of(config: GatewayConfig) -> Path | None:
     return None if state is None else state / "records" / f"{config.site}.{config.instance}"
 
 
+def decides(config: GatewayConfig) -> str:
+    """What of it a decision needs, as JSON, without passwords."""
+    shown = config.model_copy(update={"mqtt": None, "sinks": {}, "hmi": type(config.hmi)()})
+    return json.dumps(without_passwords(shown.model_dump(mode="json", exclude_unset=True)))
+
+
 def head_of(config: GatewayConfig, bay: BayConfig, boot: str) -> Head:
     """Of all segments of a bay, but for number and times."""
-    shown = config.model_copy(update={"mqtt": None, "sinks": {}, "bays": (bay,), "hmi": type(config.hmi)()})
     return Head(
         bay=bay.name,
         number=0,
@@ -103,7 +108,7 @@ def head_of(config: GatewayConfig, bay: BayConfig, boot: str) -> Head:
         python_version=python_version(),
         t_ns=0,
         unix_ns=0,
-        config=json.dumps(without_passwords(shown.model_dump(mode="json", exclude_unset=True))),
+        config=decides(config.model_copy(update={"bays": (bay,)})),
     )
 
 

@@ -60,36 +60,37 @@ Item = tuple[Place, AnyRecord]
 @dataclass(slots=True)
 class Continuity:
     """Follows records in their order, and says where some are not there: by the segment that a head names as the one
-    before it, and by the number of the state at each Checkpoint, which counts the steps. `newest`: the segment of each
+    before it, and by the number of the state at each Checkpoint, which counts the steps. `name`: of the segment.
+    `recording`, `boot`: of the newest head that could be read; empty: of none yet. `newest`: the segment of each
     recording, as folders may have been merged. `steps`: None: not known until the next Checkpoint; BEGINS: a start of
     the gateway is expected. `batch`: the newest of this start."""
 
-    path: Path | None = None
-    head: Head | None = None
-    newest: dict[str, Path] = field(default_factory=dict)
+    name: str = ""
+    recording: str = ""
+    boot: str = ""
+    newest: dict[str, str] = field(default_factory=dict)
     steps: int | None = None
     batch: int = 0
 
     def begins(self, path: Path, head: Head | None) -> str:
         """Another segment, with its head as far as that can be read: what is missing before it, or that it is of
         another recording; empty: it goes on."""
-        before, self.path = self.head, path
+        self.name = path.name
         if head is None:
             self.steps = None
-            self.newest = dict.fromkeys(self.newest, path)  # of which recording it is, is not known
+            self.newest = dict.fromkeys(self.newest, path.name)  # of which recording it is, is not known
             return ""
-        self.head = head
-        of_another = before is not None and before.recording != head.recording
-        if before is None or of_another or before.boot != head.boot:
+        before, boot = self.recording, self.boot
+        self.recording, self.boot = head.recording, head.boot
+        of_another = before not in ("", head.recording)
+        if not before or of_another or boot != head.boot:
             self.batch = 0
-            self.steps = None if before is None or of_another else BEGINS
-        expected, self.newest[head.recording] = self.newest.get(head.recording), path
-        if expected is not None and head.before is not None and head.before.name != expected.name:
+            self.steps = None if not before or of_another else BEGINS
+        expected, self.newest[head.recording] = self.newest.get(head.recording), path.name
+        if expected is not None and head.before is not None and head.before.name != expected:
             self.steps = None
-            return say.BETWEEN(expected.name, path.name)
-        if before is not None and of_another:
-            return say.OF_ANOTHER(path.name, head.recording, before.recording)
-        return ""
+            return say.BETWEEN(expected, path.name)
+        return say.OF_ANOTHER(path.name, head.recording, before) if of_another else ""
 
     def follows(self, record: AnyRecord) -> str:
         """Another record of that segment: what is missing before it; empty: nothing, as far as that can be known."""
@@ -101,10 +102,9 @@ class Continuity:
         self.steps = record.state.seq
         if not record.follows or expected in (None, self.steps):
             return ""
-        assert self.path is not None
         if expected == BEGINS:
-            return say.START_BEFORE(self.path.name)
-        return say.STEPS_BEFORE(self.steps - expected, self.path.name)
+            return say.START_BEFORE(self.name)
+        return say.STEPS_BEFORE(self.steps - expected, self.name)
 
 
 def segments_of(paths: Iterable[Path]) -> list[Path]:
@@ -131,9 +131,12 @@ def _files(folder: Path, kind: str) -> list[Path]:
     return [folder / str(file.name) for file in files_in(folder) if file.name.kind == kind]
 
 
-def records(paths: Iterable[Path], read: Callable[[Path], bytes] = Path.read_bytes) -> Iterator[Item | MissingItem]:
-    """All records of these segments, in order; each batch once. Raises OSError for a file that can't be read."""
-    continuity = Continuity()
+def records(
+    paths: Iterable[Path], read: Callable[[Path], bytes] = Path.read_bytes, continuity: Continuity | None = None
+) -> Iterator[Item | MissingItem]:
+    """All records of these segments, in order; each batch once. `continuity`: of the segments before them, which is
+    carried on. Raises OSError for a file that can't be read."""
+    continuity = Continuity() if continuity is None else continuity
     for path in paths:
         head: Head | None = None
         number = 0

@@ -129,6 +129,7 @@ class Replay:
                 now.state = interlock.step(now.state, observation, record.t_ns, rules)
                 now.step = Step(place, observation, now.state, None)
         yield from _judged(now.step, now.recorded, exact=self.exact)
+        now.step = None
 
 
 def _judged(step: Step | None, recorded: Decision | None, *, exact: bool) -> Iterator[Step | Difference]:

@@ -50,8 +50,8 @@ class Trucks:
     newest_ns: int = 0
     missing: bool = False  # since the newest record
 
-    def visits(self, items: Iterable[Item | MissingItem]) -> Iterator[Item | MissingItem]:
-        """The same items."""
+    def visits(self, items: Iterable[Item | MissingItem], *, last: bool = True) -> Iterator[Item | MissingItem]:
+        """The same items. `last`: none follow them."""
         for item in items:
             if isinstance(item, MissingItem):
                 self.missing = True
@@ -62,7 +62,8 @@ class Trucks:
                     if record.visit.end is not VisitEnd.OPEN:
                         self._end()
             yield item
-        self._end()
+        if last:
+            self._end()
 
     def _goes_on(self, at_ns: int) -> None:
         if self.missing:

@@ -31,10 +31,11 @@ from gateway.records.record import (
     VisitRecord,
     of_observation,
 )
+from gateway.records.recorder_service import decides
 from gateway.records.recording import Item, MissingItem, Place
-from gateway.records.replay_jobs import found_by
-from gateway.records.replay_portions import Portion, ReplayJob
+from gateway.records.replay_portions import Portion, ReplayRules
 from gateway.records.segment import Head
+from tests.batch_runs import replayed_by
 from tests.recorded_bay import T0_NS, Recorded, S, with_visits
 from tests.visit_bench import PLC, Bench, Levels, gateway, truck
 
@@ -52,8 +53,10 @@ class Yard(Bench):
         return VisionReading(t_ns, Quality.NO_TARGET) if gone and self.vision_fault is None else super()._picture(t_ns)
 
 
-def played(folder: Path, seed: int, trucks: int, *, faults: bool, empty_s: float = 30.0) -> tuple[str, ...]:
-    """So many trucks, some 20 s each, and an empty bay of some `empty_s` behind each: the segments, of 40 s. With
+def played(
+    folder: Path, seed: int, trucks: int, *, faults: bool, empty_s: float = 30.0, segment_s: int = 40
+) -> tuple[str, ...]:
+    """So many trucks, some 20 s each, and an empty bay of some `empty_s` behind each: the segments. With
     `faults`: the PLC releases late or never, sensors die, a technician comes, the gateway restarts or stands still."""
     chance = random.Random(f"empty bay {seed}")
     legs: list[dict[str, Any]] = []
@@ -81,7 +84,7 @@ def played(folder: Path, seed: int, trucks: int, *, faults: bool, empty_s: float
         if bench.t_s > fault_s:
             fault_s = bench.t_s + chance.uniform(5, 40)
             _fault(bench, plc, chance)
-        if bench.now_ns - begin_ns > 40 * S:
+        if bench.now_ns - begin_ns > segment_s * S:
             kept.write(begin_ns)
             kept.collector.begin()
             begin_ns = bench.now_ns
@@ -127,7 +130,7 @@ def quiet(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, ...]:
 
 
 def found(paths: tuple[str, ...], other: GatewayConfig, *, complete: bool = False, jobs: int = 1) -> Portion:
-    return found_by(ReplayJob(paths, (), other, None, 0, 2**63 - 1, complete=complete), jobs, lambda: None)
+    return replayed_by(jobs, ReplayRules(decides(other), None, complete=complete), paths)
 
 
 def with_rules(**sections: Any) -> GatewayConfig:
@@ -148,7 +151,7 @@ def test_an_empty_bay_is_passed_over_and_each_truck_is_told_the_same(quiet: tupl
     short = assert_same(quiet, with_rules(fusion=QUICK | NOT_LOADED))
     assert len(short.trucks) == 2
     assert short.intervals
-    assert all(isinstance(cells["earlier_mm"], float) for cells in short.trucks)
+    assert all(isinstance(cells["earlier_mm"], float) for _, cells in short.trucks)
     assert short.empty > 2000
 
 
@@ -220,7 +223,8 @@ def test_with_faults_between_the_trucks_and_stops_that_stay(seed: int, tmp_path:
 def test_several_processes_say_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(empty_bay, "LONGEST_S", 30.0)  # as in the other processes
     monkeypatch.setattr("gateway.records.collector.CHECKPOINT_NS", 31 * S)
-    paths = played(tmp_path, 12, 2, faults=False, empty_s=110.0)
+    paths = played(tmp_path, 12, 4, faults=False, empty_s=110.0, segment_s=130)
+    assert len(paths) >= 4
     for fusion in ({}, NEVER):
         other = with_rules(fusion=QUICK | fusion)
         one = found(paths, other)

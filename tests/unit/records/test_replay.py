@@ -16,7 +16,7 @@ from gateway.core.marker_wear import NOT_KNOWN, MarkerWear, WearTrend
 from gateway.core.readings import Quality, VisionReading
 from gateway.core.state import Reason, StateVector, Tick
 from gateway.records.collector import CHECKPOINT_NS, Collector
-from gateway.records.comparison import Otherwise, otherwise
+from gateway.records.comparison import Intervals, Otherwise
 from gateway.records.record import (
     Checkpoint,
     Decision,
@@ -265,7 +265,12 @@ class TestAgainst:
         _, kept = recorded_visit()
         other = gateway(fusion=changed)
         _, seen = replayed(items(kept), Rules.of(other.bays[0], other), exact=False)
-        return list(otherwise(s for s in seen if isinstance(s, Step)))
+        intervals = Intervals()
+        for step in seen:
+            if isinstance(step, Step):
+                intervals.step(step)
+        intervals.end()
+        return intervals.found
 
     @pytest.mark.long
     @pytest.mark.one_interpreter

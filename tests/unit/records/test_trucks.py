@@ -6,7 +6,6 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import pytest
 
 from gateway.cli.main import main
@@ -14,9 +13,11 @@ from gateway.config import load
 from gateway.core.events import Event, EventKind
 from gateway.core.plc import Control
 from gateway.core.visit_summary import VisitEnd, VisitSummary
+from gateway.processes.codec import record_of, record_packed
 from gateway.records.moment import unix_ns
+from gateway.records.recorder_service import decides
 from gateway.records.recording import MissingItem, records
-from gateway.records.replay_portions import Portion, ReplayJob, replayed
+from gateway.records.replay_portions import Carried, Portion, ReplayRules, replayed
 from gateway.records.trucks import ThenNow, Trucks
 from tests.recorded_bay import CONFIG, T0_NS, Recorded, S, unix, with_visits
 from tests.visit_bench import Bench, Levels, truck
@@ -82,26 +83,32 @@ def test_several_processes_say_the_same_to_the_byte(
     assert found[0][0] == 1
 
 
-def test_one_that_begins_in_the_middle_is_right_from_where_its_fingerprint_is_the_same(
+def test_a_segment_depends_on_nothing_but_its_bytes_the_rules_and_what_is_carried_to_it(
     visits: Recorded, tmp_path: Path
 ) -> None:
+    """As read from a file; and one that begins in the middle is right from where the same is carried to it."""
     config = tmp_path / "other.toml"
     config.write_text(f"[fusion]\nradius_threshold_px = 160\n{PLC}")
-    paths = tuple(map(str, sorted(visits.path.iterdir())))
+    paths = sorted(visits.path.iterdir())
     known: list[list[bytes]] = []
-    for against in (None, load(config)):
-        whole: list[Portion] = []
-        later: list[Portion] = []
-        job = ReplayJob(paths, (), against, None, 0, 2**63 - 1)
-        replayed(job, whole.append)
-        replayed(msgspec.structs.replace(job, first=2), later.append)
-        assert (len(whole), len(later)) == (7, 5)
+    for against in (None, decides(load(config))):
+        rules = ReplayRules(against, None)
+        begun: list[list[tuple[bytes, Portion]]] = []
+        for first in (0, 2):
+            begun.append([])
+            carried = record_packed(Carried())
+            for path in paths[first:]:
+                before = record_of(Carried, carried)
+                portion, after = replayed(rules, path, path.read_bytes(), before, last=path == paths[-1])
+                begun[-1].append((carried, portion))
+                carried = record_packed(after)
+        whole, later = begun
         pairs = list(zip(whole[2:], later, strict=True))
-        same = [n for n, (one, other) in enumerate(pairs) if one.begins_as and one.begins_as == other.begins_as]
-        assert same
-        assert all(one == other for one, other in pairs[same[0] :])
-        known.append([portion.begins_as for portion in whole])
-    assert known[0] != known[1], "another state is another fingerprint"
+        same = [n for n, ((one, _), (other, _)) in enumerate(pairs) if one == other]
+        assert same == list(range(1, 5))
+        assert all(one == other for one, other in pairs[1:])
+        known.append([carried for carried, _ in whole])
+    assert known[0][1:] != known[1][1:], "of other rules another state is carried"
 
 
 def against(visit: Recorded, folder: Path, settings: str, capsys: pytest.CaptureFixture[str], *more: str) -> Any:
