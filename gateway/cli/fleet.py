@@ -21,6 +21,7 @@ from pathlib import Path
 
 from gateway.cli.run_loop import setup_logging
 from gateway.fleet import config, service
+from gateway.fleet.postgresql_store import PostgresqlStore
 
 log = logging.getLogger(__name__)
 
@@ -34,6 +35,8 @@ def main(args: argparse.Namespace) -> int:
     settings = config.load(args.config)
     folder = args.config.resolve().parent
     if args.check:
+        if settings.on_server:
+            PostgresqlStore(settings)
         expected = service.roster_of(settings, folder).expected
         listed = "no inventory" if expected is None else f"{len(expected)} gateways in the inventory"
         print(f"{args.config}: good. {listed}, page on {settings.hmi.host}:{settings.hmi.port}")

@@ -1,16 +1,23 @@
 """The files of `gateway fleet`: its configuration, and the inventory of the gateways there should be."""
 
+import re
 from pathlib import Path
 from typing import Self, TypeVar
 
 from pydantic import Field, ValidationError, model_validator
 
 from gateway.config import HmiConfig, MqttConfig
+from gateway.config.strict import forms
 from gateway.config.strict.errors import FaultsError, FieldError, faults_of
 from gateway.config.strict.section import Section
 from gateway.config.strict.toml_file import read_toml
+from gateway.sinks.postgresql.settings import PostgresqlAccess
 
 Model = TypeVar("Model", bound=Section)
+
+
+class FleetPostgresql(PostgresqlAccess):
+    schema_name: str = Field("fleet", pattern=forms.SQL_NAME, description="PostgreSQL schema that holds the tables")
 
 
 class FleetConfig(Section):
@@ -18,10 +25,21 @@ class FleetConfig(Section):
     hmi: HmiConfig = Field(default_factory=HmiConfig, description="address, TLS and users of the page, likewise")
     inventory: str = Field("", max_length=4096, description="file that lists the gateways there should be; empty: none")
     database: str = Field(
-        "fleet.sqlite", min_length=1, max_length=4096, description="file that keeps what was heard last, and changes"
+        "fleet.sqlite",
+        min_length=1,
+        max_length=4096,
+        description="what keeps what was heard last, changes and trends: a file, or postgresql://...",
+    )
+    postgresql: FleetPostgresql = Field(
+        default_factory=FleetPostgresql, description="of a database of the latter kind; as in [sinks.postgresql]"
     )
     silent_s: float = Field(30.0, ge=2, le=3600, description="a gateway without a new status for this time is silent")
     certificate_days: int = Field(14, ge=0, le=365, description="fewer days left of a certificate need attention")
+
+    @property
+    def on_server(self) -> bool:
+        """Is the database one of PostgreSQL?"""
+        return re.match(forms.POSTGRESQL_URL, self.database) is not None
 
     @model_validator(mode="after")
     def _somebody_sees_it(self) -> Self:

@@ -1,6 +1,7 @@
 """The addresses of the fleet page, behind the same security as a gateway's pages. Every one of them only reads."""
 
-from hashlib import sha256
+import asyncio
+import gzip
 from typing import Any
 
 import msgspec
@@ -15,8 +16,10 @@ from starlette.types import ASGIApp
 from gateway import __version__
 from gateway.clock import Clock
 from gateway.fleet import rows
+from gateway.fleet.answer import Answers
 from gateway.fleet.config import FleetConfig
 from gateway.fleet.listener import Listener
+from gateway.fleet.trends import PERIOD_MS
 from gateway.web.auth import login
 from gateway.web.auth.access import Level
 from gateway.web.auth.addresses import Addresses
@@ -69,19 +72,16 @@ async def _language(request: Request, code: str) -> Response:
 
 @ADDRESSES.get("/api/fleet", Level.VIEWER, "a row for each bay; 304 with If-None-Match where nothing has changed")
 async def _fleet(request: Request) -> Response:
-    listener = _listener(request)
-    now_ms = listener.now_ms()
-    answer: dict[str, Any] = {"connected": listener.connected, "rows": rows.rows(listener.roster, now_ms)}
-    tag = f'"{sha256(msgspec.json.encode(_steady(answer))).hexdigest()[:16]}"'
+    answers: Answers = request.app.state.answers
+    answer = await answers.newest()
+    tag = f'"{answer.digest}"'
     if request.headers.get("if-none-match") == tag:
         return Response(status_code=304, headers={"ETag": tag})
-    body = msgspec.json.encode(answer | {"now_ms": now_ms, "broker": listener.broker})
-    return Response(body, media_type="application/json", headers={"ETag": tag})
-
-
-def _steady(answer: dict[str, Any]) -> dict[str, Any]:
-    """Without the times that each status brings."""
-    return answer | {"rows": [{**row, "heard_ms": None} for row in answer["rows"]]}
+    if "gzip" not in request.headers.get("accept-encoding", ""):
+        body = await asyncio.to_thread(gzip.decompress, answer.compressed)
+        return Response(body, media_type="application/json", headers={"ETag": tag, "Vary": "Accept-Encoding"})
+    headers = {"ETag": tag, "Vary": "Accept-Encoding", "Content-Encoding": "gzip"}
+    return Response(answer.compressed, media_type="application/json", headers=headers)
 
 
 @ADDRESSES.get("/api/fleet/{site}/{instance}", Level.VIEWER, "all that is known of a gateway, and its newest changes")
@@ -92,7 +92,8 @@ async def _gateway(request: Request, site: str, instance: str) -> Response:
         raise HTTPException(404, "no such gateway was heard of, and none is in the inventory")
     one, wanted = roster.known.get(key), (roster.expected or {}).get(key)
     life = roster.life(key, listener.now_ms())
-    changes = await listener.changes(key)
+    kept = await listener.keeper.past(key)
+    past = listener.keeper.newest(key, kept)
     return Response(
         msgspec.json.encode(
             {
@@ -103,7 +104,18 @@ async def _gateway(request: Request, site: str, instance: str) -> Response:
                 "status": None if one is None or not one.text else msgspec.Raw(one.text),
                 "changes": [
                     {"t_ms": change.t_ms, "what": change.what, "was": change.was, "now": change.now}
-                    for change in changes
+                    for change in past.changes
+                ],
+                "kept": kept is not None,
+                "trends": [
+                    {
+                        "bay": s.bay,
+                        "t_ms": s.period * PERIOD_MS,
+                        "veil": s.veil,
+                        "visible": s.visible,
+                        "contrast": s.contrast,
+                    }
+                    for s in past.samples
                 ],
             }
         ),
@@ -113,7 +125,9 @@ async def _gateway(request: Request, site: str, instance: str) -> Response:
 
 @ADDRESSES.get("/metrics", Level.VIEWER, "for Prometheus")
 async def _metrics(request: Request) -> Response:
-    body, content_type = encoded(_Collector(_listener(request)), request.headers.get("accept", ""))
+    collector = _Collector(_listener(request))
+    async with request.app.state.metrics:
+        body, content_type = await asyncio.to_thread(encoded, collector, request.headers.get("accept", ""))
     return Response(body, media_type=content_type)
 
 
@@ -124,11 +138,22 @@ async def _healthz(request: Request) -> JSONResponse:
 
 
 class _Collector(Collector):
+    """Of what is known when it is made: the text is made on a thread."""
+
     def __init__(self, listener: Listener) -> None:
-        self._listener = listener
+        roster, keeper = listener.roster, listener.keeper
+        self._rows = rows.rows(roster, listener.now_ms())
+        self._counts = {
+            "connected": listener.connected,
+            "damaged_messages": roster.damaged,
+            "gateways_left_out": roster.left_out,
+            "database_connected": keeper.connected,
+            "changes_waiting": keeper.waiting,
+            "changes_dropped": keeper.dropped,
+        }
 
     def collect(self) -> Any:
-        return rows.metrics(self._listener.roster, self._listener.now_ms(), connected=self._listener.connected)
+        return rows.metrics(self._rows, self._counts)
 
 
 def app(listener: Listener, logins: Logins, clock: Clock, config: FleetConfig) -> ASGIApp:
@@ -141,6 +166,7 @@ def app(listener: Listener, logins: Logins, clock: Clock, config: FleetConfig) -
     )
     made.add_middleware(GZipMiddleware, minimum_size=1000, compresslevel=6)  # none of the answers holds a secret
     made.state.listener, made.state.logins, made.state.bays = listener, logins, {}
+    made.state.answers, made.state.metrics = Answers(listener), asyncio.Lock()
     made.state.base_path = config.hmi.base_path
     made.state.languages = languages({})
     return SecurityMiddleware(made, [rule for group in groups for rule in group.rules], logins, clock)

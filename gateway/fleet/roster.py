@@ -4,7 +4,7 @@ Only a status that follows another one proves that its gateway lives: what is re
 differ. Times are Unix time, ms, of this machine.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Annotated
@@ -26,6 +26,7 @@ _Word = Annotated[str, Meta(max_length=64)]
 _Address = Annotated[str, Meta(max_length=2000)]
 _Count = Annotated[int, Meta(ge=0, le=2**53)]  # what a browser can count, too
 _Days = Annotated[int, Meta(ge=-1_000_000, le=1_000_000_000)]
+_Figure = Annotated[float, Meta(ge=-1e9, le=1e9)]
 _Duration = Annotated[float, Meta(ge=0, le=1e9)]
 
 
@@ -45,7 +46,9 @@ class _Visit(msgspec.Struct, frozen=True):
 
 
 class _Marker(msgspec.Struct, frozen=True):
-    days_left: float | None = None
+    visible: _Figure | None = None
+    contrast: _Figure | None = None
+    days_left: _Figure | None = None
     worn: bool = False
 
 
@@ -57,7 +60,7 @@ class BayHealth(msgspec.Struct, frozen=True):
     function_check: _Word = ""
     ne107: _Named = _Named()
     reason: _Named = _Named()
-    veil: float | None = None
+    veil: _Figure | None = None
     marker: _Marker | None = None
     alarms: _Alarms | None = None
     last_visit: _Visit | None = None
@@ -158,10 +161,24 @@ class Roster:
         newer = before is not None and before.status.timestamp_ms != status.timestamp_ms
         alive = status.status == "online" and newer and not retained
         heard_ms = now_ms if alive else None if before is None else before.heard_ms
-        will = status.gateway is None and status.status != "online"  # an older version says nothing of its bays
-        last, text = (before.last, before.text) if before is not None and will else (status, payload)
+        last, text = (before.last, before.text) if before is not None and _is_will(status) else (status, payload)
         self.known[key] = Known(status, heard_ms, last, text)
         return key, [] if before is None else list(_changes(before, self.known[key], key, now_ms))
+
+    def recall(self, kept: Mapping[Key, Known], gone: Container[Key], now_ms: int) -> list[GatewayChange]:
+        """What was kept of the time before this program. Of what was heard since, only the difference is new; `gone`:
+        cleared since."""
+        changes: list[GatewayChange] = []
+        for key, before in kept.items():
+            one = self.known.get(key)
+            if one is None:
+                if key not in gone and len(self.known) < MAX_GATEWAYS:
+                    self.known[key] = before
+                continue
+            if one.last is one.status and _is_will(one.status):
+                one = self.known[key] = replace(one, last=before.last, text=before.text)
+            changes += _changes(before, one, key, now_ms)
+        return changes
 
     def clock_set(self, by_ms: int) -> None:
         """This machine's clock was set by so much: nothing becomes fresh, or silent, by that."""
@@ -245,6 +262,11 @@ def bay_attention(health: BayHealth) -> list[str]:
     if health.marker is not None and health.marker.worn:
         found.append("marker worn")
     return found
+
+
+def _is_will(status: GatewayStatus) -> bool:
+    """An older version says nothing of its bays."""
+    return status.gateway is None and status.status != "online"
 
 
 def decoded(payload: bytes) -> GatewayStatus | None:

@@ -1,6 +1,6 @@
 """What the fleet page and /metrics show of the roster: a row for each bay, and families for Prometheus. Pure."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from prometheus_client.core import GaugeMetricFamily, Metric
@@ -8,19 +8,23 @@ from prometheus_client.core import GaugeMetricFamily, Metric
 from gateway.fleet.roster import BayHealth, GatewayLife, Key, Roster, bay_attention
 
 PREFIX = "loading_fleet_"
-_HELP = {
+COUNTS = {
     "connected": "1: there is a connection to the broker",
     "damaged_messages": "on topics of statuses that were none, since the start",
     "gateways_left_out": "statuses of gateways that were too many, since the start",
+    "database_connected": "1: what is heard is kept",
+    "changes_waiting": "not written to the database yet",
+    "changes_dropped": "that were too many to wait for the database, since the start",
 }
 
 
 def rows(roster: Roster, now_ms: int) -> list[dict[str, Any]]:
     """One for each bay, and for each gateway of which no bay is known; by site and instance. As JSON has them."""
-    return [row for key in roster.gateways() for row in _rows_of(roster, key, now_ms)]
+    return [row for key in roster.gateways() for row in rows_of(roster, key, now_ms)]
 
 
-def _rows_of(roster: Roster, key: Key, now_ms: int) -> Iterator[dict[str, Any]]:
+def rows_of(roster: Roster, key: Key, now_ms: int) -> Iterator[dict[str, Any]]:
+    """Those of one gateway."""
     one = roster.known.get(key)
     last = None if one is None else one.last
     own = None if last is None else last.gateway
@@ -30,7 +34,6 @@ def _rows_of(roster: Roster, key: Key, now_ms: int) -> Iterator[dict[str, Any]]:
         "site": key[0],
         "instance": key[1],
         "life": life,
-        "heard_ms": None if one is None else one.heard_ms,
         "version": "" if last is None else last.version,
         "pages": None if own is None else _web_address(own.pages),
         "certificate_days": None if own is None else min(own.certificate_days.values(), default=None),
@@ -58,9 +61,8 @@ def _web_address(pages: str | None) -> str | None:
     return pages if pages is not None and pages.startswith(("http://", "https://")) else None
 
 
-def metrics(roster: Roster, now_ms: int, *, connected: bool) -> Iterator[Metric]:
-    """A family has no sample of what is not known."""
-    found = rows(roster, now_ms)
+def metrics(found: Sequence[dict[str, Any]], counts: Mapping[str, float]) -> Iterator[Metric]:
+    """Of these rows, and `counts` by the names in `COUNTS`. A family has no sample of what is not known."""
     gateways = {(row["site"], row["instance"]): row for row in found}
 
     def family(name: str, help: str, labels: list[str]) -> GaugeMetricFamily:
@@ -98,9 +100,5 @@ def metrics(roster: Roster, now_ms: int, *, connected: bool) -> Iterator[Metric]
         for priority, count in zip(("high", "medium", "low"), row["alarms"] or (), strict=False):
             alarms.add_metric([*place, priority], float(count))
     yield from (ne107, veil, marker, visit, alarms)
-    for name, value in (
-        ("connected", connected),
-        ("damaged_messages", roster.damaged),
-        ("gateways_left_out", roster.left_out),
-    ):
-        yield GaugeMetricFamily(PREFIX + name, _HELP[name], value=float(value))
+    for name, value in counts.items():
+        yield GaugeMetricFamily(PREFIX + name, COUNTS[name], value=float(value))

@@ -14,7 +14,9 @@ from gateway.errors import ConfigError
 from gateway.fleet import pages
 from gateway.fleet.config import FleetConfig, load_inventory
 from gateway.fleet.listener import Listener
+from gateway.fleet.postgresql_store import PostgresqlStore
 from gateway.fleet.roster import Roster
+from gateway.fleet.sqlite_store import SqliteStore
 from gateway.fleet.store import FleetStore
 from gateway.net import tls
 from gateway.net.listener import listening, url
@@ -38,6 +40,15 @@ def roster_of(config: FleetConfig, folder: Path) -> Roster:
     return Roster(expected, round(config.silent_s * 1000), config.certificate_days, config.mqtt.root)
 
 
+def store_of(config: FleetConfig, folder: Path, resources: ExitStack) -> FleetStore:
+    """Raises ConfigError."""
+    if config.on_server:
+        return PostgresqlStore(config)
+    store = SqliteStore(folder / config.database)
+    resources.callback(store.close)
+    return store
+
+
 async def serve(
     config: FleetConfig, folder: Path, stop: asyncio.Event, on_started: Callable[[str], None] = lambda _: None
 ) -> None:
@@ -45,10 +56,11 @@ async def serve(
     clock = SystemClock()
     with ExitStack() as resources:
         roster = roster_of(config, folder)
-        store = FleetStore(folder / config.database)
-        resources.callback(store.close)
-        roster.known = store.read()
+        store = store_of(config, folder, resources)
         listener = Listener(config, roster, store, clock)
+        if not config.on_server:
+            async with store.opened() as session:
+                await listener.keeper.recall(session)
         hmi = config.hmi
         files = _files(hmi)
         tls.check(files)
@@ -64,7 +76,10 @@ async def serve(
                 timeout_graceful_shutdown=GRACE_S,
             )
         )
-        tasks = [Task("fleet.mqtt", listener.listen, config.mqtt.reconnect), Task("fleet.database", listener.keep)]
+        tasks = [
+            Task("fleet.mqtt", listener.listen, config.mqtt.reconnect),
+            Task("fleet.database", listener.keeper.keep, config.postgresql.reconnect),
+        ]
         if context is not None:
             tasks.append(Task("fleet.tls", context.keep_current))
         address = url("http" if context is None else "https", hmi.host, sockets[0].getsockname()[1])
@@ -75,8 +90,8 @@ async def serve(
             await stop.wait()
             server.should_exit = True
             await serving
+            await listener.keeper.close()
             working.cancel()
-        listener.close()
 
 
 def _files(hmi: HmiConfig) -> TlsFiles | None:

@@ -28,8 +28,8 @@ class Database(Protocol):
     async def write(self, sql: str, argument: str) -> int:
         """Run a statement with `$1`; the number of rows written. Raises RowsRefusedError."""
 
-    async def value(self, sql: str) -> Any:
-        """The first value of the first row; None: there is none."""
+    async def value(self, sql: str, *arguments: str) -> Any:
+        """The first value of the first row, with `$1` ...; None: there is none."""
 
     async def script(self, sql: str) -> None:
         """Run the statements of one transaction. Raises ScriptRefusedError."""

@@ -62,9 +62,9 @@ class _Connection:
             raise RowsRefusedError(str(error)) from error
         return int(status.rsplit(maxsplit=1)[-1])
 
-    async def value(self, sql: str) -> Any:
+    async def value(self, sql: str, *arguments: str) -> Any:
         with self._limited():
-            return await self._connection.fetchval(sql)
+            return await self._connection.fetchval(sql, *arguments)
 
     async def script(self, sql: str) -> None:
         with self._limited():

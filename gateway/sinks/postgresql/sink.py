@@ -279,12 +279,12 @@ def _outputs(state: StateVector) -> tuple[object, ...]:
     return (state.stop, state.may_move, state.in_place, state.visit.held, state.visit.moved, state.reason)
 
 
-def driver() -> Connect:
-    """Raises SettingError where the driver is not installed."""
+def driver(key: str = SECTION) -> Connect:
+    """Raises SettingError, with the key that asks for it, where the driver is not installed."""
     try:
         from gateway.sinks.postgresql.driver import connect  # noqa: PLC0415
     except ImportError:
-        raise SettingError(SECTION, f"needs a library that is not installed: {EXTRA}") from None
+        raise SettingError(key, f"needs a library that is not installed: {EXTRA}") from None
     return connect
 
 

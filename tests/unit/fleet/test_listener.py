@@ -1,7 +1,6 @@
-"""What the fleet page's process makes of messages, of time and of its database."""
+"""What the fleet page's process makes of messages and of time."""
 
 import asyncio
-import sqlite3
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -9,8 +8,9 @@ import pytest
 
 from gateway.fleet.config import FleetConfig
 from gateway.fleet.listener import Listener
-from gateway.fleet.roster import GatewayChange, GatewayLife, Roster
+from gateway.fleet.roster import GatewayLife, Roster
 from gateway.sinks.mqtt.topics import MqttMessage
+from tests.unit.fleet.stores import MemoryStore
 from tests.unit.fleet.test_roster import KEY, TOPIC, status
 from tests.virtual_time import HandClock
 
@@ -27,25 +27,9 @@ class SetClock(HandClock):
         return self.t_ns + self.ahead_ns
 
 
-class Store:
-    """A database that fails, and notes how it is asked."""
-
-    def __init__(self) -> None:
-        self.asked_in_loop: list[bool] = []
-
-    def changes(self, _: object) -> list[GatewayChange]:
-        try:
-            asyncio.get_running_loop()
-        except RuntimeError:
-            self.asked_in_loop.append(False)
-        else:
-            self.asked_in_loop.append(True)
-        raise sqlite3.OperationalError("database is locked")
-
-
-def listening() -> tuple[Listener, SetClock, Store]:
-    clock, store = SetClock(), Store()
-    return Listener(CONFIG, Roster(), cast("Any", store), clock), clock, store
+def listening() -> tuple[Listener, SetClock]:
+    clock = SetClock()
+    return Listener(CONFIG, Roster(), MemoryStore(), clock), clock
 
 
 def hear(listener: Listener, payload: bytes, *, retained: bool = False) -> None:
@@ -54,7 +38,7 @@ def hear(listener: Listener, payload: bytes, *, retained: bool = False) -> None:
 
 @pytest.mark.parametrize("step_s", [-3600, -20, 20, 3600])
 def test_a_clock_that_is_set_makes_nothing_fresh_and_nothing_silent(step_s: int) -> None:
-    listener, clock, _ = listening()
+    listener, clock = listening()
     hear(listener, status(1))
     hear(listener, status(2))
     heard_ms = listener.roster.known[KEY].heard_ms
@@ -69,17 +53,8 @@ def test_a_clock_that_is_set_makes_nothing_fresh_and_nothing_silent(step_s: int)
 
 @pytest.mark.parametrize("retained", [True, False])
 def test_whether_the_broker_had_kept_it_counts(retained: bool) -> None:
-    listener, _, _ = listening()
+    listener, _ = listening()
     hear(listener, status(1))
     hear(listener, status(2), retained=retained)
     life = listener.roster.life(KEY, listener.now_ms())
     assert life is (GatewayLife.SILENT if retained else GatewayLife.ONLINE)
-
-
-def test_a_locked_database_holds_up_nothing_and_what_waits_is_shown() -> None:
-    listener, _, store = listening()
-    hear(listener, status(1))
-    hear(listener, status(2, version="0.3.0"))
-    found = asyncio.run(listener.changes(KEY))
-    assert [(change.what, change.was, change.now) for change in found] == [("version", "0.2.0", "0.3.0")]
-    assert store.asked_in_loop == [False]

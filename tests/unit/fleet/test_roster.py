@@ -113,7 +113,7 @@ def test_a_silent_bay_shows_no_health() -> None:
 def test_a_row_of_a_good_bay() -> None:
     (row,) = rows.rows(alive(), 6_000)
     assert row == {
-        "site": "north", "instance": "bay-1", "life": "online", "heard_ms": 6_000, "version": "0.2.0",
+        "site": "north", "instance": "bay-1", "life": "online", "version": "0.2.0",
         "pages": "https://bay-1/", "certificate_days": 20, "deviates": False, "bay": "bay-1", "title": "Loading 1",
         "attention": [], "ne107": "GOOD", "reason": "NONE", "function_check": "OFF", "veil": 0.1, "marker_days": 12.0,
         "alarms": [0, 1, 2], "last_visit_ms": 65_000,
@@ -207,7 +207,7 @@ def test_the_greatest_numbers_of_a_status_are_shown(t_ms: int) -> None:
     roster = alive(health=[bay], gateway={"certificate_days": {"hmi": -1_000_000}})
     (row,) = json.loads(msgspec.json.encode(rows.rows(roster, 6_000)))
     assert row["last_visit_ms"] == t_ms + 10**12
-    text = generate_latest(_Collected(list(rows.metrics(roster, 6_000, connected=True)))).decode()
+    text = generate_latest(_Collected(list(rows.metrics(rows.rows(roster, 6_000), {"connected": 1})))).decode()
     assert "loading_fleet_gateway_certificate_days{" in text
 
 
@@ -258,7 +258,7 @@ def samples(found: dict[str, Metric], name: str) -> dict[tuple[str, ...], float]
 def test_metrics_have_no_sample_of_what_is_not_known() -> None:
     roster = alive()
     roster.expected = {("north", "gone"): ExpectedGateway(site="north", instance="gone")}
-    found = {metric.name: metric for metric in rows.metrics(roster, 6_000, connected=True)}
+    found = {metric.name: metric for metric in rows.metrics(rows.rows(roster, 6_000), {"connected": 1})}
     assert samples(found, "gateway_up") == {("north", "bay-1"): 1, ("north", "gone"): 0}
     assert samples(found, "gateway_deviates") == {("north", "bay-1"): 1, ("north", "gone"): 0}
     assert samples(found, "gateway_certificate_days") == {("north", "bay-1"): 20}

@@ -88,7 +88,7 @@ class Memory:
             raise LinkError("lost")
         return len(new)
 
-    async def value(self, sql: str) -> Any:
+    async def value(self, sql: str, *arguments: str) -> Any:
         if "server_encoding" in sql:
             return self.encoding
         if "has_database_privilege" in sql:
