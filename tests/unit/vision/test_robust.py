@@ -10,6 +10,7 @@ import pytest
 from gateway.config import Intrinsics, VisionConfig
 from gateway.core.detection import Circle, Detection
 from gateway.vision.detect.robust.decision import AMBIGUOUS, GATES
+from gateway.vision.detect.robust.detect import _received as received
 from gateway.vision.detect.robust.detect import detect
 from gateway.vision.detect.robust.frame_sum import MOVED
 from gateway.vision.detect.robust.method import REJECTIONS, STAGES
@@ -108,6 +109,18 @@ def test_the_frame_may_cut_a_part_off(place: Circle) -> None:
 
     assert found.visible is not None
     assert 0.4 < found.visible < 0.85
+
+
+@pytest.mark.parametrize("channel", range(3))
+def test_rows_are_received_that_differ_in_one_channel_from_those_lost_below(channel: int) -> None:
+    image = np.full((60, 80, 3), 128, np.uint8)
+    image[:40, :, channel] = 90
+    assert received(image) == 40
+
+    image[30:40, 40:, channel] = 128  # an even ground begins here and there
+    assert received(image) == 40
+    image[30:40, 16:, channel] = 128
+    assert received(image) == 60
 
 
 @pytest.mark.parametrize("lost", [0.2, 0.4])

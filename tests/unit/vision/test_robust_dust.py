@@ -9,6 +9,7 @@ import pytest
 from gateway.config import VisionConfig
 from gateway.core.detection import Circle, Ellipse
 from gateway.sim.weather import dust
+from gateway.vision.detect.robust import clearest_rim as clearest
 from gateway.vision.detect.robust import veil
 from gateway.vision.detect.robust.clearest_rim import clearest_rim, rim_behind_veil
 from gateway.vision.detect.robust.decision import Limits
@@ -17,7 +18,7 @@ from gateway.vision.detect.robust.red_change import red_regions
 from gateway.vision.detect.robust.redness import PyramidLevel, pyramid, redness
 from gateway.vision.detect.robust.search import search_expected
 from gateway.vision.detect.robust.veil import Veil, contrast_left, estimate, less_veil, unveiled
-from gateway.vision.pixels import Image
+from gateway.vision.pixels import Colours, Image
 from tests import decoys
 from tests.long import mostly_long
 
@@ -229,3 +230,34 @@ def test_another_red_thing_is_noticed_behind_dust() -> None:
     (box,) = red_regions(dust(sheet.finished(noise=0), 0.9, at=AT, uneven=False, seed=2), PLACE).boxes
 
     assert box.tolist() == pytest.approx([295, 95, 346, 146], abs=4)
+
+
+@pytest.mark.parametrize(("beside", "smoothed"), [((90, 90, 90), True), ((255, 255, 255), False)])
+def test_a_part_that_spans_half_of_the_grey_levels_is_not_stretched(
+    beside: tuple[int, int, int], smoothed: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shot = np.full((240, 320, 3), (60, 60, 60), np.float64)
+    cv2.circle(shot, (160, 120), 40, (58, 58, 68), -1)
+    shot[:, 205:] = beside
+    image = np.clip(np.rint(shot + np.random.default_rng(5).normal(0, 6, shot.shape)), 0, 255).astype(np.uint8)
+    parts: list[Colours] = []
+    stretched = clearest._stretched
+
+    def seen(part: Colours, sigma_px: float) -> tuple[Image, float]:
+        parts.append(part)
+        return stretched(part, sigma_px)
+
+    monkeypatch.setattr(clearest, "_stretched", seen)
+    rim_behind_veil(image, Ellipse(160.0, 120.0, 40.0, 40.0, 0.0), 0.95)
+    assert len(parts) == smoothed
+
+
+def test_a_stretched_part_is_that_of_a_gaussian_to_a_grey_level() -> None:
+    part = np.random.default_rng(3).integers(40, 90, (60, 70, 3), np.uint8)
+    bright, gain = clearest._stretched(part, 1.5)
+    smooth = cv2.GaussianBlur(part.astype(np.float32), (0, 0), 1.5)
+    low, high = np.percentile(smooth[::4, ::4], (1, 99))
+
+    assert gain == pytest.approx(min(8.0, 230 / (high - low)))
+    expected = np.clip(np.rint((smooth - (low + high) / 2) * gain + 128), 0, 255)
+    assert np.abs(bright - expected).max() <= 1

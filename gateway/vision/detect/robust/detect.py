@@ -120,7 +120,7 @@ def _received(image: Pixels) -> int:
     fill = image[-1, 0]
     if (image[-1, ::SPARSE] != fill).any():
         return len(image)
-    other = (image[:, ::SPARSE] != fill).any(axis=2)
+    other = np.logical_or.reduce([image[:, ::SPARSE, channel] != fill[channel] for channel in range(3)])
     last = int(np.flatnonzero(other.any(axis=1)).max(initial=-1))  # an even ground begins here and there, in many rows
     return last + 1 if last >= 0 and other[last].mean() >= AT_ONCE else len(image)
 

@@ -272,13 +272,11 @@ def _rim_near(image: Colours, seen: Ellipse, share: float = 0.0) -> Rim | None:
     along it. Brightness shows the rim there, if it is searched for where a round disc has it.
     """
     rim = rim_behind_veil(image, seen, share)
-    if seen.semi_minor_px >= FLAT * seen.semi_major_px:
+    if rim is None or seen.semi_minor_px >= FLAT * seen.semi_major_px:
         return rim
     mean_px = math.sqrt(seen.semi_major_px * seen.semi_minor_px)
     other = rim_behind_veil(image, Ellipse(seen.u_px, seen.v_px, mean_px, mean_px, 0.0), share)
-    if other is None or rim is None:
-        return rim
-    return other if quality(other) > quality(rim) + CLEARLY else rim
+    return other if other is not None and quality(other) > quality(rim) + CLEARLY else rim
 
 
 def _decided(
