@@ -15,6 +15,7 @@ import os
 import random
 import shutil
 import signal
+import ssl
 import subprocess
 import sys
 import threading
@@ -159,11 +160,19 @@ def _id_of(payload: bytes | bytearray) -> str:
 class RecordingSubscriber:
     """A subscriber with a session; connects again at once, each time to the next of `hosts`."""
 
-    def __init__(self, port: int, hosts: Sequence[str] = ("127.0.0.1",), keepalive_s: int = 60) -> None:
+    def __init__(
+        self,
+        port: int,
+        hosts: Sequence[str] = ("127.0.0.1",),
+        keepalive_s: int = 60,
+        topics: Sequence[str] = ("loading/+/+/event",),
+        tls: ssl.SSLContext | None = None,
+    ) -> None:
         self.got: list[tuple[str, str]] = []  # id, bay
         self.arrived_s: list[float] = []  # of each; time.monotonic()
         self.connected = threading.Event()
         self._port, self._hosts, self._keepalive_s = port, itertools.cycle(hosts), keepalive_s
+        self._topics = [(topic, 1) for topic in topics]
         self._closing = False
         self._client = mqtt.Client(CallbackAPIVersion.VERSION2, "records", clean_session=False)
         self._client.on_connect = self._on_connect
@@ -172,6 +181,8 @@ class RecordingSubscriber:
         self._client.on_subscribe = lambda *_: self.connected.set()
         self._client.on_message = self._on_message
         self._client.reconnect_delay_set(0.02, 0.05)  # type: ignore[arg-type]  # it only sleeps this long
+        if tls is not None:
+            self._client.tls_set_context(tls)
         self._next_host()
         self._client.loop_start()
 
@@ -182,7 +193,7 @@ class RecordingSubscriber:
 
     def _on_connect(self, client: mqtt.Client, _: Any, __: Any, reason: Any, ___: Any) -> None:
         if not reason.is_failure:
-            client.subscribe("loading/+/+/event", qos=1)
+            client.subscribe(self._topics)
 
     def _on_message(self, _: mqtt.Client, __: Any, message: mqtt.MQTTMessage) -> None:
         self.got.append((_id_of(message.payload), message.topic.split("/")[2]))
