@@ -13,6 +13,7 @@ sequence), a and b (semi-axes of a tilted rim), tol_px (how far the label may be
   gateway evaluate photos/ --config plant.toml          with a plant's own settings
   gateway evaluate photos/ --split                      figures of a tuning half and a reporting half, too
   gateway evaluate photos/ --split tuning               run on the tuning half only
+  gateway evaluate plants/ --jobs 2 --results kept/     all sets below, by two processes; a result is kept
   gateway evaluate run7/ --tracking                     follow the frames of a sequence in order
   gateway evaluate photos/ --stress                     through dust and in other light, too: down to what does it hold?
   gateway evaluate photos/ --series '^cam[0-9]+'        R times Z by camera, taken from the file's name
@@ -49,12 +50,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from gateway.cli import vision_args
+from gateway.cli import batch_args, vision_args
 from gateway.cli.tables import console, show
 from gateway.clock import SystemClock
 from gateway.errors import ConfigError
 from gateway.vision.detect.registry import rejection_meanings
-from gateway.vision.offline.evaluation import labels, report, requirements, runner, stress, summary, tables
+from gateway.vision.offline.evaluation import jobs, labels, report, requirements, runner, stress, summary, tables
 from gateway.vision.offline.evaluation.labels import Label, Labels
 from gateway.vision.offline.evaluation.report import About
 from gateway.vision.offline.evaluation.stress import Stressed
@@ -89,6 +90,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--stress", action="store_true", help="also behind dust and in other light; see above")
     parser.add_argument("--report", metavar="FILE.html", type=Path, help="write a report with charts and pictures")
     parser.add_argument("--worst", type=int, default=12, metavar="N", help="worst cases drawn for each method (12)")
+    batch_args.configure(parser, default="1, so that times are those of one picture at a time")
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of the table")
     parser.add_argument("--require", action="append", default=[], metavar="NAME=LIMIT", help="see above; repeatable")
 
@@ -101,17 +103,22 @@ def main(args: argparse.Namespace) -> int:
         raise ConfigError(f"--worst {args.worst}: must be 0 to 500")
     required = requirements.parse(args.require)
     series = _series(args.series)
-    registry = vision_args.methods(vision_args.bay_vision(args.config, args.bay), args.method)
+    batch_args.check(args)
+    params = vision_args.bay_vision(args.config, args.bay)
+    registry = vision_args.methods(params, args.method)
     found = labels.load(args.folder)
     chosen = _half(found, args.split)
     if args.tracking and all(label.frame is None for label in chosen):
         raise ConfigError(f"{found.source}: --tracking needs labels with a frame number")
     if found.unused_keys:
         print(f"{found.source}: keys not used here: {', '.join(found.unused_keys)}", file=sys.stderr)
-    with vision_args.progress("evaluate", len(chosen)) as advance:
+    with (
+        batch_args.workers(args, jobs.__name__, default=1) as (kept, workers, _),
+        vision_args.progress("evaluate", len(chosen)) as advance,
+    ):
         follow = series if args.tracking else None
         how = {"follow": follow, "fps": args.fps, "mean_radius": args.radius == "mean", "advance": advance}
-        outcomes = runner.run(found, chosen, registry, SystemClock(), **how)
+        outcomes = jobs.evaluated(found, chosen, tuple(registry), params, kept, workers, **how)
     stressed: tuple[Stressed, ...] = ()
     if args.stress:
         with vision_args.progress("stress", stress.steps() * len(chosen)) as advance:

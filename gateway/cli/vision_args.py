@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -15,8 +14,7 @@ from gateway.clock import SystemClock
 from gateway.config import VisionConfig, load
 from gateway.config.sections.vision import DETECTION_METHODS
 from gateway.errors import ConfigError
-from gateway.vision.detect import registry
-from gateway.vision.offline.evaluation.runner import MakeDetector
+from gateway.vision.offline.evaluation.runner import MakeDetector, makers
 
 
 def bay_vision(config: Path | None, bay: str | None) -> VisionConfig:
@@ -42,16 +40,8 @@ def methods(params: VisionConfig, asked: str | None) -> dict[str, MakeDetector]:
     known = DETECTION_METHODS.names()
     if asked is not None and asked != "all" and asked not in known:
         raise ConfigError(f"--method {asked}: there is: {', '.join(known)}, all")
-    now_ns = SystemClock().now_ns
-
-    def maker(name: str) -> MakeDetector:
-        def make(follow: bool) -> Any:
-            return registry.detector(params.model_copy(update={"method": name, "tracking": follow}), now_ns)
-
-        return make
-
     names = known if asked == "all" else (asked or params.method,)
-    return {name: maker(name) for name in names}
+    return makers(params, names, SystemClock().now_ns)
 
 
 def made_now() -> str:

@@ -72,6 +72,14 @@ def kept(folder: str, name: str, codec: Codec) -> Any:
     return None
 
 
+def taken(folder: str, name: str, codec: Codec) -> Any:
+    """That result, which has been written. Raises LinkError, OSError."""
+    found = kept(folder, name, codec)
+    if found is None:
+        raise LinkError(f"{folder}: a result that was written is not there: do all workers see this folder?")
+    return found
+
+
 def keep(folder: str, name: str, result: Message) -> None:
     """On disk when it returns, whoever else writes the same. Raises OSError."""
     path = _path(folder, name)

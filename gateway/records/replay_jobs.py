@@ -11,8 +11,7 @@ from hashlib import sha256
 from itertools import pairwise
 from pathlib import Path
 
-from gateway.errors import LinkError
-from gateway.processes.batch import BatchTask, TaskDone, Workers, in_turn, keep, kept, name_of, serve
+from gateway.processes.batch import BatchTask, TaskDone, Workers, in_turn, keep, kept, name_of, serve, taken
 from gateway.processes.channel import Channel
 from gateway.processes.codec import Codec, Message, record_packed
 from gateway.records.replay_portions import Carried, Portion, ReplayRules, replayed
@@ -88,7 +87,5 @@ def _later(chain: list[ReplaySegment], shares: int) -> list[list[ReplaySegment]]
 
 
 def _result(folder: str, name: str) -> ReplayedSegment:
-    found: ReplayedSegment | None = kept(folder, name, RESULT)
-    if found is None:
-        raise LinkError(f"{folder}: a result that was written is not there: do all workers see this folder?")
+    found: ReplayedSegment = taken(folder, name, RESULT)
     return found

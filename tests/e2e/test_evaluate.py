@@ -138,3 +138,39 @@ def test_what_must_be_edited(folder: Path, arguments: list[str], says: str, cli:
     done = cli("evaluate", *arguments, *method, cwd=folder)
     assert (done.code, done.out) == (2, "")
     assert done.err.splitlines()[-1].startswith(says)
+
+
+def test_processes_find_the_same_in_all_sets_below_a_folder_and_a_second_run_takes_it(folder: Path) -> None:
+    for name in ("north", "south"):
+        (folder / name).mkdir()
+        rows = [
+            {"file": f"{n}.png", "found": True, "u": 100.0 + n, "v": 110.0, "r": 50.0, "frame": n} for n in range(18)
+        ]
+        for n in range(18):
+            cv2.imwrite(str(folder / name / f"{n}.png"), disc(100.0 + n, 110.0, 50.0 if name == "north" else 49.0))
+        label(folder / name, rows)
+    (folder / "labels.jsonl").unlink()
+    asked = ("evaluate", str(folder), "--method", "paper", "--json")
+    serial, shared, again = (
+        json.loads(command(*asked, *more).out)
+        for more in (
+            ("--tracking",),
+            ("--tracking", "--jobs", "2", "--results", str(folder / "kept")),
+            ("--tracking", "--jobs", "1", "--results", str(folder / "kept")),
+        )
+    )
+    assert shared == again, "times, too"
+    for found in (serial, shared):
+        assert {name: of["pictures"] for name, of in found["methods"][0]["groups"].items()} == {
+            "north": 18,
+            "south": 18,
+        }
+        for row in found["methods"][0]["pictures"]:
+            assert row.pop("ms") > 0
+    assert serial["methods"][0]["pictures"] == shared["methods"][0]["pictures"]
+    assert [each["frames"] for each in shared["methods"][0]["sequences"]] == [18, 18]
+    assert len([path for path in (folder / "kept").rglob("*") if path.is_file()]) == 2
+    (folder / "south" / "labels.jsonl").write_text('{"file": "1.png", "found": true, "u": 9000, "v": 1, "r": 5}\n')
+    wrong = command(*asked)
+    assert wrong.code == 2
+    assert wrong.err.startswith(f"{folder}/south/labels.jsonl:1: south/1.png: u = 9000, v = 1, r = 5: lies outside")

@@ -73,27 +73,48 @@ class Label(Section):
 
 @dataclass(frozen=True, slots=True)
 class Labels:
-    """All labels of a folder, in the order of the file; `path` of a label's picture; its `line` in the file."""
+    """All labels of a folder, in the order of its files; `path` of a label's picture; `lines`: of each in `source`;
+    `places`: the same as texts, where they are of several files."""
 
     folder: Path
     source: str
     labels: tuple[Label, ...]
     lines: tuple[int, ...]
     unused_keys: tuple[str, ...] = ()
+    places: tuple[str, ...] = ()
 
     def path(self, label: Label) -> Path:
         return self.folder / label.file
 
     def where(self, label: Label) -> str:
         """`labels.jsonl:12`, for errors."""
-        return f"{self.source}:{self.lines[self.labels.index(label)]}"
+        return self.place(self.labels.index(label))
+
+    def place(self, number: int) -> str:
+        return self.places[number] if self.places else f"{self.source}:{self.lines[number]}"
 
 
 def load(folder: Path) -> Labels:
-    """Labels beside their pictures. Raises ConfigError: no file, faults by line, pictures that are not there."""
+    """Labels beside their pictures, or those of all folders below it, each a group where labels name none. Raises
+    ConfigError: no file, faults by line, pictures that are not there."""
     if not folder.is_dir():
         raise ConfigError(f"{folder}: {'not a folder' if folder.exists() else 'no such folder'}")
-    return load_file(folder / FILE_NAME)
+    below = [] if (folder / FILE_NAME).exists() else sorted(folder.rglob(FILE_NAME))
+    return _joined(folder, below) if below else load_file(folder / FILE_NAME)
+
+
+def _joined(folder: Path, files: Sequence[Path]) -> Labels:
+    labels: list[Label] = []
+    places: list[str] = []
+    unused: dict[str, None] = {}
+    for path in files:
+        part, below = load_file(path), path.parent.relative_to(folder).as_posix()
+        for number, label in enumerate(part.labels):
+            named = {"file": f"{below}/{label.file}", "group": label.group or below}
+            labels.append(label.model_copy(update=named))
+            places.append(part.place(number))
+        unused |= dict.fromkeys(part.unused_keys)
+    return Labels(folder, str(folder), tuple(labels), (), tuple(unused), tuple(places))
 
 
 def load_file(path: Path) -> Labels:

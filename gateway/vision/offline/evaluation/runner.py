@@ -11,9 +11,11 @@ from itertools import pairwise
 import cv2
 
 from gateway.clock import Clock
+from gateway.config import VisionConfig
 from gateway.durations import NS_PER_S
 from gateway.errors import ConfigError
-from gateway.vision.detect.method import Detector
+from gateway.vision.detect import registry
+from gateway.vision.detect.method import Detector, NowNs
 from gateway.vision.offline import inputs
 from gateway.vision.offline.evaluation.labels import Label, Labels, outside
 from gateway.vision.offline.evaluation.scoring import ScoredPicture, judge
@@ -21,6 +23,18 @@ from gateway.vision.offline.evaluation.summary import SeriesOf, in_sequence
 from gateway.vision.pixels import Image
 
 MakeDetector = Callable[[bool], Detector]  # True: one that follows the marker from frame to frame
+
+
+def makers(params: VisionConfig, names: Sequence[str], now_ns: NowNs) -> dict[str, MakeDetector]:
+    """Of the detectors of these methods. Raises ConfigError."""
+
+    def maker(name: str) -> MakeDetector:
+        def make(follow: bool) -> Detector:
+            return registry.detector(params.model_copy(update={"method": name, "tracking": follow}), now_ns)
+
+        return make
+
+    return {name: maker(name) for name in names}
 
 
 def run(
