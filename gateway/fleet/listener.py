@@ -11,9 +11,9 @@ from gateway.fleet.roster import Roster
 from gateway.fleet.store import FleetStore
 from gateway.sinks.mqtt.broker_link import BrokerLink
 from gateway.sinks.mqtt.session import BrokerSession
-from gateway.sinks.mqtt.topics import MqttMessage
+from gateway.sinks.mqtt.topic_plan import STATUS
+from gateway.sinks.mqtt.topics import MqttMessage, everywhere
 
-LEVELS = 3  # at most between site and `status`: with area, with line
 STEP_MS = 500  # by which the clock was set; a smaller one shortens or extends nothing that counts
 
 
@@ -51,7 +51,7 @@ class Listener:
 
     async def listen(self) -> None:
         """One connection. Raises LinkError when it is lost."""
-        topics = [(f"{self._root}/{'/'.join(['+'] * n)}/status", 1) for n in range(2, LEVELS + 2)]
+        topics = [(topic, 1) for topic in everywhere(self._root, "+", STATUS.name)]
         async with self._session.connection(None, self._received) as link:
             await link.subscribe(topics)
             await asyncio.Event().wait()

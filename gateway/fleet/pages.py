@@ -20,14 +20,14 @@ from gateway.fleet.answer import Answers
 from gateway.fleet.config import FleetConfig
 from gateway.fleet.listener import Listener
 from gateway.fleet.trends import PERIOD_MS
-from gateway.web.auth import login
+from gateway.web.auth import common_pages, login
 from gateway.web.auth.access import Level
 from gateway.web.auth.addresses import Addresses
 from gateway.web.auth.logins import Logins
-from gateway.web.auth.page_files import STATIC, page_file, pages_digest
+from gateway.web.auth.page_files import STATIC, page_file
+from gateway.web.auth.problems import handlers
 from gateway.web.auth.security import SecurityMiddleware
-from gateway.web.languages import Languages, languages
-from gateway.web.server.app import HANDLERS
+from gateway.web.languages import languages
 from gateway.web.server.metrics.text import encoded
 
 ADDRESSES = Addresses()
@@ -41,33 +41,6 @@ def _listener(request: Request) -> Listener:
 @ADDRESSES.get("/", Level.VIEWER, "the fleet page")
 async def _fleet_page(request: Request) -> Response:
     return page_file(STATIC / "fleet.html", request.app.state.base_path)
-
-
-@ADDRESSES.get("/login", Level.OPEN, "the login page")
-async def _login_page(request: Request) -> Response:
-    return page_file(STATIC / "login.html", request.app.state.base_path)
-
-
-ADDRESSES.files("/static", STATIC, Level.OPEN, "scripts, styles and symbols of the pages; nothing of the plants")
-
-
-@ADDRESSES.get("/api/pages", Level.OPEN, "`digest` changes when the pages do")
-async def _pages() -> JSONResponse:
-    return JSONResponse({"digest": pages_digest()})
-
-
-@ADDRESSES.get("/api/languages", Level.OPEN, "the languages of the pages")
-async def _languages(request: Request) -> JSONResponse:
-    found: Languages = request.app.state.languages
-    return JSONResponse({"languages": found.listed()})
-
-
-@ADDRESSES.get("/api/languages/{code}", Level.OPEN, "the pages' texts in a language")
-async def _language(request: Request, code: str) -> Response:
-    found: Languages = request.app.state.languages
-    if (catalogue := found.catalogues.get(code)) is None:
-        raise HTTPException(404, f"no language has the code {code[:20]!r}")
-    return JSONResponse(catalogue.model_dump())
 
 
 @ADDRESSES.get("/api/fleet", Level.VIEWER, "a row for each bay; 304 with If-None-Match where nothing has changed")
@@ -157,10 +130,10 @@ class _Collector(Collector):
 
 
 def app(listener: Listener, logins: Logins, clock: Clock, config: FleetConfig) -> ASGIApp:
-    groups = (login.ADDRESSES, ADDRESSES)
+    groups = (login.ADDRESSES, common_pages.ADDRESSES, ADDRESSES)
     made = FastAPI(
         routes=[route for group in groups for route in group.routes],
-        exception_handlers=HANDLERS,  # type: ignore[arg-type]
+        exception_handlers=handlers(),
         openapi_url=None,
         redirect_slashes=False,
     )

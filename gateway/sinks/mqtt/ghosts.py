@@ -19,12 +19,11 @@ from gateway.sinks.mqtt import home_assistant
 from gateway.sinks.mqtt.broker_link import BrokerLink
 from gateway.sinks.mqtt.session import BrokerSession
 from gateway.sinks.mqtt.topic_plan import ALARMS, STATE, STATUS
-from gateway.sinks.mqtt.topics import Gateway, MqttMessage
+from gateway.sinks.mqtt.topics import Gateway, MqttMessage, everywhere
 
 ANSWER_S = 2.0  # without another topic: then a broker has sent what it has retained
 SURE_S = 10.0  # the same, before anything is deleted
 ROUND_TRIPS = 3.0  # at least: a broker may send only so many messages before each is acknowledged
-LEVELS = 3  # at most before the bay: with area, with line
 OF_BAYS = (STATE.name, ALARMS.name)
 
 log = logging.getLogger(__name__)
@@ -99,8 +98,7 @@ async def ghosts(config: MqttConfig, site: str, instance: str, *, clear: bool) -
     found: dict[str, bytes] = {}
     session = BrokerSession(config, f"{config.client_id or f'gateway-{site}-{instance}'}-ghosts")
     begins = f"{config.root}/{site}/"
-    places = [begins + "/".join("+" * depth) for depth in range(1, LEVELS + 1)]
-    wanted = [f"{place}/{name}" for place in places for name in (*OF_BAYS, STATUS.name)]
+    wanted = [topic for name in (*OF_BAYS, STATUS.name) for topic in everywhere(config.root, site, name)]
     wanted.append(f"{config.home_assistant_prefix}/device/+/config")
 
     async def received(_: object, message: MqttMessage) -> None:

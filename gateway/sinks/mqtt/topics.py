@@ -12,6 +12,12 @@ from gateway.config import MqttConfig
 from gateway.errors import SettingError
 
 MAX_ROOT_BYTES = 1000  # MQTT allows 65,535 bytes for a complete topic
+_LEVELS = 3  # at most between site and name: area, line, and the bay or the instance
+
+
+def everywhere(root: str, site: str, name: str) -> list[str]:
+    """What to subscribe to for the topics `name` of all bays and gateways of a site (`+`: of every site)."""
+    return [f"{root}/{site}/{'/'.join('+' * depth)}/{name}" for depth in range(1, _LEVELS + 1)]
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,16 +1,13 @@
-"""The addresses of the pages themselves: HTML, static files, live views and their pictures."""
+"""The addresses of the pages themselves: HTML, live views and their pictures."""
 
-from hashlib import sha256
-
-from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import JSONResponse, Response
+from starlette.responses import Response
 from starlette.websockets import WebSocket
 
 from gateway.durations import NS_PER_MS
 from gateway.web.auth.access import Level
 from gateway.web.auth.addresses import Addresses
-from gateway.web.auth.page_files import STATIC, page_file, pages_digest
+from gateway.web.auth.page_files import STATIC, page_file
 from gateway.web.server import views
 from gateway.web.server.gateway_client import GatewayClient
 from gateway.web.server.pictures import Picture
@@ -28,39 +25,8 @@ def _page(path: str, least: Level, name: str, summary: str) -> None:
         return page_file(STATIC / name, base_path, 200 if bay is None or bay in services.client.bays else 404)
 
 
-_page("/login", Level.OPEN, "login.html", "the login page")
-ADDRESSES.files("/static", STATIC, Level.OPEN, "scripts, styles and symbols of the pages; nothing of the plant")
-
-
-@ADDRESSES.get("/api/pages", Level.OPEN, "which pages the gateway serves: `digest` changes when they do")
-def _pages() -> JSONResponse:
-    return JSONResponse({"digest": pages_digest()})
-
-
-@ADDRESSES.get("/favicon.ico", Level.OPEN, "the pages' symbol")
-async def _favicon() -> Response:
-    raise HTTPException(404)  # each page names its own
-
-
 _page("/driver", Level.DRIVER, "driver.html", "the driver's display of the first bay")
 _page("/driver/{bay}", Level.DRIVER, "driver.html", "the driver's display")
-
-
-@ADDRESSES.get("/api/languages", Level.OPEN, "the languages of the pages")
-async def _languages(services: WebServices) -> JSONResponse:
-    return JSONResponse({"languages": services.languages.listed()})
-
-
-@ADDRESSES.get("/api/languages/{code}", Level.OPEN, "the pages' texts in a language; nothing of the plant")
-async def _language(request: Request, services: WebServices, code: str) -> Response:
-    if (found := services.languages.catalogues.get(code)) is None:
-        raise HTTPException(404, f"no language has the code {code[:20]!r}")
-    answer = JSONResponse(found.model_dump())
-    tag = f'"{sha256(answer.body).hexdigest()[:16]}"'
-    if request.headers.get("if-none-match") == tag:
-        return Response(status_code=304, headers={"ETag": tag})
-    answer.headers["ETag"] = tag
-    return answer
 
 
 @ADDRESSES.web_socket("/api/driver", Level.DRIVER, "what the driver's display shows, live")

@@ -80,7 +80,7 @@ def stand_ins(logins: Logins) -> FastAPI:
             made.append(WebSocketRoute(rule.path, _talk))
         elif rule not in login.ADDRESSES.rules:
             made.append(Route(rule.path, _wait, methods=[rule.method]))
-    app = FastAPI(routes=made, exception_handlers=HANDLERS)  # type: ignore[arg-type]
+    app = FastAPI(routes=made, exception_handlers=HANDLERS)
     app.state.logins, app.state.bays = logins, BAYS
     return app
 

@@ -39,7 +39,7 @@ async def _restart(body: RestartBody) -> dict[str, str]:
 def browser() -> Browser:
     """Of a caller without a login."""
     made = secured_app()
-    app = FastAPI(routes=[*LOGIN.routes, *ADDED.routes], exception_handlers=HANDLERS)  # type: ignore[arg-type]
+    app = FastAPI(routes=[*LOGIN.routes, *ADDED.routes], exception_handlers=HANDLERS)
     app.state.logins, app.state.bays = made.logins, {}
     made.middleware = SecurityMiddleware(app, (*LOGIN.rules, *ADDED.rules), made.logins, LoopClock())
     return Browser(made)

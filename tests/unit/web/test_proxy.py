@@ -7,9 +7,9 @@ from pydantic import ValidationError
 from starlette.applications import Starlette
 
 from gateway.config.sections.hmi import HmiConfig
+from gateway.web.auth import common_pages
 from gateway.web.auth.audit_log import AuditKind
 from gateway.web.auth.page_files import pages_digest, placed
-from gateway.web.server import pages
 from tests.unit.web.auth import ORIGIN, Browser, SecuredApp, secured_app
 from tests.virtual_time import in_real_time, in_virtual_time
 
@@ -134,7 +134,9 @@ def test_what_is_refused(keys: dict[str, Any]) -> None:
 @in_real_time
 async def test_a_browser_keeps_what_never_changes_and_asks_for_the_rest() -> None:
     """A page names scripts by the digest of all; any other address of them is asked for again."""
-    secured = SecuredApp(HmiConfig(base_path="/bay1"), app=Starlette(routes=pages.ADDRESSES.routes), real_time=True)
+    secured = SecuredApp(
+        HmiConfig(base_path="/bay1"), app=Starlette(routes=common_pages.ADDRESSES.routes), real_time=True
+    )
     page = Browser(secured, host="127.0.0.1:8080")
     html = placed('<link href="/static/icon.svg"><a href="/login"><a href="https://a/static/b">', "/bay1")
     current = f"/bay1/static/~{pages_digest()}"
