@@ -5,9 +5,8 @@ of the import system or in a finalizer, which swallow every exception: the progr
 and asked for where the program begins to serve.
 """
 
-import signal
+import _signal as signal  # type: ignore[import-not-found]  # `signal` adds 8 ms of imports, in which nothing is kept yet
 import sys
-from types import FrameType
 
 _asked = False
 
@@ -30,7 +29,7 @@ def as_usual() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def _interrupted(number: int, frame: FrameType | None) -> None:
+def _interrupted(number: int, frame: object) -> None:
     global _asked  # noqa: PLW0603 - a process has one
     _asked = True
     signal.default_int_handler(number, frame)

@@ -1,4 +1,8 @@
-"""Ctrl-C of which a library makes another error."""
+"""Ctrl-C while modules are imported, and of which a library makes another error."""
+
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
@@ -21,3 +25,13 @@ def test_what_a_library_makes_of_ctrl_c_is_its_end_and_another_error_stays_one(
     else:
         with pytest.raises(RuntimeError):
             main()
+
+
+def test_nothing_slow_is_imported_before_ctrl_c_is_kept() -> None:
+    """Until then it ends in Python's own traceback."""
+    code = f"import sys; sys.path.insert(0, {str(Path(__file__).parents[3])!r}); import gateway.__main__; "
+    code += "print({'enum', 'signal'} & {*sys.modules})"
+    done = subprocess.run(
+        [sys.executable, "-I", "-S", "-c", code], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert done.stdout == "set()\n"
