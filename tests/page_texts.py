@@ -19,7 +19,7 @@ from gateway.alarms.gateway_alarms import GATEWAY_ALARMS
 from gateway.alarms.states import AlarmEvent, AlarmState
 from gateway.config import GatewayConfig
 from gateway.core import detection, events, ne107, plc, readings, state, teach_in, visit_summary
-from gateway.records import sentences
+from gateway.records import page, sentences
 from gateway.records.alarm_rates import BENCHMARKS
 from gateway.sinks import registry
 from gateway.vision.detect.paper import tuning_view as paper_view
@@ -325,10 +325,27 @@ def _of_template(text: str) -> Iterator[str]:
         yield _numbered(text)
 
 
+def of_the_report() -> set[str]:
+    """Of the answer to *Why?* as a file: elements, captions, an axis, and names of columns and rows."""
+    source = Path(page.__file__).read_text(encoding="utf-8")
+    texts = re.findall(
+        r'<(?:h2|h3|p|span|summary)>([^<{}]+)</|^ {8}"([^"]+)",$|ChartAxis\("([a-z ]+)"', source, re.MULTILINE
+    )
+    rows = {"time", "decision", "reason", "driver", "outputs", "not recorded what was found in it"}
+    return rows.union(*texts) - {""}
+
+
 def page_texts() -> set[str]:
     """All keys."""
     of_scripts = (texts_of(script) for script in DESK)
-    of_tables = (of_the_states(), of_the_details(), of_the_alarms(), of_the_configuration(), of_the_remarks())
+    of_tables = (
+        of_the_states(),
+        of_the_details(),
+        of_the_alarms(),
+        of_the_configuration(),
+        of_the_remarks(),
+        of_the_report(),
+    )
     return set().union(WORDS, *of_tables, *of_scripts) - NOT_TEXTS
 
 

@@ -172,12 +172,13 @@ def as_json(answer: Answer, pictures: list[RecordedPicture]) -> dict[str, Any]:
         "settings": dict(settings(answer)),
         "pictures": [{"time": shown(p.head.unix_ns), "frame_id": p.head.frame_id, "why": p.head.why} for p in pictures],
         "missing": list(answer.missing),
-        "said": _said(answer),
+        "said": said(answer),
         "decided_otherwise_by_this_version": answer.differing,
     }
 
 
-def _said(answer: Answer) -> dict[str, list[dict[str, object]]]:
+def said(answer: Answer) -> dict[str, list[dict[str, object]]]:
+    """By each text the sentences in it."""
     links = [text for link in (*answer.chain, *answer.after) for text in (link.by, link.why)]
     texts = [
         *warnings(answer),
@@ -186,7 +187,7 @@ def _said(answer: Answer) -> dict[str, list[dict[str, object]]]:
         *(what for _, what in done_by(answer)),
     ]
     found = {text: say.said(text) for text in texts}
-    found |= {_event(e): say.happened(e.kind, e.detail) for _, e in answer.events if e.kind in PEOPLE}
+    found |= {_event(e): say.happened(e.kind, e.detail, _about(e)) for _, e in answer.events}
     found[headline(answer)] = say.said(headline(answer) if answer.state is not None else answer.silence)
     return {text: said for text, said in found.items() if said}
 
@@ -241,9 +242,13 @@ def _ages(answer: Answer, state: StateVector) -> dict[str, float | None]:
     return {name: round((state.t_ns - t_ns) / NS_PER_S, 4) if t_ns else None for name, t_ns in times.items()}
 
 
+def _about(event: EventRecord) -> str:
+    bad = event.sensor and event.quality is not Quality.GOOD
+    return f"{event.sensor}, {event.quality.name.lower()}" if bad else event.sensor or ""
+
+
 def _event(event: EventRecord) -> str:
-    quality = "" if event.quality is Quality.GOOD else f" {event.quality.name.lower()}"
-    of = f" ({event.sensor}{quality})" if event.sensor else ""
+    of = f" ({_about(event).replace(',', '')})" if event.sensor else ""
     return f"{event.kind.replace('_', ' ')}{of}{f': {event.detail}' if event.detail else ''}"
 
 

@@ -1,5 +1,6 @@
 """An answer as one HTML file: plots, pictures, the chain of causes; it opens without a network. Pure."""
 
+import json
 from collections.abc import Sequence
 
 import cv2
@@ -37,7 +38,7 @@ def html(answer: Answer, pictures: Sequence[RecordedPicture], made: str) -> str:
         STYLE,
         f"<h1>{plain(title)}</h1>",
         f'<p class="soft">{plain(f"{head.site}.{head.instance}, gateway {head.gateway_version}")}, '
-        f"times of {plain(machine_zone_name())}</p>",
+        f"<span>times of</span> {plain(machine_zone_name())}</p>",
         f"<p><strong>{plain(account.headline(answer))}</strong></p>",
         *(f'<p><strong class="warn">{plain(text)}</strong></p>' for text in account.warnings(answer)),
     ]
@@ -60,7 +61,13 @@ def html(answer: Answer, pictures: Sequence[RecordedPicture], made: str) -> str:
     body.append(
         f"<details><summary>The bay's complete configuration</summary><pre>{plain(head.config)}</pre></details>"
     )
-    return page(title, body, made)
+    return page(title, [*body, _said(answer)], made)
+
+
+def _said(answer: Answer) -> str:
+    """What the history page reads to give the report in its language (history/report.js)."""
+    texts = json.dumps(account.said(answer)).replace("<", "\\u003c")
+    return f'<script type="application/json" id="said">{texts}</script>'
 
 
 def _tiles(answer: Answer, state: StateVector) -> str:
@@ -68,11 +75,13 @@ def _tiles(answer: Answer, state: StateVector) -> str:
         tile("on" if state.stop else "off", "stop", "bad" if state.stop else "plain"),
         tile("on" if state.may_move else "off", "may_move", "good" if state.may_move else "plain"),
         tile("on" if state.in_place else "off", "in_place", "good" if state.in_place else "plain"),
-        tile(str(state.reason.value), plain(f"{state.reason.name.lower()}: {REASON_MEANING[state.reason]}")),
+        tile(
+            str(state.reason.value), f"{state.reason.name.lower()}: <span>{plain(REASON_MEANING[state.reason])}</span>"
+        ),
     ]
     if answer.since_ns is not None:
         lasted_s = (answer.at_ns - answer.since_ns) / NS_PER_S
-        tiles.append(tile(f"{lasted_s:.1f} s", f"stop and may_move so since {clock(answer.since_ns)}"))
+        tiles.append(tile(f"{lasted_s:.1f} s", f"<span>stop and may_move so since</span> {clock(answer.since_ns)}"))
     return f'<div class="tiles">{"".join(tiles)}</div>'
 
 
@@ -235,5 +244,5 @@ def _card(answer: Answer, picture: RecordedPicture, reading: VisionReading | Non
         f'<div class="case"><svg viewBox="0 0 {width} {height}" role="img" aria-label="{plain(text)}">'
         f'<image href="{embed(image)}" width="{width}" height="{height}" preserveAspectRatio="none"/>{drawn}</svg>'
         f'<div class="text"><span class="file">{plain(text)}</span><div>{plain(found + changed)}</div>'
-        f'<div class="soft">kept for: {plain(why)}</div></div></div>'
+        f'<div class="soft"><span>kept for:</span> {plain(why)}</div></div></div>'
     )

@@ -131,8 +131,8 @@ SENTENCES = Sentences.of(*DETAILS, *(one for one in list(vars().values()) if isi
 said = SENTENCES.said
 
 
-def happened(kind: str, detail: str) -> list[dict[str, object]]:
-    """The same of an event."""
-    what = kind.replace("_", " ")
-    values = (what, said(detail) or detail) if detail else (what,)
-    return [{"code": kind, "text": ": ".join(("{0}", "{1}")[: len(values)]), "values": values}]
+def happened(kind: str, detail: str, of: str = "") -> list[dict[str, object]]:
+    """The same of an event; `of`: what it is about, in words between commas."""
+    text = "{0} ({2})" if of else "{0}"
+    values: list[object] = [kind.replace("_", " "), said(detail) or detail, of]
+    return [{"code": kind, "text": f"{text}: {{1}}" if detail else text, "values": values}]

@@ -1,5 +1,6 @@
 """A segment that is not there is missing, whoever reads the recording; and what the chain of hashes proves."""
 
+import html
 import json
 import subprocess
 import zipfile
@@ -11,7 +12,7 @@ import pytest
 
 from gateway.cli.main import main
 from gateway.core.state import Reason
-from gateway.records import page, recording
+from gateway.records import account, page, recording
 from gateway.records.completeness import Verified, verified
 from gateway.records.inquiry import Answer, Inquiry
 from gateway.records.moment import shown
@@ -98,6 +99,15 @@ class TestAMissingSegment:
         text = page.html(answer(gap, 30), [], "now")
         chart = text[: text.index("The outputs after each step")].rpartition("<svg")[2]
         assert chart.count("<polyline") == 6, "each of three outputs has a line before the gap and one behind it"
+
+    def test_the_report_has_its_sentences_as_codes_for_a_page_in_another_language(self, gap: Recorded) -> None:
+        found = answer(gap, 30)
+        text = page.html(found, [], "now")
+        said = json.loads(text.partition('id="said">')[2].partition("</script>")[0])
+        assert said == account.said(found)
+        assert said[account.headline(found)][0]["code"] == "records_missing"
+        for kind, sentence in said.items():  # what stands in the report word for word
+            assert html.escape(kind) in text, sentence
 
     def test_the_replay_begins_again_behind_it(
         self, gap: Recorded, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -5,7 +5,7 @@ import { ownBay } from '../lib/address.js';
 import { get } from '../lib/api.js';
 import { number } from '../lib/format.js';
 import { Review } from '../setup/review.js';
-import { download } from '../tune/file.js';
+import { download } from '../lib/download.js';
 
 const PIXELS = ['fx', 'fy', 'cx', 'cy'];
 

@@ -1,11 +1,12 @@
 // Why were the outputs as they were at the chosen moment? Asked on demand: it costs a second or more.
 
 import { html, useEffect, useRef, useState } from '../lib/page.js';
-import { listed, t, text } from '../lib/lang.js';
+import { language, listed, t, text } from '../lib/lang.js';
 import { stamp, words } from '../lib/format.js';
 import { stampOf } from '../lib/days.js';
 import { saidText } from '../lib/said.js';
 import { useAnswer } from './answers.js';
+import { save } from './report.js';
 
 const CHAIN = ['what', 'by', 'why'];
 const timed = (rows, caption, shown) =>
@@ -25,6 +26,15 @@ export function Why({ bay, atMs, asked, ask }) {
     if (asked > 0) panel.current.scrollIntoView(); // by the address
   }, []);
   const { answer, wrong, busy } = useAnswer(of === null ? null : `${at}/why?at_ms=${of}`, { timeoutMs: 110_000, key: asked });
+  const [report, setReport] = useState({ busy: false, wrong: '' });
+  const reportPath = `${at}/why.html?at_ms=${atMs}`;
+  const translated = async (/** @type {Event} */ event) => {
+    if (language() === 'en') return; // as the gateway makes it
+    event.preventDefault();
+    setReport({ busy: true, wrong: '' });
+    const name = `why-${bay}-${new Date(atMs).toISOString().slice(0, 19).replace(/[-:]/g, '')}Z.html`;
+    setReport({ busy: false, wrong: await save(reportPath, name).then(() => '', (error) => error.message) });
+  };
   const outputs = answer?.outputs;
   const shown = (/** @type {string} */ text) => saidText({ said: answer.said[text], detail: text });
   return html`<section class="panel why-panel" ref=${panel} aria-labelledby="why-title">
@@ -33,12 +43,12 @@ export function Why({ bay, atMs, asked, ask }) {
       <div class="row compact">
         <span class="small value">${atMs === null ? 'choose a moment in the timeline' : stamp(atMs, { ms: true })}</span>
         <button type="button" class="primary" disabled=${atMs === null || busy} onClick=${ask}>Why?</button>
-        ${atMs !== null && html`<a class="button" href=${`${at}/why.html?at_ms=${atMs}`} download>Report</a>`}
+        ${atMs !== null && html`<a class="button" href=${reportPath} download onClick=${translated}>Report</a>`}
       </div>
     </header>
     <div aria-live="polite">
-      ${busy && html`<p class="muted">The decision is being taken again from the recording; that takes some seconds.</p>`}
-      ${wrong && html`<p class="notice warn">${wrong}</p>`}
+      ${(busy || report.busy) && html`<p class="muted">The decision is being taken again from the recording; that takes some seconds.</p>`}
+      ${(wrong || report.wrong) && html`<p class="notice warn">${wrong || report.wrong}</p>`}
     </div>
     ${answer && !busy && html`<div class="answer" tabindex="0" role="region" aria-label="the answer">
       <p class="small muted" translate="no">${stampOf(answer.time, { ms: true })}</p>

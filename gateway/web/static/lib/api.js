@@ -44,17 +44,17 @@ async function refusal(answer) {
 }
 
 /**
- * GET, as JSON. @param {string} path @param {{signal?: AbortSignal, timeoutMs?: number}} [how]
+ * GET, as JSON or as text. @param {string} path @param {{signal?: AbortSignal, timeoutMs?: number, as?: 'json'|'text'}} [how]
  */
-export async function get(path, { signal, timeoutMs = 5000 } = {}) {
+export async function get(path, { signal, timeoutMs = 5000, as = 'json' } = {}) {
   const answer = await fetch(below(path), {
-    headers: { Accept: 'application/json' },
+    headers: { Accept: as === 'json' ? 'application/json' : '*/*' },
     credentials: 'same-origin',
     cache: 'no-store',
     signal: either(signal, timeoutMs),
   });
   if (!answer.ok) throw await refusal(answer);
-  return answer.json();
+  return answer[as]();
 }
 
 /** POST JSON with the session's token against forged requests; or DELETE, without a body. */

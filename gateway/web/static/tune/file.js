@@ -38,17 +38,6 @@ export function SaveDialog({ plan, live, save, close }) {
   </${Dialog}>`;
 }
 
-/** Hands a text to the browser as a file to keep. */
-export function download(name, text) {
-  const link = document.createElement('a');
-  const url = URL.createObjectURL(new Blob([text], { type: 'application/toml' }));
-  Object.assign(link, { href: url, download: name });
-  document.body.append(link);
-  link.click();
-  link.remove();
-  setTimeout(() => URL.revokeObjectURL(url), 10_000);
-}
-
 /** A button that takes a profile's file. */
 export function ImportButton({ take }) {
   const field = useRef(null);
