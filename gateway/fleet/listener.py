@@ -2,6 +2,7 @@
 
 import asyncio
 import socket
+from functools import partial
 
 from gateway.clock import Clock
 from gateway.durations import NS_PER_MS
@@ -9,11 +10,14 @@ from gateway.fleet.config import FleetConfig
 from gateway.fleet.keeper import Keeper
 from gateway.fleet.roster import Roster
 from gateway.fleet.store import FleetStore
+from gateway.sinks.mqtt import broker_link
 from gateway.sinks.mqtt.broker_link import BrokerLink
 from gateway.sinks.mqtt.session import BrokerSession
 from gateway.sinks.mqtt.topic_plan import STATUS
 from gateway.sinks.mqtt.topics import MqttMessage, everywhere
 
+# One of more ends a connection of MQTT 3.1.1: more than nats-server passes on, so that nobody ends it for all.
+MAX_PACKET_BYTES = 1_100_000
 STEP_MS = 500  # by which the clock was set; a smaller one shortens or extends nothing that counts
 
 
@@ -27,7 +31,10 @@ class Listener:
         self._clock = clock
         self._was_ahead_ms = self._ahead_ms()
         self._session = BrokerSession(
-            config.mqtt, config.mqtt.client_id or f"fleet-{socket.gethostname()}-{config.hmi.port}", clock=clock
+            config.mqtt,
+            config.mqtt.client_id or f"fleet-{socket.gethostname()}-{config.hmi.port}",
+            connect=partial(broker_link.connect, max_packet_bytes=MAX_PACKET_BYTES),
+            clock=clock,
         )
 
     @property

@@ -1,6 +1,7 @@
 """The fleet page's process beside gateways and a broker: what it hears, what it keeps, and that it writes nothing."""
 
 import asyncio
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from urllib.error import HTTPError
@@ -8,9 +9,10 @@ from urllib.request import urlopen
 
 import pytest
 
-from tests.e2e.brokers import Mosquitto, Subscriber
+from tests.e2e.brokers import Mosquitto, Subscriber, program
 from tests.e2e.fleet_process import Fleet
 from tests.e2e.mqtt_plant import Plant
+from tests.unit.fleet.test_roster import status
 
 pytestmark = pytest.mark.timeout(180)
 INVENTORY = '[[gateways]]\nsite = "site1"\ninstance = "gw"\n[[gateways]]\nsite = "site1"\ninstance = "gone"\n'
@@ -76,3 +78,15 @@ def _healthz(fleet: Fleet) -> int:
             return int(answer.status)
     except HTTPError as error:
         return error.code
+
+
+def test_a_large_status_is_read_and_one_that_is_too_large_ends_nothing(broker: Mosquitto, tmp_path: Path) -> None:
+    with Fleet(tmp_path, broker.url) as fleet:
+        fleet.until(lambda _: fleet.get("/api/fleet")["connected"])
+        for name, size in (("huge", 2_000_000), ("large", 200_000), ("too-large", 300_000)):
+            message = status(1, site="north", instance=name, filler="x" * size)
+            to = ["-h", broker.host, "-p", str(broker.port), "-q", "1", "-t", f"loading/north/{name}/status"]
+            subprocess.run([program("mosquitto_pub"), *to, "-s"], input=message, check=True)
+        fleet.until(lambda _: "loading_fleet_damaged_messages 1.0" in fleet.read("/metrics"))
+        assert [row["instance"] for row in fleet.until(lambda rows: rows != [])] == ["large"]
+    assert fleet.log.count(": connected as fleet-") == 1

@@ -223,10 +223,10 @@ def _packet_bytes(message: MqttMessage, properties: Properties | None) -> int:
     return 1 + max(1, -(-remaining.bit_length() // 7)) + remaining
 
 
-def _packet_limit() -> Properties:
+def _packet_limit(most_bytes: int) -> Properties:
     """An MQTT 5 broker drops what is larger, and keeps the connection."""
     properties = Properties(PacketTypes.CONNECT)  # type: ignore[no-untyped-call]
-    properties.MaximumPacketSize = MAX_PACKET_BYTES
+    properties.MaximumPacketSize = most_bytes
     return properties
 
 
@@ -247,14 +247,15 @@ class _BoundedSocket:
     connection; `fault`: that of the last read.
     """
 
-    def __init__(self, sock: socket.socket | WebSocket) -> None:
+    def __init__(self, sock: socket.socket | WebSocket, most_bytes: int) -> None:
         self._sock = sock
+        self._most_bytes = most_bytes
         self.fault: OSError | None = None
 
     def recv(self, size: int) -> bytes:
         try:
-            if size > MAX_PACKET_BYTES:
-                raise OSError(f"a packet of more than {size} bytes; {MAX_PACKET_BYTES} are accepted")
+            if size > self._most_bytes:
+                raise OSError(f"a packet of more than {size} bytes; {self._most_bytes} are accepted")
             return self._sock.recv(size)
         except (BlockingIOError, ssl.SSLWantReadError, ssl.SSLWantWriteError):
             raise
@@ -277,10 +278,12 @@ async def connect(
     tls: ssl.SSLContext | None,
     version: Version = "3.1.1",
     will_at_disconnect: bool = False,
+    max_packet_bytes: int = MAX_PACKET_BYTES,
 ) -> AsyncIterator[BrokerLink]:
     """Raises LinkError when there is no broker, NotAcceptedError where it does not accept the connection.
 
     `will_at_disconnect`: an MQTT 5 broker publishes the will even when the connection ends properly.
+    `max_packet_bytes`: of what is received.
     """
     try:
         sock = await open_socket(endpoint, tls, CONNECT_S)
@@ -288,7 +291,15 @@ async def connect(
         raise LinkError(f"{endpoint}: {error}") from error
     with contextlib.closing(sock):
         broker = endpoint.broker
-        client = _Client(sock, broker, client_id=client_id, will=will, keepalive_s=keepalive_s, version=version)
+        client = _Client(
+            sock,
+            broker,
+            client_id=client_id,
+            will=will,
+            keepalive_s=keepalive_s,
+            version=version,
+            max_packet_bytes=max_packet_bytes,
+        )
         try:
             try:
                 await client.open()
@@ -323,6 +334,7 @@ class _Client(aiomqtt.Client):
         will: MqttMessage | None,
         keepalive_s: int,
         version: Version,
+        max_packet_bytes: int = MAX_PACKET_BYTES,
     ) -> None:
         self.end: End | None = None  # how the other side has ended the connection
         self._link: BrokerLink | None = None
@@ -339,7 +351,7 @@ class _Client(aiomqtt.Client):
             keepalive=keepalive_s,
             max_queued_incoming_messages=MAX_INCOMING,
             max_inflight_messages=MAX_IN_FLIGHT,
-            properties=_packet_limit() if version == "5" else None,
+            properties=_packet_limit(max_packet_bytes) if version == "5" else None,
             logger=_log,
         )
         self.receive_maximum = MAX_IN_FLIGHT
@@ -357,7 +369,7 @@ class _Client(aiomqtt.Client):
         self._client.on_connect, self._client.on_disconnect = self.accepted, self.ended
         for future in (self._connected, self._disconnected):  # its result may not be needed any more
             future.add_done_callback(lambda ended: ended.cancelled() or ended.exception())
-        given = _BoundedSocket(sock)
+        given = _BoundedSocket(sock, max_packet_bytes)
         self._given = given
         self._client._create_socket_connection = lambda: given  # type: ignore[assignment, method-assign, return-value]  # it would open its own
         # Nothing in it blocks on an open socket, so it needs no thread; it only queues the CONNECT.
