@@ -12,7 +12,7 @@ from gateway.clock import Clock
 from gateway.durations import NS_PER_S
 from gateway.errors import LinkError
 from gateway.fleet.roster import MAX_GATEWAYS, GatewayChange, Key, Roster
-from gateway.fleet.store import SHOWN_CHANGES, FleetStore, News, Past, Session
+from gateway.fleet.store import SHOWN_CHANGES, FleetStore, News, Past, StoreSession
 from gateway.fleet.trends import Trends
 
 log = logging.getLogger(__name__)
@@ -74,7 +74,7 @@ class Keeper:
         if taken:
             self._each[key] = self._each.get(key, 0) + len(taken)
 
-    async def recall(self, session: Session) -> None:
+    async def recall(self, session: StoreSession) -> None:
         """What was kept becomes part of the roster, once."""
         gone = {key for key in self._changed if key not in self._roster.known}
         for change in self._roster.recall(await session.read(), gone, self._now_ms()):
@@ -95,7 +95,7 @@ class Keeper:
             self.connected = False
             self._ended.set()
 
-    async def _serve(self, session: Session) -> None:
+    async def _serve(self, session: StoreSession) -> None:
         """Until it is closed."""
         writes, written_ns = 0, self._clock.now_ns()
         while not self._closing:
@@ -110,7 +110,7 @@ class Keeper:
             writes, written_ns = writes + 1, self._clock.now_ns()
             await self._write(session, everything=writes % UNCHANGED_EVERY == 0)
 
-    async def _write(self, session: Session, *, everything: bool) -> None:
+    async def _write(self, session: StoreSession, *, everything: bool) -> None:
         for keys in self._parts(self._changed | self._unchanged if everything else self._changed):
             news = self._taken(keys)
             try:
@@ -154,7 +154,7 @@ class Keeper:
         for change in [*changes, *later]:
             self._wait(change.key, [change])
 
-    async def _answer(self, session: Session) -> None:
+    async def _answer(self, session: StoreSession) -> None:
         while self._asked:
             key, future = self._asked.popitem()
             past = await session.past(key)

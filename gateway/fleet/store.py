@@ -36,7 +36,7 @@ class Past:
     samples: Sequence[Sample] = ()
 
 
-class Session(Protocol):
+class StoreSession(Protocol):
     """One request at a time. Raises LinkError when nothing can be read or written now."""
 
     async def read(self) -> dict[Key, Known]:
@@ -49,5 +49,5 @@ class Session(Protocol):
 
 
 class FleetStore(Protocol):
-    def opened(self) -> AbstractAsyncContextManager[Session]:
+    def opened(self) -> AbstractAsyncContextManager[StoreSession]:
         """Raises LinkError, also from the body."""
