@@ -17,6 +17,7 @@ import time
 from dataclasses import asdict
 from pathlib import Path
 
+from bench.fleet import rollout
 from bench.fleet.demonstration import Settings, run
 
 
@@ -32,15 +33,29 @@ def main() -> int:
     )
     parser.add_argument("--late-ms", type=float, default=1000.0, help="a change of stop that arrives later is late")
     parser.add_argument("--no-renewal", action="store_true", help="of certificates")
+    parser.add_argument("--sparkplug", action="store_true", help="too; each edge node has three subscriptions of QoS 1")
+    parser.add_argument("--no-roll-out", action="store_true", help="of a bad configuration, by Ansible")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures there")
     args = parser.parse_args()
-    settings = Settings(args.gateways, args.calm_s, args.hang_s, args.period_s, args.late_ms, not args.no_renewal)
+    roll_out = not args.no_roll_out and rollout.possible()
+    settings = Settings(
+        args.gateways,
+        args.calm_s,
+        args.hang_s,
+        args.period_s,
+        args.late_ms,
+        not args.no_renewal,
+        args.sparkplug,
+        roll_out,
+    )
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # the programs that were started end, too
     begun = time.monotonic()
 
     def say(text: str) -> None:
         print(f"{time.monotonic() - begun:6.1f} s  {text}", file=sys.stderr, flush=True)
 
+    if not roll_out:
+        say("nothing is rolled out" + ("" if args.no_roll_out else ": no ansible-core, or no packaging/ansible"))
     with tempfile.TemporaryDirectory(prefix="fleet-") as folder:
         report = run(Path(folder), settings, say)
     for fault in report.faults:

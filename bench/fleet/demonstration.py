@@ -14,6 +14,7 @@ from pathlib import Path
 
 from bench.fleet.certificates import BROKERS, READERS, RENEWED_DAYS, Certificates
 from bench.fleet.judge import Arrived, Verdict, judge, made_by
+from bench.fleet.rollout import Rollout
 from bench.fleet.roots import SITES, Roots
 from bench.fleet.watchers import FleetPage, VictoriaMetrics
 from tests.e2e.cluster_faults import IN_ORDER
@@ -23,6 +24,7 @@ from tests.e2e.store_and_forward import RecordingSubscriber
 STARTER = [sys.executable, "-m", "bench.fleet.starter"]
 BATCH = 10  # gateways that are started at once
 KILLED_S = 8.0  # a node is away
+HEALTHY_S = 180.0  # for three nodes on a busy machine to agree again
 NO_PROGRESS_S = 60.0  # longer than any silence of a cluster that is well again
 FIGURES = {  # of the whole time, as VictoriaMetrics has it
     "most_online": "max_over_time(sum(loading_fleet_gateway_up)[1h:2s])",
@@ -39,6 +41,8 @@ class Settings:
     period_s: float  # of states, by MQTT and Sparkplug
     late_ms: float
     renew: bool
+    sparkplug: bool
+    roll_out: bool
 
 
 @dataclass
@@ -64,7 +68,8 @@ class Demonstration:
             NatsCluster(folder, mqtt_options=(*IN_ORDER, self.certificates.broker_option))
         )
         urls = [node.url.replace("mqtt:", "mqtts:") for node in self.cluster.nodes]
-        self.roots = Roots(folder, settings.gateways, urls, self.certificates, settings.period_s)
+        self.roots = Roots(folder, settings.gateways, urls, self.certificates, settings.period_s, settings.sparkplug)
+        stack.callback(self.roots.forget)
         self.roots.make()
         topics = [f"loading/{site}/+/event" for site in SITES]
         self.heard = RecordingSubscriber(
@@ -75,6 +80,7 @@ class Demonstration:
         self.page = stack.enter_context(FleetPage(folder, urls, self.certificates))
         self.victoria = stack.enter_context(VictoriaMetrics(folder, self.page.url))
         self.orders = folder / "starter"
+        self.rollout = Rollout(folder, self.roots, self.orders)
         stack.enter_context(_starter(self.orders))
 
     def order(self, verb: str, root: Path) -> None:
@@ -103,7 +109,7 @@ class Demonstration:
         node.kill()
         time.sleep(KILLED_S)
         node.start()
-        self.cluster.wait_healthy()
+        self._until_healthy()
 
     def hang_a_node(self) -> None:
         if self.settings.hang_s:
@@ -111,7 +117,10 @@ class Demonstration:
             self.cluster.nodes[1].pause()
             time.sleep(self.settings.hang_s)
             self.cluster.nodes[1].resume()
-            self.cluster.wait_healthy()
+            self._until_healthy()
+
+    def _until_healthy(self) -> None:
+        self._until(lambda: all(node.healthy for node in self.cluster.nodes), "all nodes are well", HEALTHY_S)
 
     def renew_all(self) -> None:
         """The brokers' certificate, each gateway's and the readers'."""
@@ -124,6 +133,13 @@ class Demonstration:
             for node in self.cluster.nodes:
                 if node.process is not None:
                     node.process.send_signal(signal.SIGHUP)  # it reads its certificate again
+
+    def roll_out(self) -> None:
+        """A bad configuration, by Ansible."""
+        if self.settings.roll_out:
+            self.say("a bad configuration is rolled out")
+            self.report.faults += self.rollout.run_bad()
+            self.say("the roll-out has ended")
 
     def check_renewed(self) -> None:
         if self.settings.renew:
@@ -141,6 +157,8 @@ class Demonstration:
         )
         for name, query in FIGURES.items():
             self.report.figures[name] = self.victoria.value(query)
+        if (most := self.report.figures["most_deviating"]) != self.settings.roll_out:
+            self.report.faults.append(f"at most {most:g} gateways deviated, not {self.settings.roll_out:d}")
 
     def count(self) -> None:
         """All that was made by now must have arrived, as long as anything still arrives."""
@@ -186,10 +204,11 @@ def run(folder: Path, settings: Settings, say: Say) -> Report:
         show.start_boxes()
         show.calm()
         with ThreadPoolExecutor() as beside:
-            renewing = beside.submit(show.renew_all)
+            others = [beside.submit(show.roll_out), beside.submit(show.renew_all)]
             show.kill_a_node()
             show.hang_a_node()
-            renewing.result()
+            for one in others:
+                one.result()
         show.check_renewed()
         show.calm()
         show.check_well()
