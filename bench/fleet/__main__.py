@@ -33,7 +33,7 @@ def main() -> int:
     )
     parser.add_argument("--late-ms", type=float, default=1000.0, help="a change of stop that arrives later is late")
     parser.add_argument("--no-renewal", action="store_true", help="of certificates")
-    parser.add_argument("--sparkplug", action="store_true", help="too; each edge node has three subscriptions of QoS 1")
+    parser.add_argument("--sparkplug", action="store_true", help="too; each edge node has two subscriptions of QoS 1")
     parser.add_argument("--no-roll-out", action="store_true", help="of a bad configuration, by Ansible")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures there")
     args = parser.parse_args()
