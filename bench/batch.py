@@ -58,12 +58,13 @@ def main() -> None:
         for number in range(args.rounds):
             kept = ("--results", str(Path(name) / f"results{number}"))
             serial_s, expected = run(folder, "--jobs", "1")
-            print(f"round {number + 1}: serial {serial_s:.1f} s, {len(expected)} bytes of report")
+            print(f"round {number + 1}: serial {serial_s:.1f} s, {len(expected)} bytes of report", flush=True)
             runs = {**RUNS, "results kept": ("--jobs", "2", *kept), "second run": ("--jobs", "2", *kept)}
             for what, more in runs.items():
                 seconds, said = run(folder, *more)
                 assert said == expected, f"{what}: another report"
                 shares.setdefault(what, []).append(seconds / serial_s)
+                print(f"  {what}: {seconds:.1f} s", flush=True)
     for what, of in shares.items():
         print(f"{what:14} {statistics.median(of):.2f} of the serial run ({min(of):.2f} to {max(of):.2f})")
 
