@@ -84,6 +84,7 @@ async def run(
             config,
             shared.hub,
             outputs.sinks,
+            boot=shared.boot,
             bay_files=outputs.files,
             recorder=outputs.recorder,
             modbus=modbus.now,

@@ -28,7 +28,8 @@ MAX_BYTES = 1_000_000  # 64 bays take 20 kB
 
 
 class BayNow(msgspec.Struct, frozen=True, kw_only=True):
-    """One bay as it may be shown. Qualities and phase by name, in small letters; times: monotonic ns."""
+    """One bay as it may be shown. Qualities, phase and the active NE 107 signals by name, in small letters; times:
+    monotonic ns."""
 
     unit_id: int = 1
     heartbeat: int = 0  # control ticks since the start
@@ -39,6 +40,7 @@ class BayNow(msgspec.Struct, frozen=True, kw_only=True):
     phase: str = "unknown"
     stop: bool = True
     function_check: str = ""  # off, may_move_off, may_move_kept; empty: not known
+    ne107: tuple[str, ...] = ()
 
 
 class ModbusClient(msgspec.Struct, frozen=True, kw_only=True):
@@ -60,7 +62,8 @@ class ModbusPort(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Status(msgspec.Struct, frozen=True, kw_only=True):
-    """Of the gateway that wrote it. `alarms`: those with an active cause, or latched: by id, the detail."""
+    """Of the gateway that wrote it. `alarms`: those with an active cause, or latched: by id, the detail; `high`: which
+    of them have high priority. `boot`: another one with every start. Digests: `gateway.config.digest`."""
 
     format: int = FORMAT
     version: str
@@ -69,6 +72,10 @@ class Status(msgspec.Struct, frozen=True, kw_only=True):
     bays: dict[str, BayNow] = {}
     modbus: tuple[ModbusPort, ...] = ()
     alarms: dict[str, str] = {}
+    high: tuple[str, ...] = ()
+    boot: str = ""
+    in_force: str = ""
+    reviewed: str = ""  # empty: none is stated
 
 
 _DECODER = msgspec.json.Decoder(Status)

@@ -14,6 +14,7 @@ from gateway.errors import LinkError
 from gateway.hub import Hub
 from gateway.status_file import NAME, BayNow, ModbusClient, ModbusPort, Status, StatusFile, read
 from gateway.systemd import runtime_directory
+from gateway.values.gateway_values import GatewayFacts
 from gateway.web.host.status import StatusCollector
 from tests.unit.web.gateway_client import plant
 from tests.unit.web.links import server
@@ -95,7 +96,10 @@ async def test_what_a_gateway_writes_of_itself() -> None:
         made.loading()
         made.monitor.scan(made.conditions)
         await clock.sleep(0.1)
-        collector = StatusCollector(GatewayConfig(), made.hub, modbus=lambda: (server(),))
+        facts = GatewayFacts(in_force="ab", reviewed="cd")
+        collector = StatusCollector(
+            GatewayConfig(), made.hub, boot="b1", modbus=lambda: (server(),), facts=lambda: facts
+        )
         status = collector.status(made.monitor, clock.now_ns())
         state = made.hub.state("bay1")
         bay = status.bays["bay1"]
@@ -120,6 +124,7 @@ async def test_what_a_gateway_writes_of_itself() -> None:
             ),
         )
         assert (status.version, status.alarms, status.t_ns) == ("0.1.0", {}, clock.now_ns())
+        assert (status.boot, status.in_force, status.reviewed, status.high) == ("b1", "ab", "cd", ())
 
 
 @pytest.mark.long

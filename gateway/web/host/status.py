@@ -6,11 +6,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from gateway import __version__
-from gateway.alarms.definition import GatewayConditions
+from gateway.alarms.definition import GatewayConditions, Priority
 from gateway.alarms.monitor import AlarmMonitor
 from gateway.alarms.states import AlarmState
+from gateway.alarms.table import ALARM_DEFINITIONS
 from gateway.bay_file import BayFiles
 from gateway.config import GatewayConfig
+from gateway.core import ne107
 from gateway.core.readings import FRESH_FRAME, RangeReading, VisionReading
 from gateway.core.state import FunctionCheck, StateVector
 from gateway.durations import NS_PER_S
@@ -93,6 +95,7 @@ def _bay_now(state: StateVector, unit_id: int) -> BayNow:
         phase=state.visit.phase.name.lower(),
         stop=state.stop,
         function_check=state.function_check.name.lower(),
+        ne107=tuple(sorted(signal.name.lower() for signal in ne107.active(state))),
     )
 
 
@@ -103,6 +106,7 @@ class StatusCollector:
     config: GatewayConfig
     hub: Hub
     sinks: Sequence[Sink] = ()
+    boot: str = ""
     latencies: LatencyHistograms = field(default_factory=LatencyHistograms)
     bay_files: BayFiles | None = None
     recorder: RecorderService | None = None
@@ -134,14 +138,20 @@ class StatusCollector:
 
     def status(self, monitor: AlarmMonitor, now_ns: int) -> Status:
         """For other programs on this machine, about once a second."""
-        alarms = monitor.summary(MAX_ALARMS).alarms
+        listed = monitor.summary(MAX_ALARMS).alarms
+        alarms = {alarm.id: alarm for alarm in listed if alarm.active or alarm.state in _LATCHED}
+        facts = self.facts()
         return Status(
             version=__version__,
             pid=os.getpid(),
             t_ns=now_ns,
             bays={bay.name: _bay_now(self.hub.shown(bay.name, now_ns), bay.unit_id) for bay in self.config.bays},
             modbus=tuple(self._port(one) for one in self.modbus()),
-            alarms={alarm.id: alarm.detail for alarm in alarms if alarm.active or alarm.state in _LATCHED},
+            alarms={id: alarm.detail for id, alarm in alarms.items()},
+            high=tuple(id for id, alarm in alarms.items() if ALARM_DEFINITIONS[alarm.kind].priority is Priority.HIGH),
+            boot=self.boot,
+            in_force=facts.in_force,
+            reviewed=facts.reviewed,
         )
 
     def conditions(self) -> GatewayConditions:

@@ -1,0 +1,143 @@
+"""The Ansible collection in packaging/ansible: real runs against gateways on this machine."""
+
+import re
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.e2e.ansible_boxes import Boxes
+from tests.e2e.sim_ranger import Ranger
+from tests.e2e.test_doctor import draw_truck
+
+pytestmark = [pytest.mark.timeout(600), pytest.mark.xdist_group("ansible")]
+
+NAMES = ["bay-1", "bay-2"]
+SETTINGS = """\
+site = "north"
+instance = "{name}"
+log_level = "{level}"
+[modbus]
+port = {port}
+[camera]
+url = "{camera}"
+loop = true
+fps = 4
+[fusion]
+vision_deadline_s = 10
+range_deadline_s = 10
+start_grace_s = 300
+distance_threshold_mm = 300
+[ranger]
+port = "{ranger}"
+"""
+
+
+class Plant(Boxes):
+    """Each with a folder of pictures as its camera."""
+
+    camera: Path
+    ranger = "/dev/ttyACM0"
+
+    def review(self, name: str, **changed: object) -> None:
+        values = {"camera": self.camera, "level": "info", "ranger": self.ranger, "port": 502} | changed
+        (self.folder / f"gateways/{name}.toml").write_text(SETTINGS.format(name=name, **values))
+
+    def digests(self) -> dict[str, tuple[str, str]]:
+        return {name: box.digests() for name, box in self.boxes.items()}
+
+    def starts(self) -> dict[str, int]:
+        return {name: box.starts for name, box in self.boxes.items()}
+
+
+def recap(done: "subprocess.CompletedProcess[str]") -> dict[str, dict[str, int]]:
+    lines = re.findall(r"^(\S+)\s+: (ok=.*)$", done.stdout, re.MULTILINE)
+    return {name: {key: int(n) for key, n in re.findall(r"(\w+)=(\d+)", counts)} for name, counts in lines}
+
+
+@pytest.fixture(scope="module")
+def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Plant]:
+    """Configured."""
+    folder = tmp_path_factory.mktemp("ansible")
+    (folder / "truck").mkdir()
+    with Plant(folder, NAMES) as made:
+        made.camera = folder / "truck"
+        for name in NAMES:
+            made.review(name)
+        done = made.play("configure", rings=["100%"])
+        assert done.returncode == 0, done.stdout + done.stderr
+        digests = made.digests()
+        assert all(there == reviewed for there, reviewed in digests.values())
+        assert list(recap(done)) == NAMES
+        yield made
+
+
+def test_a_setting_that_check_accepts_and_the_camera_does_not_goes_back_in_the_first_ring(plant: Plant) -> None:
+    digests, starts = plant.digests(), plant.starts()
+    for name in NAMES:
+        plant.review(name, camera="/dev/video77")
+    done = plant.play("configure", within_s=2)
+    assert done.returncode == 2, done.stdout
+    assert "bay-1: back at what it was. Not proven: bay-1: bay1: NE 107 failure" in done.stdout
+    assert list(recap(done)) == ["bay-1"]
+    assert plant.digests() == digests
+    assert plant.starts() == starts | {"bay-1": starts["bay-1"] + 2}, "no gateway of a later ring was started again"
+    assert not list((plant.folder / "boxes").rglob("*.former*"))
+
+
+@pytest.mark.long
+def test_the_same_again_changes_nothing(plant: Plant) -> None:
+    for name in NAMES:
+        plant.review(name)
+    digests, starts = plant.digests(), plant.starts()
+    done = plant.play("configure", rings=["100%"])
+    assert done.returncode == 0, done.stdout
+    assert {(row["changed"], row["failed"]) for row in recap(done).values()} == {(0, 0)}
+    assert (list(recap(done)), plant.digests(), plant.starts()) == (NAMES, digests, starts)
+
+
+@pytest.mark.long
+def test_all_of_a_ring_go_back_where_one_is_not_proven(plant: Plant) -> None:
+    digests = plant.digests()
+    plant.review("bay-1", level="warning")
+    plant.review("bay-2", camera="/dev/video77")
+    done = plant.play("configure", within_s=2, rings=["100%"])
+    assert done.returncode == 2, done.stdout
+    assert "bay-1: back at what it was. Not proven: bay-2: bay1: NE 107 failure" in done.stdout
+    assert plant.digests() == digests
+
+
+@pytest.mark.long
+def test_what_was_changed_on_the_gateway_is_not_lost(plant: Plant) -> None:
+    for name in NAMES:
+        plant.review(name, level="error")
+    config = plant.boxes["bay-1"].config
+    taught = config.read_text().replace('log_level = "info"', 'log_level = "debug"')
+    config.write_text(taught)
+    done = plant.play("configure")
+    assert done.returncode == 2
+    assert "gateway.toml was changed on the gateway since it was reviewed" in done.stdout
+    assert config.read_text() == taught
+    done = plant.play("configure", "--limit", "bay-1", overwrite=True)
+    assert done.returncode == 0, done.stdout
+    assert len(set(plant.boxes["bay-1"].digests())) == 1
+    assert 'log_level = "error"' in config.read_text()
+
+
+@pytest.mark.long
+def test_with_real_gateways(tmp_path: Path) -> None:
+    (tmp_path / "truck").mkdir()
+    with Ranger() as ranger, Plant(tmp_path, ["bay-1"], real=True) as plant:
+        ranger.distance_mm = 270.0
+        plant.camera, plant.ranger = draw_truck(tmp_path / "truck", 27), ranger.port
+        plant.review("bay-1", port=0)
+        done = plant.play("configure")
+        assert done.returncode == 0, done.stdout
+        digests = plant.digests()
+        assert len(set(digests["bay-1"])) == 1
+        plant.review("bay-1", port=0, camera="/dev/video77")
+        done = plant.play("configure", within_s=30)
+        assert done.returncode == 2, done.stdout
+        assert "Not proven: bay-1: " in done.stdout
+        assert plant.digests() == digests
