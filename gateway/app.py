@@ -20,7 +20,7 @@ from gateway.hub import Hub
 from gateway.logs.folding import LogCounts
 from gateway.modbus.server.modbus_service import Listening, ModbusService
 from gateway.net.certificate_ends import CertificateEnds
-from gateway.pages import Pages, build_pages, settings_file
+from gateway.pages import Pages, build_pages, opcua_tasks, settings_file
 from gateway.parts import Ports, Shared, build_bays, build_outputs, build_sensors
 from gateway.reload import InForce, Reloader, ReloadRequests
 from gateway.status_file import StatusFile
@@ -100,6 +100,7 @@ async def run(
             settings = settings_file(source, startup, reload, in_force)
             pages = build_pages(shared, sensors, outputs, bays, status, in_force, settings, source, startup)
         requests = reload or ReloadRequests(lambda: config)  # which nobody sends
+        opcua = opcua_tasks(shared, outputs, bays, status)
         reloader = Reloader(
             requests, in_force, bays.controls, outputs.recorder, pages.service, status, service, outputs.files
         )
@@ -130,6 +131,7 @@ async def run(
             Task("alarms", partial(outputs.alarms.run, status.conditions)),
             Task("status-file", status_file.run),
             *pages.tasks,
+            *opcua,
             Task("reload", reloader.run),
         ]
         gc.freeze()  # what the parts have loaded stays, too: see `event_loop.run`

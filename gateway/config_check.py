@@ -16,6 +16,8 @@ from gateway.vision.detect import registry as detection_methods
 from gateway.vision.source.specs import check_exposure, source_spec
 from gateway.web import languages
 
+PLACES = r"^(modbus\.tls\.|opcua\.|camera\.url|camera\.exposure|ranger port)\b[:= ]*"
+
 
 def check(config: GatewayConfig, source: str, text: str) -> None:
     """What can be checked of ports and addresses without opening them. Raises FaultsError, one line per fault.
@@ -28,7 +30,9 @@ def check(config: GatewayConfig, source: str, text: str) -> None:
         try:
             part()
         except ConfigError as error:
-            message = re.sub(r"^(modbus\.tls\.|camera\.url|camera\.exposure|ranger port)\b[:= ]*", "", str(error))
+            message = re.sub(
+                r"^(modbus\.tls\.|opcua\.|camera\.url|camera\.exposure|ranger port)\b[:= ]*", "", str(error)
+            )
             if isinstance(error, SettingError):  # it knows its key, within the bay
                 place, message = (*place[:2], *error.place), error.fault
             fault = located(place, message, source=source, text=text, shared=SHARED_SECTIONS)
@@ -47,6 +51,7 @@ def check(config: GatewayConfig, source: str, text: str) -> None:
         look(("modbus", "handshake", "trigger_timeout_s"), partial(_check_trigger, config.modbus, bay.ranger))
     if config.modbus.tls is not None:
         look(("modbus", "tls"), partial(tls.check, TlsFiles.of_modbus(config.modbus.tls)))
+    look(("opcua",), partial(tls.check, TlsFiles.of_opcua(config.opcua)))
     for part in sink_registry.checks(config):
         look((), part)
     if config.hmi.enabled and not config.hmi.own_certificate:

@@ -1,4 +1,4 @@
-"""The pages, and the processes that reply to them, made complete by one builder."""
+"""The pages, and the processes that reply to them, made complete by one builder; and the OPC UA server."""
 
 import asyncio
 import logging
@@ -153,6 +153,23 @@ def build_pages(
     scheme = "https" if config.hmi.tls_cert else "http"
     address = url(scheme, config.hmi.host, sockets[0].getsockname()[1])
     return Pages(service, f"{address.rstrip('/')}{config.hmi.base_path}/", tasks)
+
+
+def opcua_tasks(shared: Shared, outputs: BayOutputs, bays: BayTasks, status: StatusCollector) -> list[Task]:
+    """Of the OPC UA server, where it is configured. Raises ConfigError."""
+    if shared.config.opcua is None:
+        return []
+    from gateway.opcua.service import OpcuaAnswers, OpcuaService  # noqa: PLC0415 - only where it is configured
+
+    answers = OpcuaAnswers(
+        shared.config.opcua,
+        bays.controls,
+        shared.clock,
+        outputs.history,
+        outputs.alarms,
+        lambda: status.system_status(outputs.alarms),
+    )
+    return [Task("opcua", OpcuaService(shared.config, answers, shared.boot).run)]
 
 
 def _released(rangers: Sequence[RangerService]) -> list[int]:

@@ -35,10 +35,10 @@ class LaterClock(SystemClock):
 class Plant:
     """An authority with a gateway's certificate for 127.0.0.1, and as many clients as are asked for."""
 
-    def __init__(self, path: Path, now: datetime = NOW) -> None:
+    def __init__(self, path: Path, now: datetime = NOW, kind: issue.KeyType = "ec") -> None:
         self.folder = Folder(path)
         self.folder.create()
-        key = issue.new_key()
+        key = issue.new_key(kind)
         self.folder.add("ca", issue.authority("Plant", key, now, 3650), key)
         self.by = self.folder.authority()
         self.folder.replace_crl(issue.revocations(self.by, None, None, now, 365))
@@ -48,6 +48,16 @@ class Plant:
     def client(self, name: str, role: str | None = "operator", now: datetime = NOW) -> x509.Certificate:
         key = issue.new_key()
         made = issue.client(self.by, name, role, key, now, DAYS)
+        self.folder.add(name, made, key)
+        return made
+
+    def opcua(self, name: str, role: str | None = None, now: datetime = NOW) -> x509.Certificate:
+        """Of an OPC UA client with this role; without one, of the server. The URI is `urn:<name>`."""
+        key, uri = issue.new_key("rsa"), f"urn:{name}"
+        if role is None:
+            made = issue.server(self.by, name, ["127.0.0.1"], key, now, DAYS, uri)
+        else:
+            made = issue.client(self.by, name, role, key, now, DAYS, uri)
         self.folder.add(name, made, key)
         return made
 

@@ -50,11 +50,13 @@ def authority(name: str, key: Key, now: datetime, days: int) -> x509.Certificate
     )
 
 
-def server(by: Authority, name: str, hosts: Sequence[str], key: Key, now: datetime, days: int) -> x509.Certificate:
-    """For the gateway: `hosts` are the names and addresses by which clients reach it."""
-    alternatives = x509.SubjectAlternativeName([_general_name(host) for host in hosts])
-    builder = _end_entity(by, name, key, now, days, ExtendedKeyUsageOID.SERVER_AUTH)
-    return builder.add_extension(alternatives, critical=False).sign(by.key, hashes.SHA256())
+def server(
+    by: Authority, name: str, hosts: Sequence[str], key: Key, now: datetime, days: int, uri: str = ""
+) -> x509.Certificate:
+    """For the gateway: `hosts` are the names and addresses by which clients reach it. `uri`: for OPC UA, its
+    application URI."""
+    builder = _end_entity(by, name, key, now, days, ExtendedKeyUsageOID.SERVER_AUTH, uri)
+    return builder.add_extension(_alternatives(hosts, uri), critical=False).sign(by.key, hashes.SHA256())
 
 
 def self_signed(name: str, hosts: Sequence[str], key: Key, now: datetime, days: int) -> x509.Certificate:
@@ -70,9 +72,13 @@ def self_signed(name: str, hosts: Sequence[str], key: Key, now: datetime, days: 
     )
 
 
-def client(by: Authority, name: str, role: str | None, key: Key, now: datetime, days: int) -> x509.Certificate:
-    """For a Modbus client. `role` None: one that may do nothing."""
-    builder = _end_entity(by, name, key, now, days, ExtendedKeyUsageOID.CLIENT_AUTH)
+def client(
+    by: Authority, name: str, role: str | None, key: Key, now: datetime, days: int, uri: str = ""
+) -> x509.Certificate:
+    """For a client. `role` None: one that may do nothing. `uri` as in `server`."""
+    builder = _end_entity(by, name, key, now, days, ExtendedKeyUsageOID.CLIENT_AUTH, uri)
+    if uri:
+        builder = builder.add_extension(_alternatives((), uri), critical=False)
     if role is not None:
         builder = builder.add_extension(role_extension(role), critical=False)
     return builder.sign(by.key, hashes.SHA256())
@@ -106,16 +112,18 @@ def revocations(
 
 
 def _end_entity(
-    by: Authority, name: str, key: Key, now: datetime, days: int, use: x509.ObjectIdentifier
+    by: Authority, name: str, key: Key, now: datetime, days: int, use: x509.ObjectIdentifier, uri: str
 ) -> x509.CertificateBuilder:
     builder = _begin(_name(name), by.certificate.subject, key, now, _end(by, now, days))
-    return _identified(_of_end_entity(builder, use), by, key)
+    return _identified(_of_end_entity(builder, use, opcua=bool(uri)), by, key)
 
 
-def _of_end_entity(builder: x509.CertificateBuilder, use: x509.ObjectIdentifier) -> x509.CertificateBuilder:
+def _of_end_entity(
+    builder: x509.CertificateBuilder, use: x509.ObjectIdentifier, *, opcua: bool = False
+) -> x509.CertificateBuilder:
     return (
         builder.add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
-        .add_extension(_usage(authority=False), critical=True)
+        .add_extension(_usage(authority=False, opcua=opcua), critical=True)
         .add_extension(x509.ExtendedKeyUsage([use]), critical=False)
     )
 
@@ -155,14 +163,20 @@ def _general_name(host: str) -> x509.GeneralName:
         return x509.DNSName(host)
 
 
-def _usage(*, authority: bool) -> x509.KeyUsage:
+def _alternatives(hosts: Sequence[str], uri: str) -> x509.SubjectAlternativeName:
+    uris = [x509.UniformResourceIdentifier(uri)] if uri else []
+    return x509.SubjectAlternativeName([*uris, *map(_general_name, hosts)])
+
+
+def _usage(*, authority: bool, opcua: bool = False) -> x509.KeyUsage:
+    """OPC UA's security policies encrypt with the certificate's own key (Part 6, 6.2.2)."""
     return x509.KeyUsage(
         digital_signature=True,
         key_cert_sign=authority,
         crl_sign=authority,
-        content_commitment=False,
-        key_encipherment=False,
-        data_encipherment=False,
+        content_commitment=opcua,
+        key_encipherment=opcua,
+        data_encipherment=opcua,
         key_agreement=False,
         encipher_only=False,
         decipher_only=False,

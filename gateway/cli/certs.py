@@ -7,6 +7,7 @@ must hold.
   gateway certs server --dir certs --host 10.0.0.5  the gateway's certificate, for the names its clients use
   gateway certs client plc1 --dir certs             a client that may write (--role operator)
   gateway certs client hmi1 --dir certs --role viewer   a client that may only read
+  gateway certs server --dir certs --name opcua --uri urn:plant:gateway1    for the OPC UA server
   gateway certs list --dir certs                    what there is, its role, and how long it is good
   gateway certs renew plc1 --dir certs              the same again, good for longer, with the same key
   gateway certs revoke hmi1 --dir certs             revoke one: certs/crl.pem, for modbus.tls.crl
@@ -54,6 +55,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     client = act("client", "make a client's certificate", days=DAYS)
     client.add_argument("name", metavar="NAME", help="file name and subject, e.g. plc1")
     client.add_argument("--role", default="operator", help="operator may write, viewer only reads (default operator)")
+    for made in (server, client):
+        made.add_argument("--uri", default="", help="for OPC UA: the application URI; the key is RSA then")
     for made in (init, server, client):
         made.add_argument("--rsa", action="store_true", help="an RSA key instead of ECDSA P-256, for old equipment")
     act("list", "show every certificate with its role and its end")
@@ -90,9 +93,9 @@ def _server(args: argparse.Namespace, folder: Folder, now: datetime) -> int:
 
     by = folder.authority()
     hosts = args.host or [socket.gethostname(), "localhost", "127.0.0.1", "::1"]
-    key = issue.new_key("rsa" if args.rsa else "ec")
+    key = issue.new_key("rsa" if args.rsa or args.uri else "ec")
     try:
-        made = issue.server(by, args.name, hosts, key, now, args.days)
+        made = issue.server(by, args.name, hosts, key, now, args.days, args.uri)
     except ValueError as error:
         raise ConfigError(f"--name {args.name!r}, --host {hosts}: {error}") from error
     folder.add(args.name, made, key)
@@ -114,9 +117,9 @@ def _server(args: argparse.Namespace, folder: Folder, now: datetime) -> int:
 def _client(args: argparse.Namespace, folder: Folder, now: datetime) -> int:
 
     by = folder.authority()
-    key = issue.new_key("rsa" if args.rsa else "ec")
+    key = issue.new_key("rsa" if args.rsa or args.uri else "ec")
     try:
-        made = issue.client(by, args.name, args.role, key, now, args.days)
+        made = issue.client(by, args.name, args.role, key, now, args.days, args.uri)
     except ValueError as error:
         raise ConfigError(f"{args.name!r}, --role {args.role!r}: {error}") from error
     folder.add(args.name, made, key)

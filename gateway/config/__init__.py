@@ -25,6 +25,7 @@ from gateway.config.sections.fusion import (
 from gateway.config.sections.hmi import HmiConfig, HmiUser
 from gateway.config.sections.modbus import HandshakeConfig, ModbusConfig, TlsConfig
 from gateway.config.sections.mqtt import MqttConfig, MqttTls, SparkplugConfig
+from gateway.config.sections.opcua import OpcuaConfig
 from gateway.config.sections.ranger import BayRangerConfig, RangerConfig, with_own_sections
 from gateway.config.sections.records import RecordsConfig
 from gateway.config.sections.vision import (
@@ -62,6 +63,7 @@ __all__ = [
     "ModbusConfig",
     "MqttConfig",
     "MqttTls",
+    "OpcuaConfig",
     "PictureConfig",
     "RangerConfig",
     "RecipeConfig",
@@ -187,6 +189,7 @@ class GatewayConfig(Section):
     )
     modbus: ModbusConfig = Field(default_factory=ModbusConfig)
     mqtt: MqttConfig | None = None
+    opcua: OpcuaConfig | None = Field(None, description="absent: no OPC UA server")
     sinks: dict[str, dict[str, Any]] = Field(
         default_factory=dict,
         description="tables `[sinks.<name>]`, one for each further sink (docs/extending.md); the sink checks its keys",

@@ -12,8 +12,8 @@ LOOK_NS = 60 * NS_PER_S
 
 
 class CertificateEnds:
-    """Of Modbus/TCP Security and of the pages, where they are served. Files that can't be read are left out: the server
-    that reads them reports that."""
+    """Of Modbus/TCP Security, the pages and OPC UA, where they are served. Files that can't be read are left out: the
+    server that reads them reports that."""
 
     def __init__(self, config: GatewayConfig, clock: Clock) -> None:
         self._clock = clock
@@ -29,6 +29,8 @@ class CertificateEnds:
             self._servers["modbus"] = TlsFiles.of_modbus(config.modbus.tls)
         if config.hmi.enabled and (pages := TlsFiles.of_pages(config)) is not None:
             self._servers["hmi"] = pages
+        if (opcua := TlsFiles.of_opcua(config.opcua)) is not None:
+            self._servers["opcua"] = opcua
 
     def days_left(self) -> dict[str, int]:
         """By server, of its certificate or authority that ends first, rounded down."""

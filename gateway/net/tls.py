@@ -9,7 +9,7 @@ from typing import Any
 
 from gateway.certs.validity import DAY_NS, Serial, Validity
 from gateway.clock import Clock
-from gateway.config import GatewayConfig, TlsConfig
+from gateway.config import GatewayConfig, OpcuaConfig, TlsConfig
 from gateway.durations import NS_PER_S
 from gateway.errors import ConfigError
 from gateway.systemd import state_folder
@@ -43,6 +43,13 @@ class TlsFiles:
         if config.hmi.own_certificate and (folder := state_folder(config.state_dir)) is not None:
             cert, key = str(folder / "pages.pem"), str(folder / "pages.key")
         return None if cert is None or key is None else cls("hmi.tls_", cert, key, alpn=("http/1.1",))
+
+    @classmethod
+    def of_opcua(cls, config: OpcuaConfig | None) -> "TlsFiles | None":
+        """None: no server, or without certificates."""
+        if config is None or config.cert is None or config.key is None:
+            return None
+        return cls("opcua.", config.cert, config.key, config.ca, config.crl)
 
     def named(self) -> Iterator[tuple[str, str]]:
         """Configuration key and file, of those that are configured."""

@@ -58,6 +58,7 @@ from gateway.web.ipc.messages import (
     StateReply,
     StateRequest,
     SystemStatus,
+    TriggerMeasurement,
     TryControls,
     UndoSettings,
 )
@@ -163,6 +164,8 @@ class PagesRequestHandler:
             )
         if isinstance(command.action, RestartGateway):
             return CommandReply(command.number, self._start_again(command.action, command.who))
+        if isinstance(command.action, TriggerMeasurement):
+            return CommandReply(command.number, "not from the pages")
         bay = self._bays.get(command.action.bay)
         if bay is None:
             return CommandReply(command.number, f"no bay {command.action.bay[:MAX_NAME]!r}")

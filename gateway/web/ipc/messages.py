@@ -144,6 +144,12 @@ class ReadRelease(Message, frozen=True):
     bay: str
 
 
+class TriggerMeasurement(Message, frozen=True):
+    """Only of the OPC UA process: measure anew and hold the result."""
+
+    bay: str
+
+
 class RestartGateway(Message, frozen=True):
     """End cleanly, stop in every register, and start again with the file as it is now. `despite_trucks`: also while a
     truck is at a bay. `login`: outlives it."""
@@ -157,7 +163,15 @@ class Command(Message, frozen=True):
 
     number: int
     who: Writer
-    action: BayAction | OperatorAction | RestartGateway | ReadControls | ReadFormerSettings | ReadRelease
+    action: (
+        BayAction
+        | OperatorAction
+        | RestartGateway
+        | ReadControls
+        | ReadFormerSettings
+        | ReadRelease
+        | TriggerMeasurement
+    )
 
 
 class ReadFile(Message, frozen=True):

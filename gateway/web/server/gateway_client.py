@@ -46,6 +46,7 @@ from gateway.web.ipc.messages import (
     StateRequest,
     SystemStatus,
     ToWeb,
+    TriggerMeasurement,
     WebSetup,
 )
 
@@ -197,7 +198,9 @@ class GatewayClient:
         """A copy of frame `seq` of a bay's camera, or of its newest."""
         return self._rings[bay].snapshot(seq)
 
-    async def command(self, action: BayAction | OperatorAction | RestartGateway, who: Writer) -> None:
+    async def command(
+        self, action: BayAction | OperatorAction | RestartGateway | TriggerMeasurement, who: Writer
+    ) -> None:
         """Raises RefusedError with the reason, LinkError when the main process does not answer."""
         await self._reply_to(Command(next(self._numbers), who, action))
         if isinstance(action, OperatorAction):

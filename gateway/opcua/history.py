@@ -1,0 +1,90 @@
+"""The last hour of a few values, in memory, for HistoryRead: a limited number of entries of each."""
+
+from collections import deque
+from datetime import datetime, timedelta
+from typing import Any
+
+from asyncua import ua
+from asyncua.server.history import HistoryStorageInterface
+
+KEPT = timedelta(hours=1)
+MAX_ENTRIES = 4000  # of one value; the oldest make way
+MOST = 2000  # in one response; a continuation point follows
+LEAST_S = 1.0  # between two numbers of a value
+AGAIN_S = 60.0  # a value that stays as it is is entered again
+
+
+class LastHour(HistoryStorageInterface):  # type: ignore[misc]  # without types of its own
+    def __init__(self) -> None:
+        super().__init__(MOST)
+        self._kept: dict[ua.NodeId, deque[ua.DataValue]] = {}
+
+    def keep(self, node: ua.NodeId) -> None:
+        self._kept[node] = deque(maxlen=MAX_ENTRIES)
+
+    def note(self, node: ua.NodeId, value: ua.DataValue) -> None:
+        """What is not kept is ignored. Times only go forward: after a step of the clock the former entries go."""
+        entries = self._kept.get(node)
+        if entries is None:
+            return
+        last = entries[-1] if entries else None
+        if last is not None and value.SourceTimestamp < last.SourceTimestamp:
+            entries.clear()
+            last = None
+        if last is None or _due(last, value):
+            entries.append(value)
+
+    async def read_node_history(
+        self, node_id: ua.NodeId, start: datetime | None, end: datetime | None, nb_values: int
+    ) -> tuple[list[ua.DataValue], datetime | None]:
+        """Both ends included; newest first where only the end is given, or where it lies before the start."""
+        entries = list(self._kept.get(node_id, ()))
+        nothing = ua.get_win_epoch()
+        start, end = (None if one is None or one == nothing else one for one in (start, end))
+        backwards = start is None or (end is not None and end < start)
+        first, last = (end, start) if start is not None and backwards else (start, end)
+        if entries:
+            oldest = entries[-1].SourceTimestamp - KEPT
+            first = oldest if first is None else max(first, oldest)
+        found = [one for one in entries if _within(one.SourceTimestamp, first, last)]
+        if backwards:
+            found.reverse()
+        found = found[: nb_values or None]
+        more = found[MOST].SourceTimestamp if len(found) > MOST else None
+        return found[:MOST], more
+
+    async def init(self) -> None:
+        """Nothing is opened."""
+
+    async def stop(self) -> None:
+        """Nothing is closed."""
+
+    async def new_historized_node(self, node_id: ua.NodeId, period: Any, count: int = 0) -> None:
+        raise NotImplementedError
+
+    async def save_node_value(self, node_id: ua.NodeId, datavalue: ua.DataValue) -> None:
+        raise NotImplementedError
+
+    async def new_historized_event(self, source_id: ua.NodeId, evtypes: Any, period: Any, count: int = 0) -> None:
+        raise NotImplementedError
+
+    async def save_event(self, event: Any) -> None:
+        raise NotImplementedError
+
+    async def read_event_history(
+        self, source_id: ua.NodeId, start: Any, end: Any, nb_values: int, evfilter: Any
+    ) -> tuple[list[Any], datetime | None]:
+        """Events are not kept."""
+        return [], None
+
+
+def _due(last: ua.DataValue, value: ua.DataValue) -> bool:
+    since_s = (value.SourceTimestamp - last.SourceTimestamp).total_seconds()
+    if last.StatusCode != value.StatusCode or since_s >= AGAIN_S:
+        return True
+    number = value.Value.VariantType is ua.VariantType.Double
+    return bool(last.Value != value.Value and (not number or since_s >= LEAST_S))
+
+
+def _within(at: datetime, first: datetime | None, last: datetime | None) -> bool:
+    return (first is None or first <= at) and (last is None or at <= last)

@@ -1,0 +1,206 @@
+"""Limits against clients that are wrong, slow or hostile."""
+
+import asyncio
+import socket
+import struct
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from asyncua import Client, ua
+
+from gateway.opcua.hardened import (
+    CHUNK_BYTES,
+    MAX_OPERATIONS,
+    MIN_PUBLISHING_MS,
+    LimitedConnection,
+    LimitedSession,
+    LimitedSessions,
+    Unproven,
+)
+from tests.plant_certs import Plant
+from tests.unit.opcua.server import OpcuaServer, good
+
+pytestmark = [pytest.mark.one_interpreter, pytest.mark.xdist_group("opcua")]
+HELLO = struct.pack("<4sIIIIII", b"HELF", 32, 0, 65536, 65536, 0, 0) + struct.pack("<i", -1)
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[OpcuaServer]:
+    made = OpcuaServer({"opcua": {"without_security": True, "max_connections": 3, "max_monitored_items": 5}})
+    sessions: LimitedSessions = made.served.server.iserver
+    sessions.max_subscriptions, sessions.max_pending_activation_seconds = 2, 1.0
+    made.show(good(made.main.clock.now_ns()))
+    yield made
+    made.close()
+
+
+def address(server: OpcuaServer) -> tuple[str, int]:
+    host, port = server.sockets[0].getsockname()
+    return str(host), int(port)
+
+
+def closed(connection: socket.socket) -> bool:
+    """Waits for it."""
+    connection.settimeout(10)
+    try:
+        while connection.recv(65536):
+            pass
+    except ConnectionError:
+        pass
+    return True
+
+
+def code(error: pytest.ExceptionInfo[Any]) -> int:
+    return int(error.value.code)
+
+
+def test_a_connection_that_says_nothing_is_closed(server: OpcuaServer) -> None:
+    with socket.create_connection(address(server)) as silent:
+        assert closed(silent)
+
+
+def test_a_connection_beyond_the_limit_is_closed_at_once(server: OpcuaServer) -> None:
+    held = [socket.create_connection(address(server)) for _ in range(3)]
+    for one in held:
+        one.sendall(HELLO)
+        assert one.recv(3) == b"ACK"
+    with socket.create_connection(address(server)) as further:
+        assert closed(further)
+    for one in held:
+        assert closed(one)
+        one.close()
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        struct.pack("<4sI", b"MSGF", 0x7FFFFFFF) + bytes(CHUNK_BYTES + 1),  # a chunk of 2 GB
+        struct.pack("<4sI", b"MSGF", 4),  # shorter than its header
+        struct.pack("<4sIII", b"MSGF", 24, 77, 0) + bytes(8),  # of another channel
+        struct.pack("<4sI", b"OPNF", 64) + b"\xff" * 56,
+        b"GET / HTTP/1.1\r\nHost: a\r\n\r\n" + bytes(CHUNK_BYTES),
+    ],
+)
+def test_what_breaks_the_protocol_ends_its_connection(server: OpcuaServer, data: bytes) -> None:
+    with socket.create_connection(address(server)) as wrong:
+        wrong.sendall(HELLO)
+        assert wrong.recv(3) == b"ACK"
+        try:
+            wrong.sendall(data)
+        except ConnectionError:
+            return
+        assert closed(wrong)
+
+
+async def with_client(server: OpcuaServer, work: Any) -> Any:
+    async with Client(server.url) as client:
+        return await work(client)
+
+
+def test_subscriptions_and_monitored_items_are_limited(server: OpcuaServer) -> None:
+    async def work(client: Client) -> Any:
+        first = await client.create_subscription(1, _Ignored())
+        assert first.parameters.RequestedPublishingInterval == MIN_PUBLISHING_MS  # as revised
+        second = await client.create_subscription(500, _Ignored())
+        with pytest.raises(ua.UaStatusCodeError) as third:
+            await client.create_subscription(500, _Ignored())
+        names = ("stop", "may_move", "in_place", "reason", "phase", "moved")
+        found = [client.get_node(f"ns=2;s=bay1.{name}") for name in names]
+        await first.subscribe_data_change(found[:3])
+        with pytest.raises(ua.UaStatusCodeError) as items:
+            await second.subscribe_data_change(found[3:])
+        return third, items
+
+    third, items = asyncio.run(with_client(server, work))
+    assert code(third) == ua.StatusCodes.BadTooManySubscriptions
+    assert code(items) == ua.StatusCodes.BadTooManyMonitoredItems
+
+
+def test_another_sessions_subscription_can_be_neither_changed_nor_taken(server: OpcuaServer) -> None:
+    async def work(client: Client) -> list[int]:
+        own = await client.create_subscription(100, _Ignored())
+        number = own.subscription_id
+        codes = []
+        async with Client(server.url) as other:
+            api = other.uaclient
+            transfer = ua.TransferSubscriptionsParameters([number], False)
+            calls: tuple[Any, ...] = (
+                lambda: api.delete_subscriptions([number]),
+                lambda: api.transfer_subscriptions(transfer),
+                lambda: api.create_monitored_items(ua.CreateMonitoredItemsParameters(number)),
+                lambda: api.delete_monitored_items(ua.DeleteMonitoredItemsParameters(number, [112])),
+            )
+            for call in calls:
+                with pytest.raises(ua.UaStatusCodeError) as refused:
+                    await call()
+                codes.append(code(refused))
+        return codes
+
+    codes = asyncio.run(with_client(server, work))
+    foreign = int(ua.StatusCodes.BadSubscriptionIdInvalid)
+    assert codes == [foreign, int(ua.StatusCodes.BadServiceUnsupported), foreign, foreign]
+
+
+def test_a_request_has_a_limited_number_of_operations(server: OpcuaServer) -> None:
+    async def work(client: Client) -> int:
+        node = client.get_node("ns=2;s=bay1.stop")
+        with pytest.raises(ua.UaStatusCodeError) as refused:
+            await client.read_values([node] * (MAX_OPERATIONS + 1))
+        return code(refused)
+
+    assert asyncio.run(with_client(server, work)) == ua.StatusCodes.BadTooManyOperations
+
+
+def test_nobody_registers_a_server_or_adds_nodes(server: OpcuaServer) -> None:
+    async def work(client: Client) -> list[int]:
+        found = []
+        calls: tuple[Any, ...] = (
+            lambda: client.uaclient.register_server(ua.RegisteredServer()),
+            lambda: client.uaclient.add_nodes([ua.AddNodesItem()]),
+        )
+        for call in calls:
+            with pytest.raises(ua.UaStatusCodeError) as refused:
+                await call()
+            found.append(code(refused))
+        return found
+
+    refused = asyncio.run(with_client(server, work))
+    assert refused == [int(ua.StatusCodes.BadServiceUnsupported), int(ua.StatusCodes.BadUserAccessDenied)]
+
+
+def test_a_sessions_token_can_not_be_guessed(server: OpcuaServer) -> None:
+    async def work(client: Client) -> set[bytes]:
+        sessions: LimitedSessions = server.served.server.iserver
+        return {bytes(token.Identifier) for token in sessions._external_sessions}
+
+    first, second = (asyncio.run(with_client(server, work)) for _ in range(2))
+    assert [len(token) for token in (*first, *second)] == [32, 32]
+    assert first != second
+
+
+def test_a_certificate_without_proof_counts_for_nothing(tmp_path: Any) -> None:
+    """The security policy None proves no possession of the key: an operator's certificate is public."""
+    from asyncua.crypto.security_policies import SecurityPolicyNone
+    from cryptography.hazmat.primitives.serialization import Encoding
+
+    certificate = Plant(tmp_path).client("mes").public_bytes(Encoding.DER)
+    made = Unproven(SecurityPolicyNone, ua.MessageSecurityMode.None_).create(certificate)
+    assert not made.peer_certificate
+
+
+def test_the_parts_that_are_overridden_are_there() -> None:
+    """Of the pinned library; another version is looked at first (docs/decisions/0040-private-parts.md)."""
+    for kind in (LimitedSession, LimitedSessions, LimitedConnection, Unproven):
+        base = kind.__mro__[1]
+        for name in vars(kind):
+            if callable(getattr(kind, name)) and not name.startswith("__") and name not in OWN:
+                assert hasattr(base, name), (kind, name)
+
+
+OWN = {"_own", "_is_own", "end_refused", "of", "pause_writing"}
+
+
+class _Ignored:
+    def datachange_notification(self, *_: Any) -> None:
+        """Nothing is done with it."""
