@@ -6,9 +6,12 @@ from pathlib import Path
 
 import pytest
 from cryptography import x509
+from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.serialization import Encoding
+from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from gateway.certs import issue
+from gateway.certs.client_certificate import role_extension
 from gateway.clock import SystemClock
 from gateway.config import OpcuaConfig, parse
 from gateway.errors import ConfigError
@@ -59,7 +62,9 @@ def test_what_is_not_of_the_plant_now_may_do_nothing(plant: Plant, tmp_path: Pat
     (tmp_path / "other").mkdir()
     stranger = Plant(tmp_path / "other" / "certs").client("good")
     key = issue.new_key()
-    as_server = issue.server(plant.by, "gateway", ["127.0.0.1"], key, NOW, DAYS)
+    builder = issue._end_entity(plant.by, "mes", key, NOW, DAYS, ExtendedKeyUsageOID.SERVER_AUTH, "")
+    signed = builder.add_extension(role_extension("operator"), critical=False)
+    as_server = signed.sign(plant.by.key, hashes.SHA256())
     clock = LaterClock()
     access = ClientAccess(config(plant), clock)
 
