@@ -5,7 +5,11 @@ from typing import Any
 
 from gateway.config import GatewayConfig
 
-_SERVED = {("modbus", "tls"): ("cert", "key", "ca", "crl"), ("hmi",): ("tls_cert", "tls_key")}
+_SERVED = {
+    ("modbus", "tls"): ("cert", "key", "ca", "crl"),
+    ("hmi",): ("tls_cert", "tls_key"),
+    ("opcua",): ("cert", "key", "ca", "crl"),
+}
 _PRIVATE = ("key", "tls_key", "key_file")
 
 

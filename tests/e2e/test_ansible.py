@@ -22,7 +22,7 @@ log_level = "{level}"
 port = {port}
 [camera]
 url = "{camera}"
-loop = true
+loop = {loop}
 fps = 4
 [fusion]
 vision_deadline_s = 10
@@ -42,6 +42,7 @@ class Plant(Boxes):
 
     def review(self, name: str, **changed: object) -> None:
         values = {"camera": self.camera, "level": "info", "ranger": self.ranger, "port": 502} | changed
+        values["loop"] = str(values["camera"] == self.camera).lower()
         (self.folder / f"gateways/{name}.toml").write_text(SETTINGS.format(name=name, **values))
 
     def digests(self) -> dict[str, tuple[str, str]]:

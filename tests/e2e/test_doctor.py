@@ -62,7 +62,7 @@ plc_addresses = ["127.0.0.1"]
 url = "{url}"
 [camera]
 url = "{camera}"
-loop = true
+loop = {str(camera.is_dir()).lower()}
 fps = 10
 [fusion]
 vision_deadline_s = 0.5

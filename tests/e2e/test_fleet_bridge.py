@@ -222,5 +222,5 @@ def test_with_the_pages_rights_a_gateway_speaks_for_its_own_bay_alone(
 def test_the_pages_bridge_is_read_whole() -> None:
     lines = bridge_lines(1)
     assert [line for line in lines if line.startswith("connection")] == ["connection to-cluster"]
-    assert sum(line.startswith("topic ") for line in lines) == 11
+    assert sum(line.startswith("topic ") for line in lines) == 14
     assert not any("#" in line.split(" ", 2)[-1] for line in lines if not line.startswith("topic"))

@@ -601,6 +601,6 @@ def test_every_file_that_a_configuration_can_name_is_taken(tmp_path: Path) -> No
     (tmp_path / "g.toml").write_text(text)
     found = {key: kind for key, _, kind in contents.named_files(load(tmp_path / "g.toml"))}
     assert set(found) == set(keys)
-    assert len(keys) == 18
+    assert len(keys) == 22
     secret = {key for key in keys if key.endswith((".key", "tls_key", "key_file", "password_file"))}
     assert {key for key, kind in found.items() if kind is Kind.SECRET} == secret

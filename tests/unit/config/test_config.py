@@ -254,8 +254,8 @@ def _bays(section: str, count: int) -> str:
         (
             "[fuson]\nperiod_s = 0.02\n",
             "g.toml:1: fuson: unknown key (misspelt?); known here: site, instance, log_level, log_format, state_dir, "
-            "initial_function_check,"
-            " modbus, mqtt, sinks, hmi, records, recipes, bays, camera, vision, ranger, fusion, guidance, visit, drive",
+            "initial_function_check, modbus, mqtt, opcua, "
+            "sinks, hmi, records, recipes, bays, camera, vision, ranger, fusion, guidance, visit, drive",
         ),
         (
             "[ranger]\nreconnect = { min = 1 }\n",
