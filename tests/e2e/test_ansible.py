@@ -11,7 +11,7 @@ from tests.e2e.ansible_boxes import Boxes
 from tests.e2e.sim_ranger import Ranger
 from tests.e2e.test_doctor import draw_truck
 
-pytestmark = [pytest.mark.timeout(600), pytest.mark.xdist_group("ansible")]
+pytestmark = [pytest.mark.long, pytest.mark.timeout(600), pytest.mark.xdist_group("ansible")]
 
 NAMES = ["bay-1", "bay-2"]
 SETTINGS = """\
@@ -87,7 +87,6 @@ def test_a_setting_that_check_accepts_and_the_camera_does_not_goes_back_in_the_f
     assert not list((plant.folder / "boxes").rglob("*.former*"))
 
 
-@pytest.mark.long
 def test_the_same_again_changes_nothing(plant: Plant) -> None:
     for name in NAMES:
         plant.review(name)
@@ -98,7 +97,6 @@ def test_the_same_again_changes_nothing(plant: Plant) -> None:
     assert (list(recap(done)), plant.digests(), plant.starts()) == (NAMES, digests, starts)
 
 
-@pytest.mark.long
 def test_all_of_a_ring_go_back_where_one_is_not_proven(plant: Plant) -> None:
     digests = plant.digests()
     plant.review("bay-1", level="warning")
@@ -109,7 +107,6 @@ def test_all_of_a_ring_go_back_where_one_is_not_proven(plant: Plant) -> None:
     assert plant.digests() == digests
 
 
-@pytest.mark.long
 def test_what_was_changed_on_the_gateway_is_not_lost(plant: Plant) -> None:
     for name in NAMES:
         plant.review(name, level="error")
@@ -126,7 +123,6 @@ def test_what_was_changed_on_the_gateway_is_not_lost(plant: Plant) -> None:
     assert 'log_level = "error"' in config.read_text()
 
 
-@pytest.mark.long
 def test_with_real_gateways(tmp_path: Path) -> None:
     (tmp_path / "truck").mkdir()
     with Ranger() as ranger, Plant(tmp_path, ["bay-1"], real=True) as plant:

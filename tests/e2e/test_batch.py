@@ -110,6 +110,7 @@ def test_killed_processes_cost_their_segments_and_a_second_run_takes_what_is_the
     assert {path for path in now if now[path] != known[path]} <= {damaged}
 
 
+@pytest.mark.long
 def test_a_killed_worker_of_a_dask_cluster_costs_its_segment(plants: Path, expected: Done, tmp_path: Path) -> None:
     about, results = tmp_path / "scheduler.json", tmp_path / "results"
     with ExitStack() as stack:
