@@ -25,11 +25,10 @@ from gateway.processes.codec import Codec, Message
 
 
 class BatchTask(Message, frozen=True, kw_only=True):
-    """The base of a task. `results`: the folder of the files. `version`: of the program that asks. `after`: the result
-    of the task before it; empty: there is none."""
+    """The base of a task. `results`: the folder of the files. `after`: the result of the task before it; empty:
+    there is none."""
 
     results: str
-    version: str = __version__
     after: str = ""
 
 
@@ -94,16 +93,20 @@ def _path(folder: str, name: str) -> Path:
 
 
 def answer(module: str, data: bytes) -> str:
-    """Does a task of this module, in any process: its `CODEC` reads it, its `work` does it. Raises ConfigError,
-    LinkError."""
+    """Does a task of this module, in any process: its `CODEC` reads it, its `work` does it. Raises LinkError."""
     found = import_module(module)
     task: BatchTask = found.CODEC.unpacked(data)
-    if task.version != __version__:
-        raise ConfigError(f"{socket.gethostname()} has version {__version__}, and {task.version} asks: use one version")
     try:
         return str(found.work(task))
     except OSError as error:
         raise LinkError(f"{error.filename}: {error.strerror}") from error
+
+
+def answer_elsewhere(module: str, data: bytes, version: str) -> str:
+    """`answer` on a machine that may have another version. Raises ConfigError, too."""
+    if version != __version__:
+        raise ConfigError(f"{socket.gethostname()} has version {__version__}, and {version} asks: use one version")
+    return answer(module, data)
 
 
 def serve(channel: Channel[TaskDone, BatchTask], task: BatchTask) -> None:

@@ -9,8 +9,9 @@ from importlib import import_module
 from subprocess import Popen
 from typing import Any
 
+from gateway import __version__
 from gateway.errors import ConfigError, LinkError
-from gateway.processes.batch import BatchTask, TaskDone, answer
+from gateway.processes.batch import BatchTask, TaskDone, answer_elsewhere
 from gateway.processes.channel import Channel, Failed
 from gateway.processes.codec import Codec
 from gateway.processes.start import Role, spawned
@@ -109,7 +110,7 @@ class DaskWorkers:
         self.count: int = max(1, sum(self._client.nthreads().values()))
 
     def submit(self, number: int, task: BatchTask) -> None:
-        future = self._client.submit(answer, self._module, Codec.packed(task), pure=False)
+        future = self._client.submit(answer_elsewhere, self._module, Codec.packed(task), __version__, pure=False)
         self._numbers[future.key] = number
         self._futures.add(future)
 

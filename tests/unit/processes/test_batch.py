@@ -47,9 +47,10 @@ def test_what_a_task_raises_is_raised(tmp_path: Path, what: str, error: type[Exc
 
 
 def test_another_version_does_no_task(tmp_path: Path) -> None:
-    task = Say(results=str(tmp_path), what="a", version="0.0.1")
+    task = Say(results=str(tmp_path), what="a")
     with pytest.raises(ConfigError, match=rf"has version {__version__}, and 0\.0\.1 asks"):
-        batch.answer(MODULE, Codec.packed(task))
+        batch.answer_elsewhere(MODULE, Codec.packed(task), "0.0.1")
+    assert batch.answer_elsewhere(MODULE, Codec.packed(task), __version__) == batch.answer(MODULE, Codec.packed(task))
 
 
 def test_a_result_is_named_by_all_that_it_depends_on(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -85,10 +86,9 @@ def test_dask_is_an_extra(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_task_is_plain_data() -> None:
     """What Dask carries for us: names and values, no function."""
-    assert msgspec.msgpack.decode(Codec.packed(Say(results="r", what="w", version="1"))) == [
+    assert msgspec.msgpack.decode(Codec.packed(Say(results="r", what="w"))) == [
         "Say",
         "r",
-        "1",
         "",
         "w",
         0,
