@@ -153,6 +153,7 @@ def test_evidence_is_offered_to_technicians_only(site: Plant, visit: Visit) -> N
 @pytest.mark.long
 def test_why_is_told_in_the_pages_language(site: Plant, visit: Visit) -> None:
     page = visit(f"{site.url}{AT}/why")
+    expect(page.locator(".why-panel .headline")).to_be_visible()  # the address has been written anew
     page.evaluate("() => localStorage.setItem('gateway.language', 'de')")
     page.reload()
     expect(page.locator(".why-panel .headline")).to_have_text(

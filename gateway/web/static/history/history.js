@@ -72,8 +72,11 @@ function Bay({ bay, place, records, scale, setScale, technician }) {
   const marks = useAnswer(`${at}/history-events?${span}&limit=1000&${MARKED.map((kind) => `kind=${kind}`).join('&')}`, how);
   const visits = useAnswer(`${at}/visits?${span}&limit=200`, how);
 
+  const address = useRef(location.hash);
   useEffect(() => {
-    history.replaceState(null, '', hashOf({ bay, atMs: Math.round(atMs ?? middleMs), scale }));
+    if (location.hash !== address.current) return; // somebody has gone elsewhere meanwhile
+    history.replaceState(null, '', hashOf({ bay, atMs: Math.round(atMs ?? middleMs), scale, why: place.why && atMs === place.atMs }));
+    address.current = location.hash;
   }, [bay, atMs, middleMs, scale]);
   const events = (marks.answer?.events ?? []).map((event) => ({ ...event, bad: abnormalEvent(event, visits.answer?.visits ?? []) }));
   const go = (ms) => setMiddleMs(Math.max(0, Math.min(ms, lastMs)));

@@ -21,7 +21,7 @@ export function LastTrucks({ bay, lastMs }) {
   if (lastMs === null || wrong) return '';
   return html`<section class="panel trucks" aria-labelledby="trucks-title">
     <header><h2 id="trucks-title">Last trucks</h2><span class="small muted">a press asks why</span></header>
-    <ol>${visits.map((visit) => html`<li key=${visit.begun_ms}><a href=${`/history${hashOf({ bay, atMs: momentOf(visit, events), scale: 'quarter' })}/why`}>
+    <ol>${visits.map((visit) => html`<li key=${visit.begun_ms}><a href=${`/history${hashOf({ bay, atMs: momentOf(visit, events), scale: 'quarter', why: true })}`}>
       <span class="photo">${visit.picture && html`<img loading="lazy" alt=${text('when in place, {0}', stamp(visit.picture.t_ms))} src=${pictureUrl(bay, visit.picture, 160)} />`}</span>
       <span class="told"><b>${moment(visit.begun_ms)}</b>
         <span class="small">${text('in place {0}', number(visit.in_place_s, 0, 's'))}</span>

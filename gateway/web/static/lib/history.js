@@ -57,7 +57,7 @@ export function placeOf(hash, bays) {
   };
 }
 
-export const hashOf = ({ bay, atMs, scale }) => `#${[encodeURIComponent(bay), atMs, scale].join('/')}`;
+export const hashOf = ({ bay, atMs, scale, why }) => `#${[encodeURIComponent(bay), atMs, scale, ...(why ? ['why'] : [])].join('/')}`;
 
 /** The window of this length round `atMs`, none of it later than `lastMs` unless the moment itself is. */
 export function windowAt(atMs, scale, lastMs) {
