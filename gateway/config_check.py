@@ -30,9 +30,7 @@ def check(config: GatewayConfig, source: str, text: str) -> None:
         try:
             part()
         except ConfigError as error:
-            message = re.sub(
-                r"^(modbus\.tls\.|opcua\.|camera\.url|camera\.exposure|ranger port)\b[:= ]*", "", str(error)
-            )
+            message = re.sub(PLACES, "", str(error))
             if isinstance(error, SettingError):  # it knows its key, within the bay
                 place, message = (*place[:2], *error.place), error.fault
             fault = located(place, message, source=source, text=text, shared=SHARED_SECTIONS)
@@ -118,9 +116,20 @@ def _shared(config: GatewayConfig) -> Iterator[tuple[tuple[str | int, ...], str]
                 if owner == config.bays[n].name:
                     what = "is that of two of its rangers: each needs its own"
                 yield ("bays", n, "name"), f"its {key}, {device}, {what}"
-    modbus, tls_port = config.modbus, None if config.modbus.tls is None else config.modbus.tls.port
-    if config.hmi.enabled and config.hmi.port:
-        if modbus.plain and config.hmi.port == modbus.port:
-            yield ("hmi", "port"), "the port of [modbus], too: the pages need their own"
-        if config.hmi.port == tls_port:
-            yield ("hmi", "port"), "the port of [modbus.tls], too: the pages need their own"
+    yield from _ports(config)
+
+
+def _ports(config: GatewayConfig) -> Iterator[tuple[tuple[str | int, ...], str]]:
+    """Of two servers on one port, whatever their addresses. 0 is any free one."""
+    modbus, hmi, opcua = config.modbus, config.hmi, config.opcua
+    servers = [
+        ("modbus", "", modbus.port if modbus.plain else 0),
+        ("modbus.tls", "", 0 if modbus.tls is None else modbus.tls.port),
+        ("hmi", "the pages need their own", hmi.port if hmi.enabled else 0),
+        ("opcua", "the OPC UA server needs its own", 0 if opcua is None else opcua.port),
+    ]
+    taken: dict[int, str] = {}
+    for section, why, port in servers:
+        if port and why and port in taken:
+            yield (section, "port"), f"the port of [{taken[port]}], too: {why}"
+        taken.setdefault(port, section)

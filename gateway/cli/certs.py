@@ -100,16 +100,18 @@ def _server(args: argparse.Namespace, folder: Folder, now: datetime) -> int:
         raise ConfigError(f"--name {args.name!r}, --host {hosts}: {error}") from error
     folder.add(args.name, made, key)
     print(f"for {', '.join(hosts)}. Copy to the gateway, and name them in its configuration:")
-    print("# for the Modbus server:")
-    print("[modbus.tls]")
+    if not args.uri:
+        print("# for the Modbus server:")
+    print("[opcua]" if args.uri else "[modbus.tls]")
     print(f'cert = "{folder.certificate_path(args.name)}"')
     print(f'key = "{folder.key_path(args.name)}"')
     print(f'ca = "{folder.certificate_path("ca")}"')
     print(f'crl = "{folder.crl_path}"')
-    print("# for the pages:")
-    print("[hmi]")
-    print(f'tls_cert = "{folder.certificate_path(args.name)}"')
-    print(f'tls_key = "{folder.key_path(args.name)}"')
+    if not args.uri:
+        print("# for the pages:")
+        print("[hmi]")
+        print(f'tls_cert = "{folder.certificate_path(args.name)}"')
+        print(f'tls_key = "{folder.key_path(args.name)}"')
     _end(folder, args.name, now)
     return 0
 

@@ -33,6 +33,40 @@ from tests.e2e.debian_machine import (
 FOREIGN = {"amd64": "arm64", "arm64": "amd64"}[HERE]
 BINFMT = Path("/proc/sys/fs/binfmt_misc")
 
+OPCUA = """
+cd /tmp; loading-gateway certs init c --rsa; cd c
+loading-gateway certs server --dir . --name opcua --uri urn:plant:gateway1 --host 127.0.0.1
+loading-gateway certs client mes --dir . --uri urn:plant:mes --role viewer; cp mes.key mes.key.pem
+cat >g.toml <<X
+opcua = {{ cert = "/tmp/c/opcua.pem", key = "/tmp/c/opcua.key", ca = "/tmp/c/ca.pem" }}
+modbus.port = 5020
+hmi.enabled = false
+X
+chown -R loading-gateway /tmp/c
+HOME=/tmp {user} loading-gateway simulate --config g.toml --json --duration 60 >/dev/null 2>&1 &
+cat >client.py <<X
+import asyncio
+from asyncua import Client, ua
+async def asked():
+    client = Client("opc.tcp://127.0.0.1:4840/")
+    client.application_uri = "urn:plant:mes"
+    await client.set_security_string("Basic256Sha256,SignAndEncrypt,mes.pem,mes.key.pem,opcua.pem")
+    async with client:
+        bays = await client.get_node("ns=2;s=Bays").get_children()
+        stop = await client.get_node("ns=2;s=bay1.stop").read_value()
+        assert stop is False  # the truck of the simulation is on its way
+        print("bays", str([bay.nodeid.Identifier for bay in bays]) + ", stop", stop)
+async def main():
+    while True:
+        try:
+            return await asked()
+        except (OSError, asyncio.TimeoutError, ua.UaError, AssertionError):
+            await asyncio.sleep(0.5)
+asyncio.run(asyncio.wait_for(main(), 60))
+X
+{opt}/current/bin/python client.py
+"""
+
 pytestmark = [pytest.mark.xdist_group("package"), pytest.mark.timeout(900), pytest.mark.long]
 
 
@@ -128,6 +162,9 @@ def test_a_machine_without_a_network(machine: Machine, package: Path, picture: P
     rows = [json.loads(line) for line in simulated.splitlines()]
     assert rows[0]["type"] == "started"
     assert any(row["type"] == "state" and row["stop"] for row in rows)
+
+    # The OPC UA server, with what the package carries: encrypted, and asked by its own library's client.
+    assert "bays ['bay1'], stop False" in machine.sh(OPCUA.format(user=user, opt=OPT)).splitlines()[-1]
 
     # An interrupted installation, and one whose environment is damaged, are mended by setting it up again.
     machine.sh(f"rm {OPT}/versions/1.2.3/installed.json; mkdir {OPT}/versions/.1.2.3.new")

@@ -30,6 +30,14 @@ def openssl(*args: str | Path) -> str:
     return done.stdout + done.stderr
 
 
+def test_with_a_uri_the_lines_for_the_opc_ua_server_are_said(plant: Folder, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["certs", "server", "--name", "opcua", "--uri", "urn:plant:gateway1", "--host", "10.0.0.5"]) == 0
+    said = capsys.readouterr().out
+    assert '[opcua]\ncert = "certs/opcua.pem"\nkey = "certs/opcua.key"\nca = "certs/ca.pem"\n' in said
+    assert "[hmi]" not in said
+    assert "[modbus" not in said
+
+
 @pytest.mark.long
 @pytest.mark.one_interpreter
 def test_a_whole_plant(plant: Folder, capsys: pytest.CaptureFixture[str]) -> None:

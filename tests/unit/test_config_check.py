@@ -1,5 +1,6 @@
 """What two bays or two servers of one configuration would have to share, however each writes it."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -77,6 +78,24 @@ def test_the_pages_on_the_port_of_modbus_tls(tmp_path: Path, port: int, expected
     tls = {**Plant(tmp_path).config().model_dump(), "port": 802}
     found = faults("0", "1", "/dev/ttyACM0", "/dev/ttyACM1", modbus={"tls": tls}, hmi={"enabled": True, "port": port})
     assert expected in found
+    assert bool(found) == bool(expected)
+
+
+@pytest.mark.parametrize(
+    ("port", "pages", "expected"),
+    [
+        (502, 8080, r"opcua\.port.*the port of \[modbus\], too: the OPC UA server needs its own"),
+        (8080, 8080, r"opcua\.port.*the port of \[hmi\], too: the OPC UA server needs its own"),
+        (4840, 502, r"hmi\.port.*the port of \[modbus\], too: the pages need their own"),
+        (4840, 8080, ""),
+        (0, 0, ""),
+    ],
+)
+def test_the_ports_of_opcua_pages_and_modbus(port: int, pages: int, expected: str) -> None:
+    opcua = {"port": port, "without_security": True}
+    hmi = {"enabled": True, "port": pages}
+    found = faults("0", "1", "/dev/ttyACM0", "/dev/ttyACM1", opcua=opcua, hmi=hmi)
+    assert re.search(expected, found)
     assert bool(found) == bool(expected)
 
 

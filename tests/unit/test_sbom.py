@@ -72,6 +72,13 @@ def test_every_wheel_is_named_with_the_libraries_in_it(tmp_path: Path) -> None:
     assert opencv["components"][0]["cpe"] == "cpe:2.3:a:ffmpeg:ffmpeg:8.1.1:*:*:*:*:*:*:*"
 
 
+def test_the_copyright_file_names_the_opc_ua_library_and_its_licence() -> None:
+    text = (PACKAGING / "debian/copyright").read_text()
+    (stanza,) = [one for one in text.split("\n\n") if "wheels/asyncua-*.whl" in one]
+    assert "\nLicense: LGPL-3+\n" in stanza
+    assert "/usr/share/common-licenses/LGPL-3." in text
+
+
 def test_the_copyright_file_names_the_ffmpeg_that_opencv_brings_and_its_source() -> None:
     (library,) = [file for file in files("opencv-python-headless") or () if file.name.startswith("libavutil")]
     version = sbom.FFMPEG_VERSION.search(Path(str(library.locate())).read_bytes())

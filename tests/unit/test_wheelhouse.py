@@ -25,7 +25,7 @@ def packages() -> list[dict[str, Any]]:
     """As `wheelhouse.write` takes them: what the gateway needs, and the pip that installs it."""
     extras = [f"--extra={extra}" for extra in wheelhouse.EXTRAS]
     needed = wheelhouse.locked("--no-dev", "--no-emit-project", *extras)
-    assert {"numpy", "opencv-python-headless", "asyncpg", "mcap"} <= {package["name"] for package in needed}
+    assert {"numpy", "opencv-python-headless", "asyncpg", "asyncua", "mcap"} <= {package["name"] for package in needed}
     return [*needed, *(one for one in wheelhouse.locked("--only-group=package") if one["name"] == "pip")]
 
 
