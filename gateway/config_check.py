@@ -10,13 +10,14 @@ from gateway.errors import ConfigError, SettingError
 from gateway.files import device_at
 from gateway.net import tls
 from gateway.net.tls import TlsFiles
+from gateway.opcua import prerequisites
 from gateway.ranger.ranger_service import check_port
 from gateway.sinks import registry as sink_registry
 from gateway.vision.detect import registry as detection_methods
 from gateway.vision.source.specs import check_exposure, source_spec
 from gateway.web import languages
 
-PLACES = r"^(modbus\.tls\.|opcua\.|camera\.url|camera\.exposure|ranger port)\b[:= ]*"
+PLACES = r"^(modbus\.tls\.|opcua\b\.?|camera\.url|camera\.exposure|ranger port)\b[:= ]*"
 
 
 def check(config: GatewayConfig, source: str, text: str) -> None:
@@ -49,7 +50,7 @@ def check(config: GatewayConfig, source: str, text: str) -> None:
         look(("modbus", "handshake", "trigger_timeout_s"), partial(_check_trigger, config.modbus, bay.ranger))
     if config.modbus.tls is not None:
         look(("modbus", "tls"), partial(tls.check, TlsFiles.of_modbus(config.modbus.tls)))
-    look(("opcua",), partial(tls.check, TlsFiles.of_opcua(config.opcua)))
+    look(("opcua",), partial(prerequisites.check, config.opcua))
     for part in sink_registry.checks(config):
         look((), part)
     if config.hmi.enabled and not config.hmi.own_certificate:

@@ -3,6 +3,7 @@
 import errno
 import ipaddress
 import socket
+import struct
 from collections.abc import Iterator
 from contextlib import closing
 
@@ -29,6 +30,8 @@ def ports(config: GatewayConfig, *, running: bool) -> Iterator[Finding]:
         yield _port("modbus", "modbus", modbus.host, modbus.port, running=running)
     if modbus.tls is not None:
         yield _port("modbus tls", "modbus.tls", modbus.host, modbus.tls.port, running=running)
+    if config.opcua is not None:
+        yield _port("opcua", "opcua", config.opcua.host, config.opcua.port, running=running)
     if hmi.enabled:
         yield _port("pages", "hmi", hmi.host, hmi.port, running=running)
         if hmi.own_hosts:
@@ -57,11 +60,21 @@ def _served(name: str, host: str, port: int) -> Finding:
     here = from_here(host)
     tried = f"connect to the running gateway at {here} port {port}"
     try:
-        socket.create_connection((here, port), CONNECT_S).close()
+        with socket.create_connection((here, port), CONNECT_S) as sock:
+            if name == "opcua":
+                _hello(sock, here, port)
     except OSError as error:
         remedy = "look at its log; was it started with this configuration?"
         return Finding("port", name, Verdict.FAULT, tried, error.strerror or str(error), remedy)
     return Finding("port", name, Verdict.OK, tried, "accepted")
+
+
+def _hello(sock: socket.socket, host: str, port: int) -> None:
+    """OPC UA Part 6, 7.1.2: the port is open whether its process answers or not. Raises OSError."""
+    url = f"opc.tcp://{host}:{port}/".encode()
+    sock.sendall(struct.pack("<4s7I", b"HELF", 32 + len(url), 0, 65_536, 65_536, 0, 0, len(url)) + url)
+    if not sock.recv(8).startswith(b"ACKF"):
+        raise ConnectionError("no answer to the Hello of OPC UA")
 
 
 def reached(host: str) -> Finding:
@@ -116,6 +129,7 @@ def certificates(config: GatewayConfig, clock: Clock) -> Iterator[Finding]:
     for name, server, files, docs in (
         ("modbus tls", "modbus", modbus, "docs/modbus-security.md"),
         ("pages", "hmi", pages, "docs/hmi-security.md"),
+        ("opcua", "opcua", TlsFiles.of_opcua(config.opcua), "docs/modbus-security.md"),
     ):
         if files is None or (server == "hmi" and config.hmi.own_certificate and server not in days_left):
             continue  # it is made by the first visit

@@ -5,7 +5,6 @@ acknowledged, a measurement is triggered. Nothing waits for it.
 """
 
 import asyncio
-import importlib.util
 import logging
 import socket
 from collections.abc import Callable, Mapping
@@ -21,8 +20,8 @@ from gateway.bay import BayControl
 from gateway.clock import SystemClock
 from gateway.config import GatewayConfig, OpcuaConfig, VisionConfig
 from gateway.errors import ConfigError, LinkError
-from gateway.net import tls
 from gateway.net.listener import listening
+from gateway.opcua.prerequisites import check
 from gateway.opcua.trigger import trigger
 from gateway.processes.channel import Failed, Gone
 from gateway.processes.deadlines import LOOK_S, SignsOfLife, StartDeadline
@@ -95,9 +94,7 @@ class OpcuaService:
 
     def __init__(self, config: GatewayConfig, answers: OpcuaAnswers, boot: str) -> None:
         """Raises ConfigError for certificates that can't be used, and without the library."""
-        if importlib.util.find_spec("asyncua") is None:
-            raise ConfigError("opcua: needs the optional dependency: pip install 'plc-loading-gateway[opcua]'")
-        tls.check(tls.TlsFiles.of_opcua(answers.config))
+        check(answers.config)
         self._config, self._answers = answers.config, answers
         self._setup = WebSetup(of_pages(config), answers.clock, {}, boot=boot)
         self._life = SignsOfLife(StartDeadline(START_S), SILENT_S)

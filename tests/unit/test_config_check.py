@@ -1,5 +1,6 @@
 """What two bays or two servers of one configuration would have to share, however each writes it."""
 
+import importlib.util
 import re
 from pathlib import Path
 from typing import Any
@@ -97,6 +98,22 @@ def test_the_ports_of_opcua_pages_and_modbus(port: int, pages: int, expected: st
     found = faults("0", "1", "/dev/ttyACM0", "/dev/ttyACM1", opcua=opcua, hmi=hmi)
     assert re.search(expected, found)
     assert bool(found) == bool(expected)
+
+
+def test_what_the_opc_ua_server_cannot_start_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    plant = Plant(tmp_path)
+    plant.opcua("opcua")
+
+    def found(name: str) -> str:
+        files = plant.folder
+        paths = {"cert": files.certificate_path(name), "key": files.key_path(name), "ca": files.certificate_path("ca")}
+        return faults("0", "1", "/dev/ttyACM0", "/dev/ttyACM1", opcua={key: str(path) for key, path in paths.items()})
+
+    assert found("opcua") == ""
+    assert "gateway.pem has no RSA key: gateway certs server --uri makes one" in found("gateway")
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
+    missing = "opcua: needs a library that is not installed: pip install 'plc-loading-gateway[opcua]'"
+    assert missing in found("opcua")
 
 
 @pytest.mark.parametrize(

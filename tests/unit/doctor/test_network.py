@@ -1,6 +1,8 @@
 """Ports, routes and certificates: what comes back for each state of the machine."""
 
 import socket
+import struct
+import threading
 from contextlib import closing
 from pathlib import Path
 
@@ -36,6 +38,41 @@ def test_a_port_that_another_program_has() -> None:
         assert [f.verdict for f in network.ports(config(port=port), running=True)] == [OK]
     gone = next(network.ports(config(port=port), running=True))
     assert (gone.verdict, "refused" in gone.result.lower()) == (FAULT, True)
+
+
+@pytest.mark.parametrize(("answer", "verdict"), [(b"ACKF\x1c\0\0\0", OK), (b"ERRF\x10\0\0\0", FAULT), (b"", FAULT)])
+def test_the_opc_ua_server_must_answer_to_hello(answer: bytes, verdict: Verdict) -> None:
+    heard: list[bytes] = []
+    with closing(socket.create_server(("127.0.0.1", 0))) as server:
+        port = server.getsockname()[1]
+
+        def serve() -> None:
+            with closing(server.accept()[0]) as sock:
+                heard.append(sock.recv(100))
+                sock.sendall(answer)
+
+        made = GatewayConfig.model_validate(
+            {"modbus": {"port": 0}, "hmi": {"enabled": False}, "opcua": {"port": port, "without_security": True}}
+        )
+        thread = threading.Thread(target=serve)
+        thread.start()
+        (found,) = [one for one in network.ports(made, running=True) if one.name == "opcua"]
+        thread.join()
+    url = f"opc.tcp://127.0.0.1:{port}/".encode()
+    assert found.verdict is verdict
+    assert bool(found.remedy) is (verdict is FAULT)
+    assert heard == [b"HELF" + struct.pack("<7I", 32 + len(url), 0, 65536, 65536, 0, 0, len(url)) + url]
+
+
+@pytest.mark.parametrize(("days", "verdict"), [(0, OK), (21, WARNING), (31, FAULT)])
+def test_the_certificate_of_the_opc_ua_server(tmp_path: Path, days: int, verdict: Verdict) -> None:
+    plant = Plant(tmp_path)
+    plant.opcua("opcua")
+    files = plant.folder
+    keys = {"cert": files.certificate_path("opcua"), "key": files.key_path("opcua"), "ca": files.certificate_path("ca")}
+    made = GatewayConfig.model_validate({"opcua": {name: str(path) for name, path in keys.items()}})
+    found = [one for one in network.certificates(made, LaterClock(days=[days])) if one.name == "opcua"]
+    assert [one.verdict for one in found] == [verdict]
 
 
 def test_an_address_that_this_machine_does_not_have() -> None:
