@@ -169,7 +169,9 @@ def opcua_tasks(shared: Shared, outputs: BayOutputs, bays: BayTasks, status: Sta
         outputs.alarms,
         lambda: status.system_status(outputs.alarms),
     )
-    return [Task("opcua", OpcuaService(shared.config, answers, shared.boot).run)]
+    service = OpcuaService(shared.config, answers, shared.boot)
+    status.opcua = lambda: service.now
+    return [Task("opcua", service.run)]
 
 
 def _released(rangers: Sequence[RangerService]) -> list[int]:

@@ -28,6 +28,7 @@ from asyncua.server.user_managers import UserManager
 
 from gateway.config import OpcuaConfig
 from gateway.opcua.access import ClientAccess, OpcuaCaller
+from gateway.web.ipc.messages import OpcuaNow
 
 MIN_PUBLISHING_MS, MAX_PUBLISHING_MS = 100.0, 3_600_000.0
 MAX_SUBSCRIPTIONS = 64  # of all sessions
@@ -60,6 +61,8 @@ class Users(UserManager):  # type: ignore[misc]  # the library's types are not u
         self, iserver: Any, username: str | None = None, password: str | None = None, certificate: Any = None
     ) -> User | None:
         caller = self._access.of(certificate)
+        if caller is None:
+            iserver.certificates_refused += 1
         return None if caller is None else KnownUser(caller, certificate)
 
 
@@ -170,6 +173,7 @@ class LimitedSessions(InternalServer):  # type: ignore[misc]
         self.max_pending_activation_seconds = SESSION_DEADLINE_S
         self.max_pending_messages_per_connection = PENDING_CHUNKS
         self.max_monitored_item_queue_size = self.max_unacked_messages_per_subscription = MAX_QUEUE
+        self.certificates_refused = self.over_limit = self.protocol_faults = 0
         self.max_lifetime_count, self.max_keep_alive_count = 3000, 1000
 
     def create_session(self, name: Any, user: Any = None, external: bool = False) -> InternalSession:
@@ -179,11 +183,16 @@ class LimitedSessions(InternalServer):  # type: ignore[misc]
             if one.state is SessionState.Created and one._last_activity < old:
                 self.unregister_external_session(one)
         if len(self._external_sessions) >= self.max_sessions:
+            self.over_limit += 1
             raise ServiceError(ua.StatusCodes.BadTooManySessions)
         return LimitedSession(self, self.aspace, self.subscription_service, name, user=User(), external=external)
 
     def register_server(self, server: Any, conf: Any = None) -> None:
         raise ServiceError(ua.StatusCodes.BadServiceUnsupported)
+
+    def now(self, port: int) -> OpcuaNow:
+        active = sum(one.is_activated() for one in self._external_sessions.values())
+        return OpcuaNow(port, active, self.certificates_refused, self.over_limit, self.protocol_faults)
 
     async def end_refused(self) -> None:
         """Sessions whose certificate has expired meanwhile."""
@@ -196,23 +205,27 @@ class LimitedConnection(OPCUAProtocol):  # type: ignore[misc]
     def connection_made(self, transport: Any) -> None:
         transport.set_write_buffer_limits(high=MAX_UNSENT)
         super().connection_made(transport)
+        self.iserver.over_limit += self.transport is None
 
     def data_received(self, data: bytes) -> None:
         super().data_received(data)
-        if len(self._buffer) > CHUNK_BYTES and self.transport is not None:
-            self.transport.abort()
+        if len(self._buffer) > CHUNK_BYTES or (self.transport is not None and self.transport.is_closing()):
+            self._abort()
 
     def pause_writing(self) -> None:
-        if self.transport is not None:
-            self.transport.abort()  # it does not read what it has asked for
+        self._abort()  # it does not read what it has asked for
 
     async def _process_one_msg(self, header: Any, buf: Any) -> bool:
         try:
             return bool(await super()._process_one_msg(header, buf))
         except Exception:  # noqa: BLE001 - whatever bytes can cause
-            if self.transport is not None:
-                self.transport.abort()
+            self._abort()
             return False
+
+    def _abort(self) -> None:
+        if self.transport is not None:
+            self.iserver.protocol_faults += 1
+            self.transport.abort()
 
 
 class LimitedListener(BinaryServer):  # type: ignore[misc]

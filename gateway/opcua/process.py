@@ -10,6 +10,7 @@ import os
 import socket
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 from asyncua import ua
 from cryptography import x509
@@ -60,18 +61,19 @@ async def _serve(about: WebSetup, channel: Channel[FromWeb, ToWeb]) -> None:
     async with asyncio.TaskGroup() as group:
         group.create_task(client.keep(), name="gateway-client")
         group.create_task(served.keep_shown(), name="values")
-        group.create_task(served.keep_watch(), name="certificates")
+        group.create_task(served.keep_watch(channel), name="certificates")
 
 
 class Served:
     """A server that listens, and what it shows."""
 
     def __init__(
-        self, config: GatewayConfig, client: GatewayClient, sessions: LimitedSessions, server: HardenedServer
+        self, config: GatewayConfig, client: GatewayClient, sessions: LimitedSessions, server: HardenedServer, port: int
     ) -> None:
         assert config.opcua is not None
         self.server = server
         self._config, self._opcua, self._client, self._sessions = config, config.opcua, client, sessions
+        self._port = port
         self._stamps = _stamps(config.opcua)
         history = LastHour()
         sessions.history_manager.set_storage(history)
@@ -95,12 +97,13 @@ class Served:
             raise ConfigError(f"opcua: {error}") from error
         server.application_type = ua.ApplicationType.Server
         server.name, server.product_uri, server.manufacturer_name = "Loading gateway", NAMESPACE, "plc-loading-gateway"
-        server.set_endpoint(f"opc.tcp://{opcua.host}:{sockets[0].getsockname()[1]}/")
+        port = sockets[0].getsockname()[1]
+        server.set_endpoint(f"opc.tcp://{opcua.host}:{port}/")
         await server.init()
         await server.set_application_uri(uri)
         await server.set_build_info(NAMESPACE, server.manufacturer_name, server.name, __version__, "", _EPOCH)
         assert await server.register_namespace(NAMESPACE) == INDEX
-        made = cls(config, client, sessions, server)
+        made = cls(config, client, sessions, server, port)
         await made._make()
         await server.start()
         return made
@@ -136,9 +139,10 @@ class Served:
             if row.event.summary is not None:
                 await self._conditions.visit(row.event.bay, row.event.summary, row.event.t_ns + offset_ns)
 
-    async def keep_watch(self) -> None:
+    async def keep_watch(self, channel: Channel[Any, ToWeb]) -> None:
         """Until cancelled. Raises LinkError where the files of the certificates have changed."""
         while True:
+            channel.offer(self._sessions.now(self._port))
             await asyncio.sleep(LOOK_S)
             if _stamps(self._opcua) != self._stamps:
                 raise LinkError("its certificates have changed")

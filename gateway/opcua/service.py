@@ -24,18 +24,18 @@ from gateway.net.listener import listening
 from gateway.opcua.prerequisites import check
 from gateway.opcua.trigger import trigger
 from gateway.processes.channel import Failed, Gone
+from gateway.processes.codec import Codec
 from gateway.processes.deadlines import LOOK_S, SignsOfLife, StartDeadline
 from gateway.processes.slot import ProcessSlot
 from gateway.processes.start import Role
 from gateway.web.host.request_handler import EventHistory
 from gateway.web.host.web_process_service import of_pages
 from gateway.web.ipc.messages import (
-    FROM_WEB,
     MAX_STATES,
     BayStatus,
     Command,
     CommandReply,
-    FromWeb,
+    OpcuaNow,
     StateReply,
     StateRequest,
     SystemStatus,
@@ -51,6 +51,8 @@ SILENT_S = 15.0
 MAX_MESSAGES = 8
 PAUSE_S = 0.01
 MODULE = "gateway.opcua.process"
+FromOpcua = StateRequest | Command | OpcuaNow
+FROM_OPCUA = Codec(FromOpcua | Failed)
 _NO_VISION = VisionConfig()
 
 
@@ -98,24 +100,23 @@ class OpcuaService:
         self._config, self._answers = answers.config, answers
         self._setup = WebSetup(of_pages(config), answers.clock, {}, boot=boot)
         self._life = SignsOfLife(StartDeadline(START_S), SILENT_S)
-        self.port: int | None = None  # None: it does not listen now
+        self.now: OpcuaNow | None = None  # None: its process has not reported
 
     async def run(self) -> None:
         """Until cancelled. Raises LinkError when the port is taken or the process ended or hung."""
         try:
             with ExitStack() as own:
                 sockets = own.enter_context(listening("opcua", self._config.host, self._config.port))
-                self.port = sockets[0].getsockname()[1]
-                log.info("opcua: port %d", self.port)
+                log.info("opcua: port %d", sockets[0].getsockname()[1])
                 await self._serve(sockets)
         except ConfigError as error:
             raise LinkError(str(error)) from error  # no client is worth a bay
         finally:
-            self.port = None
+            self.now = None
 
     async def _serve(self, sockets: tuple[socket.socket, ...]) -> None:
         fds = tuple(sock.fileno() for sock in sockets)
-        async with ProcessSlot[ToWeb, FromWeb]("opcua", self._answers.clock, FROM_WEB) as slot:
+        async with ProcessSlot[ToWeb, FromOpcua]("opcua", self._answers.clock, FROM_OPCUA) as slot:
             slot.start(Role(MODULE, "gw-opcua", replace(self._setup, sockets=fds), fds))
             now_s = asyncio.get_running_loop().time
             self._life.begin(now_s())
@@ -131,6 +132,8 @@ class OpcuaService:
                     match message:
                         case StateRequest():
                             request = message  # the newest answers all before it
+                        case OpcuaNow():
+                            self.now = message
                         case Command():
                             slot.send(self._answers.execute(message))
                         case Failed(why):

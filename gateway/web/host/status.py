@@ -25,7 +25,7 @@ from gateway.sinks.contract import Sink
 from gateway.status_file import BayNow, ModbusClient, ModbusPort, Status
 from gateway.supervisor import TaskRecord
 from gateway.values.gateway_values import GatewayFacts
-from gateway.web.ipc.messages import BOUNDS_S, CAPTURE_TO_RESULT, Histogram, SystemStatus, TaskStatus
+from gateway.web.ipc.messages import BOUNDS_S, CAPTURE_TO_RESULT, Histogram, OpcuaNow, SystemStatus, TaskStatus
 
 _BOUNDS_NS = tuple(round(bound_s * NS_PER_S) for bound_s in BOUNDS_S)
 MAX_STAGES = 32  # of one bay; a method has a dozen
@@ -117,6 +117,7 @@ class StatusCollector:
     certificates: CertificateEnds | None = None
     facts: Callable[[], GatewayFacts] = GatewayFacts
     log: Callable[[], LogCounts] = LogCounts
+    opcua: Callable[[], OpcuaNow | None] = lambda: None
     pages: Callable[[], str] = str  # where they are opened, in words; empty: they have a configured address
 
     def system_status(self, monitor: AlarmMonitor) -> SystemStatus:
@@ -128,6 +129,7 @@ class StatusCollector:
             ),
             sinks=tuple(sink.link for sink in self.sinks),
             modbus=self.modbus(),
+            opcua=self.opcua(),
             events_dropped=self.hub.dropped,
             alarms=monitor.summary(MAX_ALARMS),
             changes=monitor.changes(),
@@ -186,12 +188,18 @@ class StatusCollector:
         return "; ".join(
             [
                 " and ".join(ports) or self._modbus_fault() or "Modbus TCP not open yet",
-                *filter(None, [self.pages()]),
+                *filter(None, [self._opcua_in_words(), self.pages()]),
                 *(f"{bay}: {in_words(self.hub.shown(bay, now_ns))}" for bay in self.hub.bays),
                 *([f"configuration not loaded: {self.config_fault}"] if self.config_fault else []),
                 *([f"{self.keys_waiting} changed keys wait for a restart"] if self.keys_waiting else []),
             ]
         )
+
+    def _opcua_in_words(self) -> str:
+        if self.config.opcua is None:
+            return ""
+        now = self.opcua()
+        return "OPC UA not open yet" if now is None else f"OPC UA on port {now.port}, sessions: {now.sessions}"
 
     def _port(self, now: ServerNow) -> ModbusPort:
         clients = (ModbusClient(address=one.address, is_plc=one.is_plc, quiet_s=one.quiet_s) for one in now.peers)

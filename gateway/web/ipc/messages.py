@@ -285,6 +285,16 @@ class Histogram:
     sum_s: float
 
 
+class OpcuaNow(Message, frozen=True):
+    """What the OPC UA process does, every few seconds. Counters since its start."""
+
+    port: int
+    sessions: int
+    certificates_refused: int  # unknown, not valid now, revoked, or without a role
+    over_limit: int  # connections and sessions beyond opcua.max_connections
+    protocol_faults: int  # connections that were ended for what they sent, or did not read
+
+
 @dataclass(frozen=True, slots=True)
 class SystemStatus:
     """How the gateway's parts and its links to others do."""
@@ -292,6 +302,7 @@ class SystemStatus:
     tasks: tuple[TaskStatus, ...] = ()
     sinks: tuple[LinkStatus, ...] = ()
     modbus: tuple[ServerNow, ...] = ()
+    opcua: OpcuaNow | None = None  # None: not configured, or its process has not reported
     events_dropped: int = 0  # by queues of the main process
     alarms: AlarmSummary = field(default_factory=AlarmSummary)
     changes: tuple[AlarmChange, ...] = ()  # of alarms, the newest few

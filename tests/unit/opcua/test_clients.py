@@ -219,9 +219,12 @@ def test_the_last_hour_can_be_read(world: World, client: Client) -> None:
 
 def test_a_certificate_without_a_role_is_refused(world: World) -> None:
     """What else is, without a client: test_access.py. node-opcua tries again for minutes."""
+    sessions = world.server.served.server.iserver
+    before = sessions.now(4840).certificates_refused
     with pytest.raises(CommandError) as refused:
         world.connect("open62541", "idle")
     assert refused.value.code == BAD_ACCESS
+    assert sessions.now(4840).certificates_refused > before
 
 
 def quiet(world: World) -> Main:

@@ -6,7 +6,7 @@ from gateway.modbus.server.limits import Refusal
 from gateway.modbus.server.traffic import PeerNow, ServerNow
 from gateway.sinks.contract import LinkStatus, StoreStatus
 from gateway.values.gateway_values import GatewayFacts
-from gateway.web.ipc.messages import BOUNDS_S, CAPTURE_TO_RESULT, Histogram, SystemStatus, TaskStatus
+from gateway.web.ipc.messages import BOUNDS_S, CAPTURE_TO_RESULT, Histogram, OpcuaNow, SystemStatus, TaskStatus
 
 
 def server(*, tls: bool = False) -> ServerNow:
@@ -78,6 +78,7 @@ def full(**changes: object) -> SystemStatus:
         "tasks": (TaskStatus("bay1.control", True, 1, 0, 0, ""), TaskStatus("mqtt.deliver", True, 4, 3, 0, "lost")),
         "sinks": (mqtt(), sparkplug(), historian()),
         "modbus": (server(), server(tls=True)),
+        "opcua": OpcuaNow(4840, 2, 7, 3, 4),
         "events_dropped": 5,
         "facts": FACTS,
         "log": LogCounts(30, 2),

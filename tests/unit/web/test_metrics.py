@@ -123,6 +123,8 @@ async def test_every_family_is_reported_and_parsed() -> None:
         assert now.value("bay_decision", bay="bay1") == 0
         assert now.value("modbus_requests_total", transport="tcp") == 1000
         assert now.value("modbus_refusals_total", transport="tcp", reason="idle") == 2
+        refused = [now.value("opcua_refusals_total", reason=why) for why in ("certificate", "limit", "protocol")]
+        assert (now.value("opcua_sessions"), refused) == (2, [7, 3, 4])
         assert now.value("modbus_plc_quiet_seconds", transport="tcp") == 0.25
         assert now.value("modbus_plc_quiet_seconds", transport="tls") is None
         assert now.value("mqtt_outbox_events") == 7

@@ -22,7 +22,7 @@ from gateway.alarms.monitor import REPORTED_CHANGES
 from gateway.alarms.records import MAX_NOTE, AlarmChange, AlarmSummary
 from gateway.alarms.states import AlarmEvent, AlarmState
 from gateway.clock import SystemClock
-from gateway.config import BayConfig, GatewayConfig, ModbusConfig, MqttConfig
+from gateway.config import BayConfig, GatewayConfig, ModbusConfig, MqttConfig, OpcuaConfig
 from gateway.core.readings import Quality, VisionReading
 from gateway.core.state import FunctionCheck, Reason, StateVector, Visit
 from gateway.hub import Hub
@@ -36,6 +36,7 @@ from gateway.web.ipc.messages import (
     MAX_STATES,
     TO_WEB,
     Histogram,
+    OpcuaNow,
     StateReply,
     StateRequest,
     TaskStatus,
@@ -103,6 +104,15 @@ async def test_links_hold_what_the_parts_say_and_no_password() -> None:
         )  # fmt: skip
         assert links.modbus == (server(),)
         assert sum(count for _, count in links.alarms.counts) == len(BAY_ALARMS) + len(GATEWAY_ALARMS)
+
+
+def test_the_opc_ua_server_stands_in_the_line_for_the_service_manager() -> None:
+    config = GatewayConfig(opcua=OpcuaConfig(without_security=True))
+    collector = StatusCollector(config, Hub(["bay1"]))
+    assert "; OPC UA not open yet; bay1: " in collector.summary(0)
+    collector.opcua = lambda: OpcuaNow(4840, 2, 0, 0, 0)
+    assert "; OPC UA on port 4840, sessions: 2; bay1: " in collector.summary(0)
+    assert "OPC UA" not in parts().summary(0)
 
 
 @pytest.mark.parametrize(

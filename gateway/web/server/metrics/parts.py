@@ -10,6 +10,7 @@ from gateway.alarms.table import ALARM_DEFINITIONS
 from gateway.durations import NS_PER_S
 from gateway.modbus.server.traffic import ServerNow
 from gateway.values.gateway_values import GATEWAY_VALUES
+from gateway.web.ipc.messages import OpcuaNow
 from gateway.web.server.health import health
 from gateway.web.server.metrics.family import Family, Form, Labelled, MetricsSource, Value
 
@@ -53,6 +54,19 @@ def _peers(source: MetricsSource) -> Iterator[Labelled]:
     for server in source.client.links.modbus:
         for peer in server.peers:
             yield (_transport(server), peer.address, "yes" if peer.is_plc else "no"), peer.quiet_s
+
+
+def _opcua(read: Callable[[OpcuaNow], Iterable[Labelled]]) -> Callable[[MetricsSource], Iterable[Labelled]]:
+    def rows(source: MetricsSource) -> Iterable[Labelled]:
+        now = source.client.links.opcua
+        return [] if now is None else read(now)
+
+    return rows
+
+
+def _opcua_refusals(now: OpcuaNow) -> Iterable[Labelled]:
+    counts = {"certificate": now.certificates_refused, "limit": now.over_limit, "protocol": now.protocol_faults}
+    return (((reason,), count) for reason, count in counts.items())
 
 
 def _figure(name: str, form: Form, help: str) -> Family:
@@ -138,6 +152,9 @@ PARTS: tuple[Family, ...] = (
             lambda s: s.plc_quiet_s),
     Family("modbus_peer_quiet_seconds", "gauge", "since this client was answered; a long list is cut", _peers,
            ("transport", "address", "plc")),
+    Family("opcua_sessions", "gauge", "sessions of OPC UA clients", _opcua(lambda now: [((), now.sessions)])),
+    Family("opcua_refusals", "counter", "certificates, connections beyond a limit, and connections that broke the "
+           "protocol, since the start of its process", _opcua(_opcua_refusals), ("reason",)),
     _figure("mqtt_connected", "gauge", "1: there is a connection to the broker"),
     _figure("mqtt_broker", "gauge", "place of the connected broker in mqtt.urls; 1: the preferred one; 0: none"),
     _figure("mqtt_failovers", "counter", "connections to another broker or address than the one before"),
