@@ -158,12 +158,15 @@ def test_with_one_event_on_its_way_none_overtakes_one_that_a_broker_loses() -> N
     assert broker.passed == [[1, 2], [3, 4, 5, 6], [7, 8, 9, 10]]
 
 
-def test_a_broker_without_qos_1_and_retained_messages_gets_neither() -> None:
+def test_a_broker_without_qos_1_and_retained_messages_gets_neither(caplog: pytest.LogCaptureFixture) -> None:
     """Each of them would end the connection (0x9A, 0x9B)."""
     broker = SwallowingBroker(simple=True)
     delivered(broker, 3, 30)
     wills = [(packet.will_qos, packet.will_retain) for packet in broker.packets if packet.kind == "CONNECT"]
     assert wills == [(1, True), (0, True), (0, False)]
+    (said,) = [line for line in caplog.messages if "QoS" in line]
+    assert said.startswith("mqtt://127.0.0.1:")
+    assert said.endswith(": supports QoS 0 only, no retained messages")
     published = [packet for packet in broker.packets if packet.kind == "PUBLISH"]
     assert {(packet.qos, packet.retain) for packet in published} == {(0, False)}
     assert [number for passed in broker.passed for number in passed] == [1, 2, 3]

@@ -95,8 +95,10 @@ class BrokerLink:
 
     `in_flight`: messages that may be without acknowledgement at once. `unanswered`: the topics of those that are.
     `newest_refusal`: topic, reason and time of the event loop. All three are right after the connection has ended, too.
+    `limits`: what of the gateway's messages the broker's CONNACK says it does not support; empty: nothing.
     """
 
+    limits: str = ""
     end: End | None = None  # how the other side has ended it
     certificate: bytes | None = None  # of the broker, as DER
 
@@ -104,6 +106,8 @@ class BrokerLink:
         self.version = version
         self.in_flight = min(MAX_IN_FLIGHT if version == "5" else MAX_IN_FLIGHT_311, client.receive_maximum)
         self.unanswered = client.unanswered
+        lacks = {"QoS 0 only": not client.maximum_qos, "no retained messages": not client.retain_available}
+        self.limits = ", ".join(what for what, so in lacks.items() if so)
         self._client = client
         self._broker = endpoint
         self._acknowledge_s = acknowledge_s
@@ -394,9 +398,6 @@ class _Client(aiomqtt.Client):
         self.maximum_packet_bytes = getattr(properties, "MaximumPacketSize", math.inf)
         self.maximum_qos = getattr(properties, "MaximumQoS", self.maximum_qos)
         self.retain_available = bool(getattr(properties, "RetainAvailable", True))
-        if not self.maximum_qos or not self.retain_available:
-            _log.warning("the broker supports QoS %d at most, retained messages: %s", self.maximum_qos,
-                         "yes" if self.retain_available else "no")  # fmt: skip
         # paho's setter refuses on an open connection; nothing is in flight yet
         self._client._max_inflight_messages = self.receive_maximum
         self._told[0](client, userdata, flags, reason_code, properties)

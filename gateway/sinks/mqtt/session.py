@@ -81,6 +81,7 @@ class BrokerSession:
         self._lock = asyncio.Lock()  # one client id, one connection
         self._connected: Endpoint | None = None
         self._last: Endpoint | None = None  # the one connected before
+        self._limits: dict[Endpoint, str] = {}  # as last reported in the log
         self._pace = ReturnPace(config.return_s)
         self.fault = ""  # why there is no connection
 
@@ -140,7 +141,7 @@ class BrokerSession:
         async with AsyncExitStack() as stack:
             endpoint, link = await self._first_that_accepts(stack, will)
             begun_ns = self._clock.now_ns()
-            self._note(endpoint)
+            self._note(endpoint, link.limits)
             if self._certificates is not None:
                 self._certificates.use_peer(str(endpoint), link.certificate)
             try:
@@ -159,7 +160,7 @@ class BrokerSession:
             finally:
                 self._connected = None
 
-    def _note(self, endpoint: Endpoint) -> None:
+    def _note(self, endpoint: Endpoint, limits: str) -> None:
         self._connected = endpoint
         self.fault = ""
         self.connections += 1
@@ -168,6 +169,9 @@ class BrokerSession:
         self._last = endpoint
         self._pace.connected(endpoint.rank)
         log.info("%s: connected as %s", endpoint, self._client_id)
+        if limits and self._limits.get(endpoint) != limits:
+            log.warning("%s: supports %s", endpoint, limits)
+        self._limits[endpoint] = limits
 
     async def _first_that_accepts(self, stack: AsyncExitStack, will: MqttMessage | None) -> tuple[Endpoint, BrokerLink]:
         """One round. The connection is left with `stack`. Raises LinkError with what each has failed with."""

@@ -19,6 +19,7 @@ from gateway.sinks.mqtt.endpoints import SETTLED_S, Endpoint, Endpoints, ReturnP
 from gateway.sinks.mqtt.lookup import LOOKUP_S, Address, Lookup
 from gateway.sinks.mqtt.session import BrokerSession
 from gateway.sinks.mqtt.topics import MqttMessage
+from tests import virtual_time
 from tests.mqtt_endpoints import at
 from tests.unit.sinks.mqtt_stand_ins import in_virtual_time, now_s
 
@@ -46,6 +47,7 @@ class Node:
     """`state`: up, refusing, silent, or old (knows only MQTT 3.1.1)."""
 
     state: str = "up"
+    limits: str = ""
     lost: asyncio.Event = field(default_factory=asyncio.Event)
     link: Link | None = None
 
@@ -86,6 +88,7 @@ class Network:
             raise NotAcceptedError(f"{endpoint}: wrong version", certain=True)
         node.lost = asyncio.Event()
         node.link = Link(node.lost)
+        node.link.limits = node.limits
         yield node.link
 
 
@@ -171,6 +174,25 @@ async def test_a_version_that_is_refused_is_followed_by_the_other_one_at_once() 
         await asyncio.sleep(0.1)
         assert session.peer == "mqtt://192.0.2.1:1883"
     assert [version for *_, version in network.tried] == ["5", "3.1.1"]
+
+
+def test_what_a_broker_does_not_support_is_in_the_log_once(caplog: pytest.LogCaptureFixture) -> None:
+    async def scenario() -> None:
+        network = Network(n1="up")
+        network[1].limits = "QoS 0 only, no retained messages"
+        async with kept(session_of(network, 1)):
+            for _ in range(3):
+                await asyncio.sleep(1)
+                network[1].lost.set()
+            network[1].limits = "QoS 0 only"  # after an update
+            await asyncio.sleep(1)
+        assert network.order() == "1111"
+
+    virtual_time.run(scenario())
+    assert [line for line in caplog.messages if "supports" in line] == [
+        "mqtt://192.0.2.1:1883: supports QoS 0 only, no retained messages",
+        "mqtt://192.0.2.1:1883: supports QoS 0 only",
+    ]
 
 
 @in_virtual_time
