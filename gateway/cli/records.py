@@ -1,7 +1,8 @@
 """What is in a folder of recordings, whether it is complete, which visits were of some kind, and its index made anew.
 
-FOLDER is that of a gateway, which holds one folder for each bay. The index (index.sqlite) is made of the segments; a
-gateway that runs keeps it up to date by itself, also where it is missing or damaged.
+FOLDER is that of a gateway, which holds one folder for each bay; `list` and `verify` also take a bay's, or unpacked
+evidence. The index (index.sqlite) is made of the segments; a gateway that runs keeps it up to date by itself, also
+where it is missing or damaged.
 
 Each segment names the one before it, with its size and SHA-256. `verify` reads everything and says what is missing,
 damaged, cut or changed; then it exits with 1. It proves that nothing is missing between the first and the last segment
@@ -41,7 +42,7 @@ GAP_S = 1800  # a segment is a quarter of an hour; where the next begins later, 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("verb", choices=("list", "search", "verify", "rebuild"))
-    parser.add_argument("folder", type=Path, metavar="FOLDER", help="of a gateway's recordings")
+    parser.add_argument("folder", type=Path, metavar="FOLDER", help="of recordings, see above")
     of = parser.add_argument_group("search")
     of.add_argument(
         "--what", action="append", default=[], choices=[kind.value for kind in VisitKind], help="all of these apply"
@@ -59,16 +60,18 @@ def main(args: argparse.Namespace) -> int:
 
     if not args.folder.is_dir():
         raise ConfigError(f"{args.folder}: no such folder")
-    bays = {path.name: files_in(path) for path in sorted(args.folder.iterdir()) if path.is_dir()}
+    bays = {path: files_in(path) for path in sorted(args.folder.iterdir()) if path.is_dir()}
+    if args.verb in ("list", "verify") and (own := files_in(args.folder)):  # a bay's, or unpacked evidence
+        bays = {args.folder.resolve(): own}
     if not any(bays.values()):
         raise ConfigError(f"{args.folder}: no bay's recording is in it; name the folder of a gateway (SITE.INSTANCE)")
     if args.verb == "rebuild":
         return _rebuild(args.folder)
     if args.verb == "search":
-        return records_search.run(args, list(bays))
+        return records_search.run(args, [bay.name for bay in bays])
     show = _list if args.verb == "list" else _verify
     try:
-        return max(show(args.folder / bay, files) for bay, files in bays.items())
+        return max(show(bay, files) for bay, files in bays.items())
     except OSError as error:  # the limits have deleted a file meanwhile, or the disk refuses
         raise LinkError(f"{error.filename or args.folder}: {error.strerror}") from None
 

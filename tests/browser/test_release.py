@@ -85,7 +85,13 @@ def test_a_bay_is_released(tmp_path: Path, visit: Visit, watches: list[Watch]) -
 
             log_in(page, "theo", PASSWORD)
             expect(page.locator("[data-release]")).to_have_text("Not released for operation yet.")
-            page.get_by_role("button", name="Begin the checklist").click()
+            begin, saved = page.get_by_role("button", name="Begin the checklist"), file.read_text()
+            file.write_text(saved.replace("[fusion]\n", "[fusion]\nradius_threshold_px = 150.0\n"))
+            begin.click()
+            expect(page.get_by_role("alert")).to_contain_text("wait for a restart: fusion.radius_threshold_px")
+            expect(page.get_by_role("button", name="Restart the gateway")).to_be_visible()
+            file.write_text(saved)
+            begin.click()
             for name in ("function_check", "camera", "marker", "ranger", "plc"):
                 done(name)
             expect(page.get_by_text("4 items are open.")).to_be_visible()

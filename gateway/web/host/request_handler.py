@@ -210,12 +210,13 @@ class PagesRequestHandler:
 
 
 def forbidden_by_waiting(command: Command) -> bool:
-    """A function check ends, and a bay is released, with the settings that the next start has."""
+    """A function check ends, and a bay is tried for its release and released, with the settings that the next start
+    has: their start would begin the checklist anew."""
     match command.action:
         case SetFunctionCheck(mode=mode):
             return mode is FunctionCheck.OFF
         case ActOnRelease(what=what):
-            return what == "sign"
+            return what in ("begin", "sign")
     return False
 
 

@@ -182,6 +182,12 @@ class TestTheChain:
         assert segment(whole, 2).read_bytes() == (case / names[1]).read_bytes()
         assert "proven by the segment behind them: 2; faults: 0" in (case / "verify.txt").read_text()
         assert "bay1, 2026-11-23" in (case / "why.html").read_text()
+        capsys.readouterr()
+        assert main(["records", "verify", str(case)]) == 0, "unpacked"
+        assert capsys.readouterr().out.splitlines() == [
+            f"case: 3 segments, {names[0]} to {names[2]}",
+            "  proven by the segment behind them: 2; faults: 0",
+        ]
         assert main(["export", str(whole.path), "--evidence", str(target), *begin]) == 2, "nothing is written over"
         path = segment(whole, 2)
         path.write_bytes(path.read_bytes() + block(BlockKind.RECORDS, b""))

@@ -16,6 +16,7 @@ import pytest
 from gateway.config import BayConfig, ControlsConfig, GatewayConfig, Intrinsics, VisionConfig
 from gateway.core.state import FunctionCheck
 from gateway.vision.source.v4l2_controls import OfferedControl
+from gateway.web.host.releases import NOT_KEPT
 from gateway.web.host.request_handler import KEPT_FORMER
 from gateway.web.profile import parameter_schema
 from gateway.web.tuning import trial
@@ -109,9 +110,12 @@ async def test_a_function_check_goes_on_while_keys_of_the_decision_wait_for_a_re
             "not while keys of this bay's decision wait for a restart: fusion.radius_threshold_px",
         )
         assert check.state().function_check is FunctionCheck.MAY_MOVE_OFF
+        begun = await page.post("release", what="begin")  # the restart would begin it anew
+        assert (begun.status, begun.json["detail"]) == (409, refused.json["detail"])
         kept = await page.post("function-check", mode="may_move_kept")
         assert kept.json["function_check"] == "may_move_kept", "which ends nothing"
         path.write_text(former)
+        assert (await page.post("release", what="begin")).json["detail"] == NOT_KEPT
         assert (await page.post("function-check", mode="off")).json["function_check"] == "off"
 
 

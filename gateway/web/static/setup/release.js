@@ -111,6 +111,7 @@ function Release({ session, bay }) {
       ${wrong && html`<p class="notice bad" role="alert">${wrong}</p>`}
       ${view.checklist === null ? html`<p>The checklist is for the last step of an installation, and after a change of what decides. It switches nothing by itself.</p>
         <p class="row"><button type="button" class="primary" disabled=${busy} onClick=${() => act({ what: 'begin' })}>Begin the checklist</button>
+        ${wrong && html`<button type="button" disabled=${busy} onClick=${restart}>Restart the gateway</button>`}
         ${view.signed[0]?.void_unix_s === null && last && last.function_check !== 'OFF' && html`<button type="button" disabled=${busy} onClick=${() => check('off')}>End the function check</button>`}</p>`
       : html`<p>${text('Begun by {0}, {1}.', view.checklist.by, at(view.checklist.begun_unix_s))} Other settings begin it anew.</p>
         <ol class="items">${items.map(([name, so]) => html`<${Item} key=${name} name=${name} so=${so && fresh} view=${view} state=${state} act=${act} busy=${busy} restart=${restart} begin=${() => check('may_move_off')} />`)}</ol>

@@ -82,7 +82,7 @@ export function Restart({ session, seconds, close }) {
       ${waited > MOST_MS && html`<p class="notice bad">It has not come back for two minutes. Look at its log: with systemd, journalctl -u loading-gateway.</p>`}
     </${Dialog}>`;
   return html`<${Dialog} id="dialog-title" title="Restart the gateway" close=${close}>
-    <p><b>${text('Stop is shown on all bays for about {0} seconds.', seconds)}</b> On the PLC's registers, on MQTT and on the drivers' displays. Then the gateway works with the file as it is saved now. Who is logged in logs in again.</p>
+    <p><b>${text('Stop is shown on all bays for about {0} seconds.', seconds)}</b> On the PLC's registers, on MQTT and on the drivers' displays. Then the gateway works with the file as it is saved now. You stay logged in, others log in again.</p>
     <div aria-live="assertive">${wrong && html`<p class="notice bad">${wrong}</p>`}</div>
     ${truck && html`<label class="row"><input type="checkbox" checked=${despite} onChange=${(event) => setDespite(event.target.checked)} /> Restart although a truck is at a bay</label>`}
     <div class="row"><button type="button" class="primary" disabled=${Boolean(truck) && !despite} onClick=${go}>Restart now</button>
