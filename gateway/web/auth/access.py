@@ -10,8 +10,6 @@ from enum import IntEnum
 from functools import cached_property
 from typing import Literal
 
-from starlette.routing import compile_path
-
 BODY_BYTES = 64 * 1024
 PROFILE_BYTES = 256 * 1024
 LOGIN_BYTES = 4 * 1024
@@ -54,6 +52,8 @@ class Rule:
 
     @cached_property
     def pattern(self) -> re.Pattern[str]:
+        from starlette.routing import compile_path  # noqa: PLC0415 - not in the main process, which matches no address
+
         return re.compile(compile_path(self.path)[0].pattern, re.DOTALL)
 
     @property

@@ -100,7 +100,10 @@ def test_suffixes_are_such_as_the_callers_compare() -> None:
 @pytest.mark.parametrize(
     ("modules", "names"),
     [
-        ("gateway.app", ("cv2", "numpy", "paho", "aiomqtt", "websockets", "sqlite3", "cryptography", "psutil")),
+        (
+            "gateway.app",
+            ("cv2", "numpy", "paho", "aiomqtt", "websockets", "sqlite3", "cryptography", "psutil", "starlette"),
+        ),
         ("gateway.vision.process.template, gateway.records.process", ("asyncio", "ssl", "psutil", "cryptography")),
     ],
     ids=["main", "template and recorder"],
