@@ -116,7 +116,7 @@ def air_job(chance: Chance) -> Callable[[Any], Any]:
 def level_job(chance: Chance) -> Callable[[Any], Any]:
     image = shot(chance)[0].repeat(3, axis=0).repeat(3, axis=1)  # none is too small
     image = image[int(chance.integers(0, 2)) :, int(chance.integers(0, 2)) :]
-    return lambda kernel: kernel.halved(image).tobytes()
+    return lambda kernel: [kernel.reduced(image, by).tobytes() for by in (2, 3, 8)]
 
 
 def region_job(chance: Chance) -> Callable[[Any], Any]:

@@ -19,6 +19,7 @@ from gateway.vision.detect.robust import candidates, measurement, red_change, re
 from gateway.vision.detect.robust.detect import detect
 from gateway.vision.detect.robust.kernel.evidence_kernel import EvidenceKernel
 from gateway.vision.detect.robust.kernel.rim_kernel import RimKernel
+from gateway.vision.detect.robust.redness import pyramid
 from tests import decoys
 from tests.examples import examples
 from tests.unit.vision import kernel_examples
@@ -118,7 +119,7 @@ def one_pixel_off(mask: Any) -> Any:
         ("candidates", "CandidateKernel.blobs", lambda blobs: blobs[:-1]),
         ("air", "AirKernel.is_clear", lambda _: True),
         ("air", "AirKernel.unveiled", lambda picture: picture // 2 * 2),
-        ("levels", "LevelKernel.halved", lambda picture: picture // 2 * 2),
+        ("levels", "LevelKernel.reduced", lambda picture: picture // 2 * 2),
         ("regions", "RegionKernel.regions", lambda found: found and (found[0][1:], found[1])),
     ],
 )
@@ -192,3 +193,18 @@ def test_a_compiler_that_is_missing_or_fails_is_reported(tmp_path: Path, monkeyp
     monkeypatch.setenv("PATH", str(tmp_path))
     assert "no C compiler" in build.build(tmp_path / "kernel.so")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_reduced_picture_has_the_means_of_squares_rounded_to_even() -> None:
+    """A half and one and a half, of 16 pixels each; what is left over on the right and below does not count."""
+    picture = np.full((7, 11, 3), 255, np.uint8)
+    picture[:4, :4], picture[:2, :4] = 0, 1
+    picture[:4, 4:8], picture[:2, 4:8] = 1, 2
+    assert pyramid(picture, 4, 8)[0].bgr.tolist() == [[[0, 0, 0], [2, 2, 2]]]
+
+
+@pytest.mark.parametrize("factor", [256, 257, 300])
+def test_a_picture_is_reduced_by_any_factor(factor: int) -> None:
+    """The column's sum of 257 white pixels is the last of 16 bits."""
+    (level,) = pyramid(np.full((factor, 2 * factor, 3), 255, np.uint8), factor, 8)
+    assert level.bgr.tolist() == [[[255] * 3] * 2]

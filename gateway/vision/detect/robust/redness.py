@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gateway.vision.compiled import library as compiled
 from gateway.vision.compiled.build import LIBRARY
-from gateway.vision.detect.robust.kernel.level_kernel import LevelKernel
+from gateway.vision.detect.robust.kernel.level_kernel import LARGEST_FACTOR, LevelKernel
 from gateway.vision.pixels import Colours, adjacent
 
 Plane = NDArray[np.float32]
@@ -85,9 +85,10 @@ def pyramid(image: Colours, first: int, smallest_side: int) -> list[PyramidLevel
 def _reduced(image: Colours, by: int) -> Colours:
     if by == 1:
         return image
-    if by == 2 and min(image.shape[:2]) >= by and adjacent(image) and (kernel := compiled_kernel()) is not None:
-        return kernel.halved(image)
-    return reduced_plain(image, by)
+    kernel = compiled_kernel()
+    if kernel is None or not by <= min(*image.shape[:2], LARGEST_FACTOR) or not adjacent(image):
+        return reduced_plain(image, by)
+    return kernel.reduced(image, by)
 
 
 def reduced_plain(image: Colours, by: int) -> Colours:
@@ -97,7 +98,7 @@ def reduced_plain(image: Colours, by: int) -> Colours:
 
 
 def load(library: Path = LIBRARY) -> LevelKernel | None:
-    """The compiled reduction by 2; None where there is none, or one that differs (logged)."""
+    """The compiled reductions; None where there is none, or one that differs (logged)."""
     return compiled.load(LevelKernel, agrees, reduced_plain, library)
 
 
@@ -107,5 +108,9 @@ compiled_kernel = lru_cache(maxsize=1)(load)
 def agrees(kernel: LevelKernel) -> bool:
     """On noise of odd and even sizes."""
     chance = np.random.default_rng(7)
-    pictures = (chance.integers(0, 256, (rows, 2 * rows + 3, 3), np.uint8) for rows in range(2, 20))
-    return all(np.array_equal(kernel.halved(picture), reduced_plain(picture, 2)) for picture in pictures)
+    return all(
+        np.array_equal(kernel.reduced(picture, by), reduced_plain(picture, by))
+        for rows in range(2, 20)
+        for picture in [chance.integers(0, 256, (rows, 2 * rows + 3, 3), np.uint8)]
+        for by in range(2, rows + 1)
+    )

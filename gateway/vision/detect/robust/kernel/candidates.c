@@ -44,6 +44,8 @@ void gateway_redness(const Picture *picture, const float *log, float *red)
 
 void gateway_halved(const Picture *picture, uint8_t *out) { halved(picture, out); }
 
+void gateway_reduced(const Picture *picture, int64_t by, uint16_t *sums, uint8_t *out) { reduced(picture, by, sums, out); }
+
 void gateway_unveiled(const Unveiling *task)
 {
 #if HAS_WIDE

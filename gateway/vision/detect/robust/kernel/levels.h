@@ -1,4 +1,4 @@
-/* Pictures half as large, and pictures less a veil: `redness.reduced_plain` and `veil.unveiled`. */
+/* Smaller pictures, and pictures less a veil: `redness.reduced_plain` and `veil.unveiled`. */
 #ifndef GATEWAY_LEVELS_H
 #define GATEWAY_LEVELS_H
 
@@ -56,6 +56,31 @@ INLINE void halved(const Picture *p, uint8_t *out)
                 int64_t at = c + 3 * x;
                 out[c] = (uint8_t)((above[at] + above[at + 3] + below[at] + below[at + 3] + 2) >> 2);
             }
+    }
+}
+
+/* `out`: (height / by, width / by) pixels, each the mean of by x by, rounded half to even. `sums`: room for 3 * width. */
+INLINE void reduced(const Picture *p, int64_t by, uint16_t *sums, uint8_t *out)
+{
+    int64_t columns = p->width / by, count = 3 * by * columns;
+    float share = 1.0f / (float)(by * by);
+    for (int64_t y = 0; y < p->height / by; y++) {
+        const uint8_t *row = p->pixels + y * by * p->stride;
+        for (int64_t i = 0; i < count; i++)
+            sums[i] = row[i];
+        for (int64_t n = 1; n < by; n++) {
+            row += p->stride;
+            for (int64_t i = 0; i < count; i++)
+                sums[i] = (uint16_t)(sums[i] + row[i]);
+        }
+        const uint16_t *from = sums;
+        for (int64_t x = 0; x < columns; x++, out += 3) {
+            int32_t total[3] = {0, 0, 0};
+            for (int64_t n = 0; n < by; n++, from += 3)
+                total[0] += from[0], total[1] += from[1], total[2] += from[2];
+            for (int c = 0; c < 3; c++)
+                out[c] = (uint8_t)(int32_t)(((float)total[c] * share + 8388608.0f) - 8388608.0f); /* 2^23: rounds to even */
+        }
     }
 }
 
