@@ -2,12 +2,14 @@
 
 import re
 import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from tests.e2e.ansible_boxes import Boxes
+from tests.e2e.processes import command
 from tests.e2e.sim_ranger import Ranger
 from tests.e2e.test_doctor import draw_truck
 
@@ -32,6 +34,14 @@ distance_threshold_mm = 300
 [ranger]
 port = "{ranger}"
 """
+TLS = """\
+[modbus.tls]
+port = {port}
+cert = "{folder}/gateway.pem"
+key = "{folder}/gateway.key"
+ca = "{folder}/ca.pem"
+crl = "{folder}/crl.pem"
+"""
 
 
 class Plant(Boxes):
@@ -40,10 +50,14 @@ class Plant(Boxes):
     camera: Path
     ranger = "/dev/ttyACM0"
 
-    def review(self, name: str, **changed: object) -> None:
+    def review(self, name: str, more: str = "", **changed: object) -> None:
         values = {"camera": self.camera, "level": "info", "ranger": self.ranger, "port": 502} | changed
         values["loop"] = str(values["camera"] == self.camera).lower()
-        (self.folder / f"gateways/{name}.toml").write_text(SETTINGS.format(name=name, **values))
+        (self.folder / f"gateways/{name}.toml").write_text(SETTINGS.format(name=name, **values) + more)
+
+    def certify(self, days: int, **extra: object) -> "subprocess.CompletedProcess[str]":
+        program = [sys.executable, "-m", "gateway", "certs"]
+        return self.play("certificates", certificate_days=days, certs_command=program, **extra)
 
     def digests(self) -> dict[str, tuple[str, str]]:
         return {name: box.digests() for name, box in self.boxes.items()}
@@ -121,6 +135,44 @@ def test_what_was_changed_on_the_gateway_is_not_lost(plant: Plant) -> None:
     assert done.returncode == 0, done.stdout
     assert len(set(plant.boxes["bay-1"].digests())) == 1
     assert 'log_level = "error"' in config.read_text()
+
+
+def test_certificates_are_made_renewed_and_returned_to(plant: Plant) -> None:
+    authority = plant.folder / "authority"
+    assert command("certs", "init", str(authority)).code == 0
+    done = plant.certify(30, rings=["100%"])
+    assert done.returncode == 0, done.stdout
+    files = [box.config.parent / "certs/gateway.pem" for box in plant.boxes.values()]
+    first = [file.read_bytes() for file in files]
+    assert first == [(authority / f"{name}.pem").read_bytes() for name in NAMES]
+    for name in NAMES:
+        plant.review(name, TLS.format(port=802, folder=plant.boxes[name].config.parent / "certs"))
+    done = plant.play("configure", rings=["100%"], overwrite=True)
+    assert done.returncode == 0, done.stdout
+    starts = plant.starts()
+    done = plant.certify(30, rings=["100%"])
+    assert done.returncode == 0, done.stdout
+    assert {row["changed"] for row in recap(done).values()} == {0}, "30 of 30 days are left"
+
+    revoked = authority / "crl.pem"
+    good = revoked.read_bytes()
+    revoked.write_text("damaged")
+    done = plant.certify(90)
+    assert done.returncode == 2, done.stdout
+    assert "bay-1: back at what it was. Not proven: bay-1: non-zero return code: " in done.stdout
+    assert list(recap(done)) == ["bay-1"]
+    assert [file.read_bytes() for file in files] == first
+    assert files[0].with_name("crl.pem").read_bytes() == good
+
+    revoked.write_bytes(good)
+    done = plant.certify(90)
+    assert done.returncode == 0, done.stdout
+    assert [file.read_bytes() for file in files] == [(authority / f"{name}.pem").read_bytes() for name in NAMES]
+    assert all(file.read_bytes() != old for file, old in zip(files, first, strict=True)), "30 of 90 days were left"
+    assert plant.starts() == starts, "no gateway was started again"
+    assert {path.name for file in files for path in file.parent.iterdir()} == {
+        "ca.pem", "crl.pem", "gateway.key", "gateway.pem"
+    }  # fmt: skip
 
 
 def test_with_real_gateways(tmp_path: Path) -> None:
