@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from gateway.config import CameraConfig, MqttConfig, parse
-from gateway.doctor import device_process
+from gateway.doctor import device_process, network_cameras
 from gateway.errors import LinkError
 from gateway.net.own_host import own_addresses
 from gateway.processes.answers import LENGTH_BYTES
@@ -82,6 +82,7 @@ def test_a_device_that_a_bay_has_is_not_opened() -> None:
 def test_a_network_camera_is_asked_and_searched_for_with_few_rights(monkeypatch: pytest.MonkeyPatch) -> None:
     """What its answers say is read in a process that can write nothing, and all the same may connect."""
     monkeypatch.setattr(device_process, "own_addresses", lambda: [one for one in own_addresses() if one == "127.0.0.1"])
+    monkeypatch.setattr(network_cameras, "SEARCH_S", 0.1)
     assert asked(SearchNetwork()) == [FoundNetworkCameras(())]
     with OnvifCamera() as camera:
         (found,) = asked(ListStreams(camera.service, "admin", "p&<1"))

@@ -129,4 +129,5 @@ def test_a_search_lists_each_camera_once(monkeypatch: pytest.MonkeyPatch) -> Non
     assert found.cameras == (FoundNetworkCamera("127.0.0.1", SERVICE, "Plant Cam", "X1"),)
     assert len(heard) == 2
     assert b"NetworkVideoTransmitter" in heard[0]
+    monkeypatch.setattr(network_cameras, "SEARCH_S", 0.0)
     assert network_cameras.search([], CLOCK, ("127.0.0.1", 9)).cameras == ()

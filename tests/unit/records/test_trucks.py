@@ -45,17 +45,17 @@ def visit(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
 
 @pytest.fixture(scope="module")
 def visits(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
-    """Four trucks, in segments of 20 s."""
+    """Two trucks, in segments of 10 s."""
     kept = Recorded(tmp_path_factory.mktemp("visits"))
-    legs = [{"distance_cm": cm, "speed_cm_s": 60, "hold_s": 9} for _ in range(4) for cm in (28, 390)]
+    legs = [{"distance_cm": cm, "speed_cm_s": 60, "hold_s": 9} for _ in range(2) for cm in (28, 390)]
     bench = Bench(truck(*legs), CONFIG)
     told = with_visits(kept, bench)
-    while bench.t_s < 125:
+    while bench.t_s < 65:
         begin_ns = bench.now_ns
-        bench.run(bench.t_s + 20)
+        bench.run(bench.t_s + 10)
         kept.write(begin_ns)
         kept.collector.begin()
-    assert (len(list(kept.path.iterdir())), len(told)) == (7, 4)
+    assert (len(list(kept.path.iterdir())), len(told)) == (7, 2)
     return kept
 
 

@@ -50,7 +50,8 @@ def rim(image: Image) -> tuple[float, float, float, float]:
     return float(np.average(u, weights=weights)), float(np.average(v, weights=weights)), axes[1], axes[0]
 
 
-@pytest.mark.parametrize("name", ["clear", "tilt", "low-resolution", "wet-floor"])
+@pytest.mark.mostly_long(short=2)
+@pytest.mark.parametrize("name", ["tilt", "low-resolution", "clear", "wet-floor"])
 def test_truth_is_exact(name: str) -> None:
     """By the moments of the marker's pixels, with nothing of the renderer or the detectors."""
     for number in range(4):

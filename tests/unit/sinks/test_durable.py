@@ -257,7 +257,9 @@ def test_a_real_limit_of_the_system_is_a_full_disk(name: str, tmp_path: Path) ->
 
 
 @pytest.mark.mostly_long
-@pytest.mark.parametrize("damage", [b"this is no database" * 300, b"SQLite format 3\x00" + b"\xff" * 5000])
+@pytest.mark.parametrize(
+    "damage", [b"this is no database" * 300, b"SQLite format 3\x00" + b"\xff" * 5000], ids=["text", "pages"]
+)
 @pytest.mark.failure_mode("Q3")
 def test_a_corrupt_file_is_put_aside_and_a_new_one_begun(name: str, tmp_path: Path, damage: bytes) -> None:
     path = tmp_path / "outbox.sqlite"

@@ -206,6 +206,7 @@ def test_a_larger_disc_that_is_only_less_sure_leaves_a_doubt(radius_px: float) -
     assert chosen([wheel, reflection]) == (wheel, [(reflection, WEAKER)])
 
 
+@pytest.mark.mostly_long
 @pytest.mark.parametrize("radius", [40.5, 53.0])
 def test_the_followed_one_of_two_stays(radius: float) -> None:
     """An equal disc that comes into view, or a somewhat larger one, does not take the track."""
