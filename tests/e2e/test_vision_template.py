@@ -229,21 +229,6 @@ def test_where_no_template_can_be_made_processes_are_spawned(tmp_path: Path, mod
     play(story)
 
 
-def test_processes_do_not_wait_for_ever_for_a_template_that_is_not_ready(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(template, "READY_S", 0.0)
-
-    async def story() -> None:
-        origin = made_for()
-        bay = Bay("b1", tmp_path, origin)
-        async with running(origin.run, bay.service.run):
-            await bay.next(Quality.GOOD)
-            assert started_by(bay.process) == "spawned"
-
-    play(story)
-
-
 def test_a_template_that_starts_slowly_is_neither_waited_for_nor_ended(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
