@@ -15,7 +15,7 @@ pytestmark = pytest.mark.one_interpreter
 SCHEDULES, BLOCK = 1000, 50
 
 
-@pytest.mark.parametrize("first", mostly_long(range(0, SCHEDULES, BLOCK)))
+@pytest.mark.parametrize("first", mostly_long(range(0, SCHEDULES, BLOCK), short=2))
 def test_no_schedule_of_faults_brings_an_unsafe_permit_and_each_recovers(first: int) -> None:
     """Replay one: python -m bench.fault_campaign --seed N."""
     drawn = [schedule(seed) for seed in range(first, first + BLOCK)]
