@@ -25,6 +25,7 @@ from gateway.errors import ConfigError, LinkError
 from gateway.net.tls import TlsFiles
 from gateway.opcua.access import ClientAccess
 from gateway.opcua.conditions import Conditions
+from gateway.opcua.gateway_nodes import GatewayNodes
 from gateway.opcua.hardened import HardenedServer, LimitedSessions
 from gateway.opcua.history import LastHour
 from gateway.opcua.methods import add_trigger
@@ -79,6 +80,7 @@ class Served:
         sessions.history_manager.set_storage(history)
         self._space = BayNodes(server, config, history)
         self._conditions = Conditions(server, self._space, client, ua.NodeId("Gateway", INDEX))
+        self._gateway = GatewayNodes(server, self._space, ua.NodeId("Gateway", INDEX))
         self._slack_ns = round((SLACK_S + WATCHED_S * -(-len(config.bays) // MAX_STATES)) * NS_PER_S)
         self._event = 0
 
@@ -112,6 +114,7 @@ class Served:
         objects, gateway = ua.NodeId(ua.ObjectIds.ObjectsFolder), ua.NodeId("Gateway", INDEX)
         self._space.add_object(objects, gateway, "Gateway", ua.ObjectIds.BaseObjectType, organizes=True)
         await self._space.make()
+        self._gateway.make()
         await self._conditions.make(self._config)
         await add_trigger(self.server, self._config, self._client)
 
@@ -131,6 +134,7 @@ class Served:
         for bay in client.bays:
             if (report := client.report(bay)) is not None:
                 await self._space.show(shown(report.now.state, now_ns - self._slack_ns), offset_ns)
+        await self._gateway.show(client, offset_ns)
         if client.links_ns is not None:
             alarms = {alarm.id: alarm for alarm in client.links.alarms.alarms}
             await self._conditions.show(alarms, client.links_known, now_ns, offset_ns)

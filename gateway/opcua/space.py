@@ -54,11 +54,8 @@ class BayNodes:
         for name, fact in facts.items():
             kind = ua.VariantType.String if isinstance(fact, str) else ua.VariantType.UInt32
             self._add_property(own, node_id(bay.name, name), name, ua.Variant(fact, kind))
-        waiting = ua.DataValue(StatusCode=ua.StatusCode(ua.StatusCodes.BadWaitingForInitialData))
         for row, node in self._rows[bay.name]:
-            self._add_value(own, node, row)
-            attributes = self._server.iserver.aspace[node].attributes
-            attributes[ua.AttributeIds.Value].value = waiting
+            self.add_value(own, node, row)
             if row.name in HISTORY:
                 self._history.keep(node)
 
@@ -76,7 +73,8 @@ class BayNodes:
         attributes = ua.ObjectAttributes(DisplayName=ua.LocalizedText(text or name), EventNotifier=0)
         self._add(parent, node, name, ua.NodeClass.Object, attributes, reference, kind)
 
-    def _add_value(self, parent: ua.NodeId, node: ua.NodeId, row: Value[StateVector]) -> None:
+    def add_value(self, parent: ua.NodeId, node: ua.NodeId, row: Value[Any]) -> None:
+        """Without a value yet."""
         kept = HISTORY_READ if row.name in HISTORY else 0
         attributes = _variable(
             row.name, data.variant_type(row), ua.Variant(None), rank=1 if row.kind is tuple else -1, more=kept
@@ -87,6 +85,8 @@ class BayNodes:
         if choices:
             kind = ua.ObjectIds.MultiStateValueDiscreteType
         self._add(parent, node, row.name, ua.NodeClass.Variable, attributes, ua.ObjectIds.HasComponent, kind)
+        waiting = ua.DataValue(StatusCode=ua.StatusCode(ua.StatusCodes.BadWaitingForInitialData))
+        self._server.iserver.aspace[node].attributes[ua.AttributeIds.Value].value = waiting
         if row.unit:
             unit = ua.Variant(data.engineering_unit(row.unit), ua.VariantType.ExtensionObject)
             place = ua.NodeId(f"{node.Identifier}.EngineeringUnits", INDEX)

@@ -16,6 +16,7 @@ from gateway.core.readings import Quality, RangeReading
 from gateway.core.state import Reason
 from gateway.core.visit_summary import VisitEnd, VisitSummary
 from gateway.durations import NS_PER_S
+from gateway.values.gateway_values import GatewayFacts
 from gateway.web.ipc.messages import NumberedEvent, SystemStatus, TriggerMeasurement
 from gateway.web.server.gateway_client import RefusedError
 from tests.opcua_clients import PROGRAMS, Client, CommandError
@@ -110,6 +111,27 @@ def test_values_have_their_numbers_codes_and_times(world: World, client: Client)
     assert (distance["value"], distance["status"]) == (None, BAD_OUT_OF_RANGE)
     assert quality["value"] == int(Quality.TOO_FAR)
     assert client("read", nodes=nodes("scale.px_mm"))[0]["status"] == BAD_NO_DATA
+
+
+def test_the_gateway_tells_its_configuration_certificates_and_alarms(world: World, client: Client) -> None:
+    main = world.server.main
+    alarms = AlarmSummary(
+        alarms=(Alarm("bay1.camera_down", "camera_down", "bay1", AlarmState.UNACKNOWLEDGED, active=True),)
+    )
+    facts = GatewayFacts("a" * 64, "", certificate_days={"opcua": 12, "hmi": 30})
+    main.links, main.links_ns = SystemStatus(alarms=alarms, facts=facts), main.clock.now_ns()
+    world.server.show(good(main.clock.now_ns()))
+    names = ("configuration.in_force", "configuration.reviewed", "certificate_days", "alarms.high", "alarms.low")
+    wanted = [f"ns=2;s=Gateway.{name}" for name in names]
+    read = client("read", nodes=wanted)
+    assert [one["value"] for one in read] == ["a" * 64, None, 12, 1, 0]
+    assert [one["status"] for one in read] == [0, BAD_NO_DATA, 0, 0, 0]
+
+    main.links_known = False
+    world.server.show()
+    assert {one["status"] for one in client("read", nodes=wanted)} == {BAD_NO_COMMUNICATION}
+    main.links, main.links_known, main.links_ns = SystemStatus(), True, main.clock.now_ns()
+    world.server.show()
 
 
 def test_a_silent_gateway_shows_stop_as_a_substitute_and_nothing_else(world: World, client: Client) -> None:
