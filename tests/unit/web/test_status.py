@@ -94,7 +94,8 @@ async def test_links_hold_what_the_parts_say_and_no_password() -> None:
         config = MqttConfig(url="mqtt://anna:secret@broker")
         publisher = MqttPublisher(sink_context(config, made.hub, made.client.clock))
         tasks = {"bay1.control": TaskRecord(starts=1, running=True, last_error="x" * 900)}
-        gathered = parts(sinks=[publisher], tasks=tasks, modbus=lambda: (server(),))
+        opcua = OpcuaNow(4840, 2, 0, 0, 0)
+        gathered = parts(sinks=[publisher], tasks=tasks, modbus=lambda: (server(),), opcua=lambda: opcua)
         links = gathered.system_status(made.monitor)
         assert links.sinks == (publisher.link,)
         assert links.sinks[0].peer == "mqtt://broker:1883"
@@ -102,7 +103,7 @@ async def test_links_hold_what_the_parts_say_and_no_password() -> None:
         assert (links.tasks[0].name, links.tasks[0].running, len(links.tasks[0].last_error)) == (
             "bay1.control", True, MAX_ERROR,
         )  # fmt: skip
-        assert links.modbus == (server(),)
+        assert (links.modbus, links.opcua) == ((server(),), opcua)
         assert sum(count for _, count in links.alarms.counts) == len(BAY_ALARMS) + len(GATEWAY_ALARMS)
 
 
