@@ -127,14 +127,18 @@ class Boxes:
         for name in self.names:
             self.boxes[name] = Box(self.folder / "boxes" / name, self.real)
             self.boxes[name].make()
+        self.control()
+        self._systemd = threading.Thread(target=self._restarts, daemon=True)
+        self._systemd.start()
+        return self
+
+    def control(self) -> None:
+        """The control machine alone: who calls this instead of entering makes the roots."""
         (self.folder / "gateways").mkdir()
         (self.folder / "ansible.cfg").touch()
         collections = self.folder / "collections/ansible_collections/loading"
         collections.mkdir(parents=True)
         (collections / "gateway").symlink_to(COLLECTION)
-        self._systemd = threading.Thread(target=self._restarts, daemon=True)
-        self._systemd.start()
-        return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

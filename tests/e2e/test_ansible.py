@@ -1,14 +1,22 @@
 """The Ansible collection in packaging/ansible: real runs against gateways on this machine."""
 
 import re
+import shutil
+import socket
+import ssl
+import struct
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 
 from tests.e2e.ansible_boxes import Boxes
+from tests.e2e.brokers import free_port
 from tests.e2e.processes import command
 from tests.e2e.sim_ranger import Ranger
 from tests.e2e.test_doctor import draw_truck
@@ -173,6 +181,72 @@ def test_certificates_are_made_renewed_and_returned_to(plant: Plant) -> None:
     assert {path.name for file in files for path in file.parent.iterdir()} == {
         "ca.pem", "crl.pem", "gateway.key", "gateway.pem"
     }  # fmt: skip
+
+
+def read_stop(sock: socket.socket) -> None:
+    """One Modbus request, answered."""
+    sock.sendall(struct.pack(">HHHBBHH", 1, 0, 6, 1, 3, 4, 1))
+    answer = b""
+    while len(answer) < 11:
+        some = sock.recv(11 - len(answer))
+        assert some, "the connection was closed"
+        answer += some
+    assert answer[7] == 3
+
+
+def test_a_renewed_certificate_interrupts_no_client_and_is_shown_to_the_next(tmp_path: Path) -> None:
+    (tmp_path / "truck").mkdir()
+    authority, ports = tmp_path / "authority", {"port": free_port(), "tls": free_port()}
+    for words in (
+        ("init", str(authority)),
+        ("server", "--dir", str(authority), "--name", "bay-1", "--host", "127.0.0.1", "--days", "30"),
+        ("client", "plc", "--dir", str(authority)),
+    ):
+        assert command("certs", *words).code == 0
+    context = ssl.create_default_context(cafile=str(authority / "ca.pem"))
+    context.load_cert_chain(authority / "plc.pem", authority / "plc.key")
+
+    def dial() -> ssl.SSLSocket:
+        plain = socket.create_connection(("127.0.0.1", ports["tls"]), timeout=30)
+        return context.wrap_socket(plain, server_hostname="127.0.0.1")
+
+    def shown(sock: ssl.SSLSocket) -> str:
+        return ssl.DER_cert_to_PEM_cert(sock.getpeercert(binary_form=True) or b"")
+
+    with Ranger() as ranger, Plant(tmp_path, ["bay-1"], real=True) as plant, ExitStack() as stack:
+        ranger.distance_mm = 270.0
+        plant.camera, plant.ranger = draw_truck(tmp_path / "truck", 27), ranger.port
+        certs = plant.boxes["bay-1"].config.parent / "certs"
+        shutil.copytree(authority, certs)
+        for end in ("pem", "key"):
+            (certs / f"bay-1.{end}").rename(certs / f"gateway.{end}")
+        plant.review("bay-1", TLS.format(port=ports["tls"], folder=certs), port=ports["port"])
+        done = plant.play("configure")
+        assert done.returncode == 0, done.stdout
+
+        former = (certs / "gateway.pem").read_text()
+        plain = stack.enter_context(socket.create_connection(("127.0.0.1", ports["port"]), timeout=30))
+        secure = stack.enter_context(dial())
+        assert shown(secure) == former
+        with ThreadPoolExecutor() as threads:
+            renewing = threads.submit(plant.certify, 90)
+            asked = 0
+            while not renewing.done():
+                read_stop(plain)
+                read_stop(secure)
+                asked += 1
+                wait([renewing], 0.05)
+        assert renewing.result().returncode == 0, renewing.result().stdout
+        assert asked > 1
+        assert (certs / "gateway.pem").read_text() != former
+        for _ in range(600):
+            with dial() as fresh:
+                if (now := shown(fresh)) != former:
+                    break
+            time.sleep(0.1)
+        assert now == (certs / "gateway.pem").read_text()
+        read_stop(secure)
+        assert plant.starts() == {"bay-1": 1}
 
 
 def test_with_real_gateways(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import tempfile
 import threading
 import uuid
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import cv2
@@ -18,6 +19,7 @@ import pytest
 from gateway.update import state as states
 from gateway.update.machine import InstallPaths, Machine
 from gateway.update.state import Outcome, Stage, UpdateState
+from tests.e2e.ansible_boxes import Boxes
 from tests.e2e.brokers import free_port
 from tests.e2e.sim_ranger import Ranger
 from tests.long import mostly_long
@@ -105,7 +107,7 @@ ranger.port = "{ranger}"
 
     def package(self, version: str, patch: str) -> Path:
         """Signed, with the key in the plant's keyring."""
-        tree = self.root / "package"
+        tree = self.root / f"package-{version}"
         self._put(tree, version, patch)
         (tree / "DEBIAN").mkdir()
         control = f"Package: loading-gateway\nVersion: {version}\nArchitecture: all\nMaintainer: a\nDescription: b\n"
@@ -115,7 +117,7 @@ ranger.port = "{ranger}"
         with tempfile.TemporaryDirectory(prefix="lgk") as home:
             for words in (
                 f"gpg --homedir {home} --batch --quiet --passphrase= --quick-gen-key maker ed25519 sign never",
-                f"gpg --homedir {home} --batch --quiet --output {self.paths.keyrings[0]} --export maker",
+                f"gpg --homedir {home} --batch --quiet --yes --output {self.paths.keyrings[0]} --export maker",
                 f"gpg --homedir {home} --batch --quiet --armor --output {path}.asc --detach-sign {path}",
                 f"gpgconf --homedir {home} --kill all",
             ):
@@ -293,3 +295,65 @@ def test_a_worse_version_goes_back_by_itself(plant: Plant, patch: str, within_s:
     assert os.readlink(plant.paths.current) == "versions/1.0"
     assert '"version": "1.0"' in plant.paths.status.read_text()
     assert sorted(path.name for path in plant.paths.versions.iterdir()) == ["1.0"]
+
+
+@pytest.fixture
+def plants(tmp_path: Path, video: Path) -> Iterator[list[Plant]]:
+    """Two machines, for Ansible."""
+    with ExitStack() as stack:
+        made = []
+        for name in ("bay-1", "bay-2"):
+            ranger = stack.enter_context(Ranger())
+            ranger.distance_mm = 3500.0
+            made.append(Plant(tmp_path / "boxes" / name, ranger.port, video))
+        for plant in made:
+            plant.start()
+        yield made
+        for plant in made:
+            plant.end.set()
+        for plant in made:
+            plant.join(60)
+
+
+@pytest.mark.long
+@pytest.mark.timeout(900)
+def test_ansible_updates_ring_by_ring_and_a_worse_version_reaches_no_later_ring(
+    plants: list[Plant], tmp_path: Path
+) -> None:
+    control = Boxes(tmp_path, ["bay-1", "bay-2"])
+    control.control()
+
+    def play(version: str, **extra: object) -> "subprocess.CompletedProcess[str]":
+        package = f"{{{{ inventory_dir }}}}/boxes/{{{{ inventory_hostname }}}}/loading-gateway_{version}_all.deb"
+        # On a busy machine a sensor may be late at the very moment of the switch: --now.
+        options = ["--now", "--within", "120", "--steady", "5"]
+        return control.play("update", package=package, update_options=options, **extra)
+
+    for plant in plants:
+        plant.package("2.0", EXITS)
+        plant.is_empty()
+    second = (plants[1].systemd / "show").read_text()
+    done = play("2.0")
+    assert done.returncode == 2, done.stdout
+    assert "its process has ended" in done.stdout.split("Not proven: bay-1: ", 1)[1].splitlines()[0]
+    assert '"version": "1.0"' in plants[0].paths.status.read_text()
+    assert (plants[1].systemd / "show").read_text() == second, "it was not started again"
+    assert not plants[1].paths.folder.exists(), "nor was an update begun"
+
+    for plant in plants:
+        plant.package("3.0", "")
+    done = play("3.0")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert [os.readlink(plant.paths.current) for plant in plants] == ["versions/3.0"] * 2
+    assert all('"version": "3.0"' in plant.paths.status.read_text() for plant in plants)
+    assert not list(tmp_path.glob("boxes/*/var/tmp/*"))
+    done = play("3.0")
+    assert done.returncode == 0, done.stdout
+    assert done.stdout.count("changed=0") == 2, "the same again changes nothing"
+
+    plants[0].package("4.0", "")
+    plants[1].package("4.0", EXITS)
+    done = play("4.0", rings=["100%"])
+    assert done.returncode == 2, done.stdout
+    assert "bay-1: back at what it was. Not proven: bay-2: " in done.stdout
+    assert all('"version": "3.0"' in plant.paths.status.read_text() for plant in plants)
