@@ -197,7 +197,9 @@ class PagesRequestHandler:
             return "this gateway can't be restarted from the pages (docs/technician.md#change-any-other-setting)"
         if (ran_s := (self._clock.now_ns() - self._begun_ns) / NS_PER_S) < RESTART_AFTER_S:
             return f"the gateway started {ran_s:.0f} s ago; it can be restarted {RESTART_AFTER_S:g} s after its start"
-        visits = {name: bay.control.state().visit for name, bay in self._bays.items()}
+        states = {name: bay.control.state() for name, bay in self._bays.items()}
+        at_work = {name: one for name, one in states.items() if one.function_check is not FunctionCheck.MAY_MOVE_OFF}
+        visits = {name: state.visit for name, state in at_work.items()}  # no other bay loads
         trucks = {  # a sensor that has failed does not let a truck disappear
             name: MAY_BE_THERE if visit.phase is VisitPhase.UNKNOWN else VISIT_PHASE_MEANING[visit.phase]
             for name, visit in visits.items()

@@ -21,7 +21,7 @@ from gateway import config
 from gateway.config import GatewayConfig
 from gateway.core.detection import Circle
 from gateway.core.readings import Quality, RangeReading, VisionReading
-from gateway.core.state import VisitPhase
+from gateway.core.state import FunctionCheck, VisitPhase
 from gateway.web.host.startup import Restart, Startup
 from tests.examples import examples
 from tests.unit.web.asgi import Answer
@@ -434,12 +434,18 @@ async def test_a_restart_needs_confirmation_time_and_no_truck(tmp_path: Path, ca
         refused = await restart(confirmed=True)
         assert (refused.status, refused.json["error"]) == (409, "truck")
         assert refused.json["detail"] == "a truck is at a bay (bay A: a truck on its way in, D = 0)"
+        asked.made.controls["A"].check_function(FunctionCheck.MAY_MOVE_KEPT)
+        assert (await restart(confirmed=True)).status == 409
         asked.path.write_text("site = 3\n")
         wrong = await restart(confirmed=True, despite_trucks=True)
         assert (wrong.status, wrong.json["detail"][:30]) == (422, "it would not start: site: 3: I")
         assert asked.restart.stop.is_set() is False
         asked.path.write_text(FILE)
         assert (await restart(confirmed=True, despite_trucks=True)).json["seconds"] == 10
+        assert asked.restart.stop.is_set()
+        asked.restart.stop.clear()
+        asked.made.controls["A"].check_function(FunctionCheck.MAY_MOVE_OFF)  # nobody loads there
+        assert (await restart(confirmed=True)).status == 200
         assert asked.restart.stop.is_set()
         assert "the gateway is started again, by 10.0.0.7 (anna" in caplog.text
         boot = (await asked.api_client.get("/api/setup/boot")).json
