@@ -19,6 +19,7 @@ from gateway.alarms.gateway_alarms import GATEWAY_ALARMS
 from gateway.alarms.states import AlarmEvent, AlarmState
 from gateway.config import GatewayConfig
 from gateway.core import detection, events, ne107, plc, readings, state, teach_in, visit_summary
+from gateway.explained import ExplainedInt, ExplainedStr
 from gateway.records import page, sentences
 from gateway.records.alarm_rates import BENCHMARKS
 from gateway.sinks import registry
@@ -238,9 +239,9 @@ def of_the_states() -> set[str]:
     """What the operator's page shows of the gateway's own tables: meanings, and names of states as words."""
     found: set[str] = set()
     for module in (detection, ne107, plc, readings, state, visit_summary, definition):
-        for name, table in vars(module).items():
-            if name.endswith("_MEANING"):
-                found |= set(table.values())
+        for kind in vars(module).values():
+            if isinstance(kind, type) and issubclass(kind, ExplainedInt | ExplainedStr):
+                found |= set(kind.meanings().values())
     for names in (state.Reason, readings.Quality, state.VisitPhase, events.EventKind):
         found |= {member.name.lower().replace("_", " ") for member in names}
     return found

@@ -7,12 +7,12 @@ from gateway.config.reference import key_table
 from gateway.config.sections.ranger_profiles import PROFILES
 from gateway.config.strict.section import inner_model
 from gateway.modbus.exports.tables import markdown_table
-from gateway.sim.scenario import FAULT_MEANING, Scenario
+from gateway.sim.scenario import FaultKind, Scenario
 from gateway.sinks.sparkplug import metrics as device
 from gateway.sinks.sparkplug.wire import QualityCode
 from gateway.vision.offline.evaluation.labels import Label
 from gateway.vision.offline.evaluation.requirements import METRICS
-from gateway.vision.offline.evaluation.scoring import VERDICT_MEANING
+from gateway.vision.offline.evaluation.scoring import Closeness
 from gateway.web.auth.access import Level, Rule
 from gateway.web.server.app import RULES
 from gateway.web.server.metrics.family import PREFIX
@@ -92,7 +92,7 @@ def requirements() -> str:
 
 def verdicts() -> str:
     """What `gateway evaluate` says of a picture: docs/technician.md."""
-    return markdown_table(("verdict", "meaning"), VERDICT_MEANING.items())
+    return markdown_table(("verdict", "meaning"), Closeness.meanings().items())
 
 
 def labels() -> str:
@@ -107,7 +107,7 @@ def scenario() -> str:
         if model := inner_model(info.annotation):
             title = f"[[{name}]]" if "tuple" in str(info.annotation) else f"[{name}]"
             sections += [f"### `{title}`", "", *key_table(model), ""]
-    faults = ((f"`{kind}`", meaning) for kind, meaning in FAULT_MEANING.items())
+    faults = ((f"`{kind}`", kind.meaning) for kind in FaultKind)
     return "\n".join([*sections, "### Kinds of fault\n", markdown_table(("kind", "what happens"), faults)])
 
 

@@ -12,13 +12,12 @@ from gateway.core.ne107 import degraded
 from gateway.core.readings import (
     BEYOND_RANGE,
     DEAD,
-    EXPOSURE_MEANING,
     FRESH_FRAME,
     UNCONTROLLED,
     PictureFault,
     Quality,
 )
-from gateway.core.state import MOVED_MEANING, FunctionCheck, Moved, Reason
+from gateway.core.state import FunctionCheck, Moved, Reason
 
 ECHO_DUE_SHARE = 0.625  # of the ranger's range: a truck whose marker looks nearer must give an echo
 ECHO_DUE_MM = 2500.0  # where the range is not known
@@ -66,7 +65,7 @@ def _truck_moved(inputs: BayInputs) -> bool:
 def _truck_moved_detail(inputs: BayInputs) -> str:
     place, now_mm = inputs.state.visit.place, inputs.state.range.distance_mm
     was_mm = None if place is None else place.distance_mm
-    return _was_and_now(details.FROM, MOVED_MEANING[inputs.state.visit.moved], was_mm, now_mm)
+    return _was_and_now(details.FROM, inputs.state.visit.moved.meaning, was_mm, now_mm)
 
 
 def _was_and_now(was: details.Detail, what: str, was_mm: float | None, now_mm: float | None) -> str:
@@ -451,7 +450,7 @@ BAY_ALARMS: tuple[AlarmDefinition[BayInputs], ...] = (
         'camera.exposure to "camera"',
         8 * 60,
         lambda inputs: inputs.state.exposure is not None and inputs.state.exposure.state in UNCONTROLLED,
-        lambda inputs: "" if inputs.state.exposure is None else EXPOSURE_MEANING[inputs.state.exposure.state],
+        lambda inputs: "" if inputs.state.exposure is None else inputs.state.exposure.state.meaning,
         on_delay_s=10.0,
         off_delay_s=60.0,
     ),

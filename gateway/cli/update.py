@@ -28,7 +28,7 @@ from gateway.update.finish import log_to
 from gateway.update.machine import Machine, UpdateError
 from gateway.update.migrations import migrated
 from gateway.update.prepare import UpdateOptions
-from gateway.update.state import STAGE_MEANING, Outcome, Report, Stage, UpdateState
+from gateway.update.state import Outcome, Report, Stage, UpdateState
 
 FOLLOW_S = 0.5
 LOCK_TRIES = 50  # whoever looks whether a process works on the update holds the lock for a moment
@@ -215,7 +215,7 @@ def _show_status(machine: Machine) -> int:
         print(f"update:    from {state.old} to {state.new or '?'}: {outcome}{f': {state.why}' if state.why else ''}")
         print(begun)
     else:
-        print(f"update:    from {state.old} to {state.new or '?'}: {state.stage.value}: {STAGE_MEANING[state.stage]}")
+        print(f"update:    from {state.old} to {state.new or '?'}: {state.stage.value}: {state.stage.meaning}")
         print(begun)
         with machine.lock() as free:
             if free:

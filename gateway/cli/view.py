@@ -17,15 +17,11 @@ from gateway.config import BayConfig, GatewayConfig
 from gateway.core.detection import Tracking
 from gateway.core.events import Event, EventKind
 from gateway.core.readings import (
-    AGE_PROOF_MEANING,
-    EXPOSURE_MEANING,
-    PICTURE_MEANING,
-    QUALITY_MEANING,
     AgeProof,
     ExposureState,
     Quality,
 )
-from gateway.core.state import REASON_MEANING, Reason, StateVector
+from gateway.core.state import Reason, StateVector
 from gateway.durations import NS_PER_MS, NS_PER_S
 from gateway.hub import EventQueue, Hub
 
@@ -126,7 +122,7 @@ def bay_panel(config: BayConfig, state: StateVector, now_ns: int, width: int = 1
         _verdict(state),
         f"  may move {'yes' if state.may_move else 'no '}   in place {'yes' if state.in_place else 'no '}   {centre}",
     )
-    why = Text(REASON_MEANING[state.reason] if state.reason is not Reason.NONE else "approaching: stop is off")
+    why = Text(state.reason.meaning if state.reason is not Reason.NONE else "approaching: stop is off")
     v, r = state.vision.stats, state.range.stats
     losses = Text(
         f"latency {v.latency_ms:.1f} ms · frames skipped {v.skipped}, lost {v.lost}, process replaced {v.restarts}, "
@@ -136,17 +132,17 @@ def bay_panel(config: BayConfig, state: StateVector, now_ns: int, width: int = 1
     seen = [Text(line, style="dim")] if (line := sight(state)) else []
     stages = [Text(line, style="dim")] if (line := stage_times(state)) else []
     details = [
-        Text(f"{name}: {reading.detail or QUALITY_MEANING[reading.quality]}", style="yellow")
+        Text(f"{name}: {reading.detail or reading.quality.meaning}", style="yellow")
         for name, reading in (("camera", state.vision), ("ranger", state.range))
         if reading.quality not in (Quality.GOOD, Quality.WAITING)
     ]
     if state.picture is not None and state.picture.faults:
-        wrong = "; ".join(PICTURE_MEANING[fault] for fault in state.picture.faults)
+        wrong = "; ".join(fault.meaning for fault in state.picture.faults)
         details.append(Text(f"picture: {wrong}", style="yellow"))
     if state.vision_age_unproven:
-        details.append(Text(f"age of the frames: {AGE_PROOF_MEANING[AgeProof.UNPROVEN]}", style="yellow"))
+        details.append(Text(f"age of the frames: {AgeProof.UNPROVEN.meaning}", style="yellow"))
     if (exposure := state.exposure) is not None and exposure.state is not ExposureState.CONTROLLED:
-        details.append(Text(f"exposure: {EXPOSURE_MEANING[exposure.state]}", style="yellow"))
+        details.append(Text(f"exposure: {exposure.state.meaning}", style="yellow"))
     return Panel(
         Group(verdict, why, table, *seen, losses, *stages, *details),
         title=f"{state.bay} · unit {config.unit_id} · heartbeat {state.heartbeat}",
@@ -171,7 +167,7 @@ def bay_rows(states: Sequence[StateVector], rows: int) -> RenderableType:
             Text("STOP" if state.stop else "approach", style="bold red" if state.stop else ""),
             f"R {circle.radius_px:6.1f} px" if circle else "R      – px",
             f"Z {z_mm / 10:6.1f} cm" if z_mm is not None else "Z      – cm",
-            REASON_MEANING[state.reason] if state.stop else "",
+            state.reason.meaning if state.stop else "",
         )
     hidden = len(states) - len(shown)
     return Group(table, Text(f"… {hidden} more: make the terminal larger to see them")) if hidden else table
@@ -184,7 +180,7 @@ def event_line(when: datetime, event: Event) -> str:
     """One event as a line of text. A reason is shown only where it is the event's own."""
     kind = event.kind.value.replace("_", " ")
     about = f" {event.sensor}" if event.sensor else ""
-    own = REASON_MEANING[event.state.reason] if event.kind in _WITH_REASON else ""
+    own = event.state.reason.meaning if event.kind in _WITH_REASON else ""
     why = event.detail or own
     return f"{when:%H:%M:%S.%f}"[:-3] + f"  {event.bay}  {kind}{about}" + (f"  {why}" if why else "")
 

@@ -18,9 +18,9 @@ bench/beacon.py.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import IntEnum
 from operator import mul
 
+from gateway.explained import ExplainedInt
 from gateway.replacing import replace
 
 STEP_NS = 10_000_000  # of lags
@@ -38,23 +38,16 @@ EXPIRES_NS = 1_000_000_000  # without a frame that confirms it
 CLOSEST_NS = 12_000_000  # frames closer than this to the one before are not used
 
 
-class BeaconStatus(IntEnum):
+class BeaconStatus(ExplainedInt):
     """Do the pictures show the code? The numbers are on the wire: never renumber, only add."""
 
-    OFF = 0
-    SEARCHING = 1
-    PROVEN = 2
-    LATE = 3
-    LOST = 4
+    OFF = 0, "no beacon is configured"
+    SEARCHING = 1, "the code was not found in the pictures yet"
+    PROVEN = 2, "the pictures show the code: they are of the present, and as old as the camera says"
+    LATE = 3, "the pictures show the code, but are older than the camera says by more than the tolerance"
+    LOST = 4, "the pictures no longer show the code"
 
 
-BEACON_MEANING: dict[BeaconStatus, str] = {
-    BeaconStatus.OFF: "no beacon is configured",
-    BeaconStatus.SEARCHING: "the code was not found in the pictures yet",
-    BeaconStatus.PROVEN: "the pictures show the code: they are of the present, and as old as the camera says",
-    BeaconStatus.LATE: "the pictures show the code, but are older than the camera says by more than the tolerance",
-    BeaconStatus.LOST: "the pictures no longer show the code",
-}
 FOUND = frozenset({BeaconStatus.PROVEN, BeaconStatus.LATE})
 
 

@@ -10,8 +10,8 @@ from functools import lru_cache
 from typing import Any
 
 from gateway.core.plc import RecipeVerdict
-from gateway.core.readings import EXPOSURE_MEANING, PictureFault
-from gateway.core.state import MOVED_MEANING, Moved
+from gateway.core.readings import ExposureState, PictureFault
+from gateway.core.state import Moved
 
 _NUMBER = r"([-+]?\d[\d.]*)"
 MOST_CHARACTERS = 600  # of a text: the time that a search may take grows with the square of it and more
@@ -205,7 +205,7 @@ RECIPE_REFUSED = {
     verdict: Detail(f"recipe_{name}", f"recipe {{0}}: {name}")
     for verdict, name in ((verdict, verdict.name.lower()) for verdict in RecipeVerdict)
 }
-_LEFT: dict[Moved, str] = {moved: meaning for moved, meaning in MOVED_MEANING.items() if moved is not Moved.NO}
+_LEFT: dict[Moved, str] = {moved: meaning for moved, meaning in Moved.meanings().items() if moved is not Moved.NO}
 VISIT_MOVED: dict[Moved, Detail] = {
     moved: Detail(f"visit_{moved.name.lower()}", f"moved: {moved.name.lower()}") for moved in _LEFT
 }
@@ -214,8 +214,8 @@ _FROM_TO_MOVED: dict[Moved, Detail] = {
     for moved, meaning in _LEFT.items()
 }
 _MEANINGS = (
-    *(Detail(f"left_{moved.name.lower()}", meaning) for moved, meaning in MOVED_MEANING.items()),
-    *(Detail(f"exposure_{state.name.lower()}", meaning) for state, meaning in EXPOSURE_MEANING.items()),
+    *(Detail(f"left_{moved.name.lower()}", moved.meaning) for moved in Moved),
+    *(Detail(f"exposure_{state.name.lower()}", state.meaning) for state in ExposureState),
 )
 
 _NUMBERED = {

@@ -5,24 +5,17 @@ Pixel centres lie at integers: the centre of the top left pixel is (0, 0).
 
 import math
 from dataclasses import dataclass
-from enum import IntEnum
+
+from gateway.explained import ExplainedInt
 
 
-class Tracking(IntEnum):
+class Tracking(ExplainedInt):
     """How the position of this frame was obtained. The numbers are on the wire: never renumber, only add."""
 
-    OFF = 0
-    MEASURED = 1
-    COASTED = 2
-    LOST = 3
-
-
-TRACKING_MEANING: dict[Tracking, str] = {
-    Tracking.OFF: "every frame is searched completely, by itself",
-    Tracking.MEASURED: "the marker was found in this frame and fits its track, or begins one",
-    Tracking.COASTED: "the marker was not found in this frame; its place is predicted from its motion",
-    Tracking.LOST: "no marker is followed: none was found yet, or not for so long that its track was given up",
-}
+    OFF = 0, "every frame is searched completely, by itself"
+    MEASURED = 1, "the marker was found in this frame and fits its track, or begins one"
+    COASTED = 2, "the marker was not found in this frame; its place is predicted from its motion"
+    LOST = 3, "no marker is followed: none was found yet, or not for so long that its track was given up"
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,33 +4,31 @@ NE 107 gives a field device four signals besides "good": failure (F), function c
 maintenance required (M). Several may hold at once; the register names the one that counts most.
 """
 
-from enum import IntEnum
-
 from gateway.core.readings import BEYOND_RANGE, DEAD, MEASURED, Quality
 from gateway.core.state import FunctionCheck, Reason, Sensed, StateVector
+from gateway.explained import ExplainedInt
 
 MAINTENANCE_NS = 600 * 1_000_000_000  # after something was restarted by itself it is reported for this time
 
 
-class Ne107(IntEnum):
+class Ne107(ExplainedInt):
     """The numbers are on the wire: never renumber, only add."""
 
-    GOOD = 0
-    FAILURE = 1
-    FUNCTION_CHECK = 2
-    OUT_OF_SPECIFICATION = 3
-    MAINTENANCE_REQUIRED = 4
+    GOOD = 0, "in order; an empty bay is in order, too"
+    FAILURE = 1, "F: not valid: a sensor, a link, the PLC's heartbeat (where required), relay or gateway is broken"
+    FUNCTION_CHECK = 2, "C: not valid for the moment, on purpose: starting, shutting down, a technician at work"
+    OUT_OF_SPECIFICATION = (
+        3,
+        "S: beyond what it can measure: out of the ranger's range, jumping distances, marker "
+        "hidden, sensors contradict, age not proven",
+    )
+    MAINTENANCE_REQUIRED = (
+        4,
+        "M: valid, but see to picture, restart within 10 min, 1 damaged line in 100, "
+        "one of several rangers or air temperature",
+    )
 
 
-NE107_MEANING: dict[Ne107, str] = {
-    Ne107.GOOD: "in order; an empty bay is in order, too",
-    Ne107.FAILURE: "F: not valid: a sensor, a link, the PLC's heartbeat (where required), relay or gateway is broken",
-    Ne107.FUNCTION_CHECK: "C: not valid for the moment, on purpose: starting, shutting down, a technician at work",
-    Ne107.OUT_OF_SPECIFICATION: "S: beyond what it can measure: out of the ranger's range, jumping distances, marker "
-    "hidden, sensors contradict, age not proven",
-    Ne107.MAINTENANCE_REQUIRED: "M: valid, but see to picture, restart within 10 min, 1 damaged line in 100, "
-    "one of several rangers or air temperature",
-}
 # A technician at work explains whatever else is seen; only a dead gateway is worse.
 ORDER = (Ne107.FAILURE, Ne107.FUNCTION_CHECK, Ne107.OUT_OF_SPECIFICATION, Ne107.MAINTENANCE_REQUIRED)
 

@@ -6,32 +6,28 @@ The numbers are on the wire: never renumber, only add. The transitions are in ga
 from dataclasses import dataclass
 from enum import Enum, IntEnum, auto
 
+from gateway.explained import ExplainedInt
 from gateway.replacing import replace
 
 
-class Control(IntEnum):
+class Control(ExplainedInt):
     """Bits of the register that the PLC writes."""
 
-    ENABLE = 0
-    TRUCK_PRESENT = 1
-    RESET = 2
-    TRIGGER = 3
-    RESULTS_ACK = 4
-    RELEASE = 5
-    SPOUT_UP = 6
-
-
-CONTROL_MEANING: dict[Control, str] = {
-    Control.ENABLE: "1: the PLC wants the bay in use; where enable_required is set, may_move needs it",
-    Control.TRUCK_PRESENT: "1: a truck is in the bay; back to 0: it has left, a latched stop may end; may_move needs "
-    "it where truck_required",
-    Control.RESET: "0 to 1: end the latched stop, or that of a truck that moved, if its cause is gone",
-    Control.TRIGGER: "0 to 1: measure anew and hold the result",
-    Control.RESULTS_ACK: "0 to 1: the held result has been read; go back to 0 before the next trigger",
-    Control.RELEASE: "0 to 1 while the truck is or was in place, with a heartbeat: it may leave, stop goes off; hold "
-    "it until it has left the mark",
-    Control.SPOUT_UP: "1: the spout is up; where spout_up_required is set, a release needs it, and ends with it",
-}
+    ENABLE = 0, "1: the PLC wants the bay in use; where enable_required is set, may_move needs it"
+    TRUCK_PRESENT = (
+        1,
+        "1: a truck is in the bay; back to 0: it has left, a latched stop may end; may_move needs "
+        "it where truck_required",
+    )
+    RESET = 2, "0 to 1: end the latched stop, or that of a truck that moved, if its cause is gone"
+    TRIGGER = 3, "0 to 1: measure anew and hold the result"
+    RESULTS_ACK = 4, "0 to 1: the held result has been read; go back to 0 before the next trigger"
+    RELEASE = (
+        5,
+        "0 to 1 while the truck is or was in place, with a heartbeat: it may leave, stop goes off; hold "
+        "it until it has left the mark",
+    )
+    SPOUT_UP = 6, "1: the spout is up; where spout_up_required is set, a release needs it, and ends with it"
 
 
 CONTROL_BITS = sum(1 << bit for bit in Control)
@@ -56,60 +52,37 @@ class TriggerPhase(IntEnum):
     CLEARING = 3  # the result was acknowledged; waiting for results_ack to go back to 0
 
 
-class TriggerOutcome(IntEnum):
+class TriggerOutcome(ExplainedInt):
     """What a triggered measurement found."""
 
-    NONE = 0
-    IN_PLACE = 1
-    NOT_IN_PLACE = 2
-    NO_TARGET = 3
-    SENSOR_FAULT = 4
+    NONE = 0, "no result is held"
+    IN_PLACE = 1, "D = 1; register in_place asks for more"
+    NOT_IN_PLACE = 2, "D = 0"
+    NO_TARGET = 3, "D is unknowable: no marker in the picture"
+    SENSOR_FAULT = 4, "D is unknowable: a sensor had no value, or both contradict each other"
 
 
-OUTCOME_MEANING: dict[TriggerOutcome, str] = {
-    TriggerOutcome.NONE: "no result is held",
-    TriggerOutcome.IN_PLACE: "D = 1; register in_place asks for more",
-    TriggerOutcome.NOT_IN_PLACE: "D = 0",
-    TriggerOutcome.NO_TARGET: "D is unknowable: no marker in the picture",
-    TriggerOutcome.SENSOR_FAULT: "D is unknowable: a sensor had no value, or both contradict each other",
-}
-
-
-class RecipeVerdict(IntEnum):
+class RecipeVerdict(ExplainedInt):
     """Result of the newest recipe_select."""
 
-    NONE = 0
-    ACTIVE = 1
-    UNKNOWN = 2
-    STOP_STANDS = 3
-    BUSY = 4
+    NONE = 0, "no recipe was asked for since the start of the gateway"
+    ACTIVE = 1, "the recipe asked for is in force"
+    UNKNOWN = 2, "no recipe has this id; recipe_active stays as it is"
+    STOP_STANDS = (
+        3,
+        "not while D is 1, or was when last known, or stop is latched: new thresholds must not "
+        "end a stop; recipe_active stays as it is",
+    )
+    BUSY = 4, "not while a triggered measurement runs; recipe_active stays as it is"
 
 
-RECIPE_MEANING: dict[RecipeVerdict, str] = {
-    RecipeVerdict.NONE: "no recipe was asked for since the start of the gateway",
-    RecipeVerdict.ACTIVE: "the recipe asked for is in force",
-    RecipeVerdict.UNKNOWN: "no recipe has this id; recipe_active stays as it is",
-    RecipeVerdict.STOP_STANDS: "not while D is 1, or was when last known, or stop is latched: new thresholds must not "
-    "end a stop; recipe_active stays as it is",
-    RecipeVerdict.BUSY: "not while a triggered measurement runs; recipe_active stays as it is",
-}
-
-
-class ResetVerdict(IntEnum):
+class ResetVerdict(ExplainedInt):
     """Result of the newest reset."""
 
-    NONE = 0
-    DONE = 1
-    CAUSE_STANDS = 2
-    NOTHING_LATCHED = 3
-
-
-RESET_MEANING: dict[ResetVerdict, str] = {
-    ResetVerdict.NONE: "no reset was asked for since the start of the gateway",
-    ResetVerdict.DONE: "the latched stop, or that of a truck that moved, was ended",
-    ResetVerdict.CAUSE_STANDS: "refused: D is 1, or can't be known",
-    ResetVerdict.NOTHING_LATCHED: "no stop was latched",
-}
+    NONE = 0, "no reset was asked for since the start of the gateway"
+    DONE = 1, "the latched stop, or that of a truck that moved, was ended"
+    CAUSE_STANDS = 2, "refused: D is 1, or can't be known"
+    NOTHING_LATCHED = 3, "no stop was latched"
 
 
 @dataclass(frozen=True, slots=True)

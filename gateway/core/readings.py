@@ -1,28 +1,29 @@
 """What the two sensors report: quality, value and counters; of the camera also the picture's own health."""
 
 from dataclasses import dataclass, field
-from enum import IntEnum, StrEnum
+from enum import IntEnum
 
 from gateway.core.beacon import BeaconCode, BeaconLight
 from gateway.core.detection import Circle, Ellipse, Tracking
+from gateway.explained import ExplainedInt, ExplainedStr
 
 
-class Quality(IntEnum):
+class Quality(ExplainedInt):
     """Why a sensor's value may or may not be used. Only GOOD carries a value; the numbers are on the wire."""
 
-    GOOD = 0
-    WAITING = 1
-    STALE = 2
-    LINK_DOWN = 3
-    NO_TARGET = 4
-    PROCESS_FAULT = 5
-    NO_ECHO = 6
-    TOO_NEAR = 7
-    TOO_FAR = 8
-    STUCK = 9
-    UNSTABLE = 10
-    WRONG_VERSION = 11
-    COASTED = 12
+    GOOD = 0, "fresh and valid"
+    WAITING = 1, "nothing received since the start"
+    STALE = 2, "the last value is older than its deadline"
+    LINK_DOWN = 3, "camera or serial port cannot be opened, or was lost"
+    NO_TARGET = 4, "the frame is fine, but no marker is in it"
+    PROCESS_FAULT = 5, "the vision process died, hung or failed on the frame"
+    NO_ECHO = 6, "the ranger heard no echo"
+    TOO_NEAR = 7, "nearer than the ranger can measure"
+    TOO_FAR = 8, "farther than the ranger can measure"
+    STUCK = 9, "the ranger's ECHO pin does not move"
+    UNSTABLE = 10, "readings jump more than the glitch gate allows"
+    WRONG_VERSION = 11, "the ranger speaks another protocol version"
+    COASTED = 12, "the marker is not in this frame; only where it should be is known, from its motion"
 
 
 FRESH_FRAME = frozenset({Quality.GOOD, Quality.NO_TARGET, Quality.COASTED})
@@ -39,63 +40,27 @@ DEAD = frozenset({Quality.STALE, Quality.LINK_DOWN, Quality.PROCESS_FAULT, Quali
 """Of either sensor: it is broken, or its link is. Every other quality but WAITING is that of a live sensor."""
 
 
-QUALITY_MEANING: dict[Quality, str] = {
-    Quality.GOOD: "fresh and valid",
-    Quality.WAITING: "nothing received since the start",
-    Quality.STALE: "the last value is older than its deadline",
-    Quality.LINK_DOWN: "camera or serial port cannot be opened, or was lost",
-    Quality.NO_TARGET: "the frame is fine, but no marker is in it",
-    Quality.PROCESS_FAULT: "the vision process died, hung or failed on the frame",
-    Quality.NO_ECHO: "the ranger heard no echo",
-    Quality.TOO_NEAR: "nearer than the ranger can measure",
-    Quality.TOO_FAR: "farther than the ranger can measure",
-    Quality.STUCK: "the ranger's ECHO pin does not move",
-    Quality.UNSTABLE: "readings jump more than the glitch gate allows",
-    Quality.WRONG_VERSION: "the ranger speaks another protocol version",
-    Quality.COASTED: "the marker is not in this frame; only where it should be is known, from its motion",
-}
-
-
-class AgeProof(StrEnum):
+class AgeProof(ExplainedStr):
     """What shows how old a frame is, counted from its exposure: nothing; the stream's own times against their arrival,
     which do not show a constant delay; a stamp of the driver or of the camera; or it was made on this machine (a film,
     a simulation)."""
 
-    UNPROVEN = "unproven"
-    PRESENTATION_TIME = "presentation_time"
-    BUFFER_TIME = "buffer_time"
-    DEVICE_TIME = "device_time"
-    OWN_CLOCK = "own_clock"
+    UNPROVEN = "unproven", "not proven"
+    PRESENTATION_TIME = "presentation_time", "own times of the stream; a constant delay is not seen"
+    BUFFER_TIME = "buffer_time", "time stamp of the driver"
+    DEVICE_TIME = "device_time", "time stamp of the camera"
+    OWN_CLOCK = "own_clock", "clock of the gateway"
 
 
-AGE_PROOF_MEANING: dict[AgeProof, str] = {
-    AgeProof.UNPROVEN: "not proven",
-    AgeProof.PRESENTATION_TIME: "own times of the stream; a constant delay is not seen",
-    AgeProof.BUFFER_TIME: "time stamp of the driver",
-    AgeProof.DEVICE_TIME: "time stamp of the camera",
-    AgeProof.OWN_CLOCK: "clock of the gateway",
-}
-
-
-class PictureFault(IntEnum):
+class PictureFault(ExplainedInt):
     """What is wrong with the picture itself: bits of its status, on the wire: never renumber, only add."""
 
-    DARK = 0
-    BRIGHT = 1
-    FLAT = 2
-    BLURRED = 3
-    DUSTY = 4
-    SHIFTED = 5
-
-
-PICTURE_MEANING: dict[PictureFault, str] = {
-    PictureFault.DARK: "too dark",
-    PictureFault.BRIGHT: "over-exposed: too much of it is burnt out",
-    PictureFault.FLAT: "without contrast: the lens is covered, or looks into fog",
-    PictureFault.BLURRED: "without sharp edges: out of focus, or dirt or water on the lens",
-    PictureFault.DUSTY: "veiled for long: dust in the air or on the lens",
-    PictureFault.SHIFTED: "the fixed background is not where it was: the camera was moved, turned or zoomed",
-}
+    DARK = 0, "too dark"
+    BRIGHT = 1, "over-exposed: too much of it is burnt out"
+    FLAT = 2, "without contrast: the lens is covered, or looks into fog"
+    BLURRED = 3, "without sharp edges: out of focus, or dirt or water on the lens"
+    DUSTY = 4, "veiled for long: dust in the air or on the lens"
+    SHIFTED = 5, "the fixed background is not where it was: the camera was moved, turned or zoomed"
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,29 +82,19 @@ class PictureHealth:
         return tuple(fault for fault in PictureFault if self.status >> fault & 1)
 
 
-class ExposureState(StrEnum):
+class ExposureState(ExplainedStr):
     """Of a camera whose exposure the gateway controls (`camera.exposure = "marker"`)."""
 
-    CONTROLLED = "controlled"
-    TOO_BRIGHT = "too_bright"
-    TOO_DARK = "too_dark"
-    IGNORED = "ignored"
-    REFUSED = "refused"
-    NO_CONTROLS = "no_controls"
+    CONTROLLED = "controlled", "exposure time and gain follow the light"
+    TOO_BRIGHT = "too_bright", "at its shortest time and lowest gain, and still too bright"
+    TOO_DARK = "too_dark", "at its longest time and highest gain, and still too dark"
+    IGNORED = "ignored", "the camera accepts other settings, but its pictures do not follow them"
+    REFUSED = "refused", "the camera refuses to be set"
+    NO_CONTROLS = "no_controls", "the camera has no exposure time that can be set"
 
 
 UNCONTROLLED = frozenset({ExposureState.IGNORED, ExposureState.REFUSED, ExposureState.NO_CONTROLS})
 """The camera does not follow its settings."""
-
-
-EXPOSURE_MEANING: dict[ExposureState, str] = {
-    ExposureState.CONTROLLED: "exposure time and gain follow the light",
-    ExposureState.TOO_BRIGHT: "at its shortest time and lowest gain, and still too bright",
-    ExposureState.TOO_DARK: "at its longest time and highest gain, and still too dark",
-    ExposureState.IGNORED: "the camera accepts other settings, but its pictures do not follow them",
-    ExposureState.REFUSED: "the camera refuses to be set",
-    ExposureState.NO_CONTROLS: "the camera has no exposure time that can be set",
-}
 
 
 @dataclass(frozen=True, slots=True)

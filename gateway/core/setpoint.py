@@ -1,30 +1,20 @@
 """What a drive is told that moves the vehicle to its place: the record, and what its states mean. Pure."""
 
 from dataclasses import dataclass
-from enum import IntEnum
+
+from gateway.explained import ExplainedInt
 
 
-class DriveState(IntEnum):
+class DriveState(ExplainedInt):
     """How far the approach is. The numbers are on the wire: never renumber, only add."""
 
-    OFF = 0
-    INHIBITED = 1
-    NO_DISTANCE = 2
-    APPROACH = 3
-    CREEP = 4
-    SETTLE = 5
-    AT_PLACE = 6
-
-
-DRIVE_MEANING: dict[DriveState, str] = {
-    DriveState.OFF: "no drive is configured",
-    DriveState.INHIBITED: "stop is on, may_move is off, or something is at fault or in doubt: setpoint 0",
-    DriveState.NO_DISTANCE: "the vehicle may move, but there is no measured distance to drive by: setpoint 0",
-    DriveState.APPROACH: "on the way to the place",
-    DriveState.CREEP: "at creep speed, just before the place",
-    DriveState.SETTLE: "setpoint 0: the vehicle runs out, or is waited for until it stands",
-    DriveState.AT_PLACE: "the vehicle stands at its place",
-}
+    OFF = 0, "no drive is configured"
+    INHIBITED = 1, "stop is on, may_move is off, or something is at fault or in doubt: setpoint 0"
+    NO_DISTANCE = 2, "the vehicle may move, but there is no measured distance to drive by: setpoint 0"
+    APPROACH = 3, "on the way to the place"
+    CREEP = 4, "at creep speed, just before the place"
+    SETTLE = 5, "setpoint 0: the vehicle runs out, or is waited for until it stands"
+    AT_PLACE = 6, "the vehicle stands at its place"
 
 
 @dataclass(frozen=True, slots=True)

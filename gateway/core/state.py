@@ -20,68 +20,39 @@ from gateway.core.readings import (
 )
 from gateway.core.scale import MarkerScale, ScaleSample
 from gateway.core.setpoint import Setpoint
+from gateway.explained import ExplainedInt
 from gateway.replacing import replace
 
 
-class Reason(IntEnum):
+class Reason(ExplainedInt):
     """Why `stop` is on. The numbers are on the wire: never renumber, only add."""
 
-    NONE = 0
-    TARGET_REACHED = 1
-    STOP_LATCHED = 2
-    MOVED = 3
-    CLEARING = 4
-    STARTING = 10
-    VISION_STALE = 11
-    CAMERA_DOWN = 12
-    NO_TARGET = 13
-    VISION_FAULT = 14
-    TARGET_COASTED = 15
-    VISION_AGE_UNPROVEN = 16
-    BEACON_LOST = 17
-    RANGE_STALE = 20
-    RANGER_DOWN = 21
-    NO_ECHO = 22
-    RANGE_TOO_NEAR = 23
-    RANGE_TOO_FAR = 24
-    RANGER_STUCK = 25
-    RANGE_UNSTABLE = 26
-    RANGER_VERSION = 27
-    RANGERS_DISAGREE = 28
-    SENSORS_DISAGREE = 30
-    GATEWAY_FAULT = 40
-    SHUTDOWN = 41
-    PLC_LOST = 50
-
-
-REASON_MEANING: dict[Reason, str] = {
-    Reason.NONE: "stop is off",
-    Reason.TARGET_REACHED: "D = 1: the marker is large enough and the distance short enough",
-    Reason.STOP_LATCHED: "D was 1, or the gateway has started; until a reset, a release, or the truck has left",
-    Reason.MOVED: "a truck that was in place has moved without release; until it has left, a release or a reset",
-    Reason.CLEARING: "D is 0, and both sensors are good and fit; until that has been so for clear_hold_s",
-    Reason.STARTING: "a sensor has sent nothing yet",
-    Reason.VISION_STALE: "the newest frame is older than its deadline",
-    Reason.CAMERA_DOWN: "the camera cannot be opened or was lost",
-    Reason.NO_TARGET: "no marker in the picture",
-    Reason.VISION_FAULT: "the vision process died, hung or failed",
-    Reason.TARGET_COASTED: "the marker is hidden for the moment; its place is a prediction, not a measurement",
-    Reason.VISION_AGE_UNPROVEN: "nothing proves how old the frames are; camera.unproven_age refuses them",
-    Reason.BEACON_LOST: "the pictures do not show the beacon's code, or show it too late",
-    Reason.RANGE_STALE: "the newest distance is older than its deadline",
-    Reason.RANGER_DOWN: "the ranger's port cannot be opened or was lost",
-    Reason.NO_ECHO: "the ranger hears no echo",
-    Reason.RANGE_TOO_NEAR: "nearer than the ranger can measure",
-    Reason.RANGE_TOO_FAR: "farther than the ranger can measure",
-    Reason.RANGER_STUCK: "the ranger's ECHO pin does not move",
-    Reason.RANGE_UNSTABLE: "distance readings jump",
-    Reason.RANGER_VERSION: "the ranger's firmware speaks another protocol version",
-    Reason.RANGERS_DISAGREE: "the rangers of this bay contradict each other: too few of them agree",
-    Reason.SENSORS_DISAGREE: "camera and ranger contradict each other: R and Z do not fit",
-    Reason.GATEWAY_FAULT: "the gateway's own control task does not run",
-    Reason.SHUTDOWN: "the gateway is shutting down",
-    Reason.PLC_LOST: "the PLC's heartbeat is missing, or no longer changes; it is required",
-}
+    NONE = 0, "stop is off"
+    TARGET_REACHED = 1, "D = 1: the marker is large enough and the distance short enough"
+    STOP_LATCHED = 2, "D was 1, or the gateway has started; until a reset, a release, or the truck has left"
+    MOVED = 3, "a truck that was in place has moved without release; until it has left, a release or a reset"
+    CLEARING = 4, "D is 0, and both sensors are good and fit; until that has been so for clear_hold_s"
+    STARTING = 10, "a sensor has sent nothing yet"
+    VISION_STALE = 11, "the newest frame is older than its deadline"
+    CAMERA_DOWN = 12, "the camera cannot be opened or was lost"
+    NO_TARGET = 13, "no marker in the picture"
+    VISION_FAULT = 14, "the vision process died, hung or failed"
+    TARGET_COASTED = 15, "the marker is hidden for the moment; its place is a prediction, not a measurement"
+    VISION_AGE_UNPROVEN = 16, "nothing proves how old the frames are; camera.unproven_age refuses them"
+    BEACON_LOST = 17, "the pictures do not show the beacon's code, or show it too late"
+    RANGE_STALE = 20, "the newest distance is older than its deadline"
+    RANGER_DOWN = 21, "the ranger's port cannot be opened or was lost"
+    NO_ECHO = 22, "the ranger hears no echo"
+    RANGE_TOO_NEAR = 23, "nearer than the ranger can measure"
+    RANGE_TOO_FAR = 24, "farther than the ranger can measure"
+    RANGER_STUCK = 25, "the ranger's ECHO pin does not move"
+    RANGE_UNSTABLE = 26, "distance readings jump"
+    RANGER_VERSION = 27, "the ranger's firmware speaks another protocol version"
+    RANGERS_DISAGREE = 28, "the rangers of this bay contradict each other: too few of them agree"
+    SENSORS_DISAGREE = 30, "camera and ranger contradict each other: R and Z do not fit"
+    GATEWAY_FAULT = 40, "the gateway's own control task does not run"
+    SHUTDOWN = 41, "the gateway is shutting down"
+    PLC_LOST = 50, "the PLC's heartbeat is missing, or no longer changes; it is required"
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,46 +140,26 @@ class Fused:
     memory: FusionMemory = field(default_factory=FusionMemory)
 
 
-class VisitPhase(IntEnum):
+class VisitPhase(ExplainedInt):
     """The phase of a truck's visit (docs/visit.md). The numbers are on the wire: never renumber, only add."""
 
-    UNKNOWN = 0
-    EMPTY = 1
-    ARRIVING = 2
-    APPROACHING = 3
-    AT_MARK = 4
-    IN_PLACE = 5
-    HELD = 6
-    RELEASED = 7
-    LEAVING = 8
+    UNKNOWN = 0, "a sensor has no usable value, or both contradict each other"
+    EMPTY = 1, "no truck: no marker in sight, and nothing before the ranger"
+    ARRIVING = 2, "a truck on its way in: a marker in sight, still beyond the ranger's range"
+    APPROACHING = 3, "a truck on its way in, D = 0"
+    AT_MARK = 4, "D = 1, but not in place: still moving, askew, too far in, moved, or in place was lost"
+    IN_PLACE = 5, "in place, seen by both sensors"
+    HELD = 6, "in place, with the marker covered: held by the ranger alone"
+    RELEASED = 7, "the PLC has released the truck; it has not left its place yet"
+    LEAVING = 8, "the truck was in place and is on its way out, until it is out of sight"
 
 
-VISIT_PHASE_MEANING: dict[VisitPhase, str] = {
-    VisitPhase.UNKNOWN: "a sensor has no usable value, or both contradict each other",
-    VisitPhase.EMPTY: "no truck: no marker in sight, and nothing before the ranger",
-    VisitPhase.ARRIVING: "a truck on its way in: a marker in sight, still beyond the ranger's range",
-    VisitPhase.APPROACHING: "a truck on its way in, D = 0",
-    VisitPhase.AT_MARK: "D = 1, but not in place: still moving, askew, too far in, moved, or in place was lost",
-    VisitPhase.IN_PLACE: "in place, seen by both sensors",
-    VisitPhase.HELD: "in place, with the marker covered: held by the ranger alone",
-    VisitPhase.RELEASED: "the PLC has released the truck; it has not left its place yet",
-    VisitPhase.LEAVING: "the truck was in place and is on its way out, until it is out of sight",
-}
-
-
-class Moved(IntEnum):
+class Moved(ExplainedInt):
     """How a truck that was in place left it without release. The numbers are on the wire: never renumber, only add."""
 
-    NO = 0
-    DISTANCE = 1
-    MARKER = 2
-
-
-MOVED_MEANING: dict[Moved, str] = {
-    Moved.NO: "it has not, since it was last in place",
-    Moved.DISTANCE: "the distance left its band",
-    Moved.MARKER: "the marker was seen elsewhere, at a fitting size",
-}
+    NO = 0, "it has not, since it was last in place"
+    DISTANCE = 1, "the distance left its band"
+    MARKER = 2, "the marker was seen elsewhere, at a fitting size"
 
 
 @dataclass(frozen=True, slots=True)
@@ -311,39 +262,22 @@ class Visit:
         )
 
 
-class GuidanceCode(IntEnum):
+class GuidanceCode(ExplainedInt):
     """The instruction for the driver. The numbers are on the wire: never renumber, only add."""
 
-    WAIT = 0
-    FORWARD = 1
-    BACK = 2
-    LEFT = 3
-    RIGHT = 4
-    SLOW = 5
-    STOP = 6
-    OK = 7
-    TOO_FAR = 8
-    FAULT = 9
-    LEAVE = 10
-    DRIVE_UP = 11
-    BRAKE = 12
-
-
-GUIDANCE_MEANING: dict[GuidanceCode, str] = {
-    GuidanceCode.WAIT: "stand still: no truck to guide yet, or the bay is not in use",
-    GuidanceCode.FORWARD: "drive on; the amount is the distance to go",
-    GuidanceCode.BACK: "standing too far in: go back; the amount is how far",
-    GuidanceCode.LEFT: "drive on and keep more to the left; the amount is how much",
-    GuidanceCode.RIGHT: "drive on and keep more to the right; the amount is how much",
-    GuidanceCode.SLOW: "drive on slowly: nearly there; the amount is the distance to go",
-    GuidanceCode.STOP: "stop now",
-    GuidanceCode.OK: "in place: stay where you are",
-    GuidanceCode.TOO_FAR: "still moving, and already too far in: stop now; the amount is how far",
-    GuidanceCode.FAULT: "stop: something is broken; a display shows it as STOP",
-    GuidanceCode.LEAVE: "leave the bay: released, or on the way out",
-    GuidanceCode.DRIVE_UP: "drive on; too far away for the ranger to measure",
-    GuidanceCode.BRAKE: "the truck rolls or drives off while it is in place: brake now",
-}
+    WAIT = 0, "stand still: no truck to guide yet, or the bay is not in use"
+    FORWARD = 1, "drive on; the amount is the distance to go"
+    BACK = 2, "standing too far in: go back; the amount is how far"
+    LEFT = 3, "drive on and keep more to the left; the amount is how much"
+    RIGHT = 4, "drive on and keep more to the right; the amount is how much"
+    SLOW = 5, "drive on slowly: nearly there; the amount is the distance to go"
+    STOP = 6, "stop now"
+    OK = 7, "in place: stay where you are"
+    TOO_FAR = 8, "still moving, and already too far in: stop now; the amount is how far"
+    FAULT = 9, "stop: something is broken; a display shows it as STOP"
+    LEAVE = 10, "leave the bay: released, or on the way out"
+    DRIVE_UP = 11, "drive on; too far away for the ranger to measure"
+    BRAKE = 12, "the truck rolls or drives off while it is in place: brake now"
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,31 +1,23 @@
 """What is kept of a truck's visit, from arrival to leaving: one frozen record. Pure (docs/records.md)."""
 
 from dataclasses import dataclass
-from enum import StrEnum
 
 from gateway.core import details
 from gateway.core.state import Moved, Reason, VisitPhase
+from gateway.explained import ExplainedStr
 from gateway.replacing import replace
 
 MS_PER_S = 1000
 Fault = tuple[Reason, int, float]  # reason, how often, seconds in all
 
 
-class VisitEnd(StrEnum):
+class VisitEnd(ExplainedStr):
     """How a visit ended. The names are on the wire."""
 
-    OPEN = "open"
-    CLEAR = "clear"
-    NEXT_TRUCK = "next_truck"
-    GATEWAY_OFF = "gateway_off"
-
-
-END_MEANING: dict[VisitEnd, str] = {
-    VisitEnd.OPEN: "it goes on",
-    VisitEnd.CLEAR: "the bay has been clear for visit.leave_s",
-    VisitEnd.NEXT_TRUCK: "the released truck had left the mark, and a truck came nearer before the bay was clear",
-    VisitEnd.GATEWAY_OFF: "the gateway was off when the truck left; the length is until it was last seen",
-}
+    OPEN = "open", "it goes on"
+    CLEAR = "clear", "the bay has been clear for visit.leave_s"
+    NEXT_TRUCK = "next_truck", "the released truck had left the mark, and a truck came nearer before the bay was clear"
+    GATEWAY_OFF = "gateway_off", "the gateway was off when the truck left; the length is until it was last seen"
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,9 +6,9 @@ from functools import partial
 
 from gateway.clock import Clock
 from gateway.config import BayConfig, GatewayConfig
-from gateway.core.beacon import BEACON_MEANING, BeaconStatus
-from gateway.core.readings import DEAD, QUALITY_MEANING, Quality
-from gateway.core.state import REASON_MEANING, Reason
+from gateway.core.beacon import BeaconStatus
+from gateway.core.readings import DEAD, Quality
+from gateway.core.state import Reason
 from gateway.doctor import network
 from gateway.errors import ProtocolError
 from gateway.modbus import client
@@ -102,7 +102,7 @@ def _bay_dead(image: dict[str, Value]) -> Judgement | None:
     if reason not in (Reason.GATEWAY_FAULT, Reason.SHUTDOWN):
         return None
     remedy = "look at the gateway's log; start it again"
-    return Verdict.FAULT, f"nothing is known of it: {REASON_MEANING[Reason(reason)]}", remedy
+    return Verdict.FAULT, f"nothing is known of it: {Reason(reason).meaning}", remedy
 
 
 def _board_dead(bay: BayConfig, image: dict[str, Value]) -> Judgement | None:
@@ -110,7 +110,7 @@ def _board_dead(bay: BayConfig, image: dict[str, Value]) -> Judgement | None:
     several, quality = bool(bay.ranger.more), int(image["range_quality"] or 0)
     if int(image["rangers"] or 0) & 0b0001_0001 if several else quality not in DEAD | {Quality.WAITING}:
         return None
-    why = "no fresh, valid distance" if several else f"{Quality(quality).name}, {QUALITY_MEANING[Quality(quality)]}"
+    why = "no fresh, valid distance" if several else f"{Quality(quality).name}, {Quality(quality).meaning}"
     return Verdict.FAULT, f"its ranger: {why}", "see to the ranger first: its cable, and the bay's alarms"
 
 
@@ -133,7 +133,7 @@ def _beacon(bay: BayConfig, image: dict[str, Value]) -> Judgement:
     remedy = BEACON_REMEDIES.get(status, "")
     if remedy and (dead := _board_dead(bay, image)):
         return dead
-    return Verdict.FAULT if remedy else Verdict.OK, f"{status.name}: {BEACON_MEANING[status]}{found}", remedy
+    return Verdict.FAULT if remedy else Verdict.OK, f"{status.name}: {status.meaning}{found}", remedy
 
 
 def _relay(bay: BayConfig, image: dict[str, Value]) -> Judgement:

@@ -13,9 +13,7 @@ from dataclasses import dataclass, field
 from gateway.clock import Clock
 from gateway.config import BayConfig, RangerConfig
 from gateway.core.readings import (
-    AGE_PROOF_MEANING,
     FRESH_FRAME,
-    QUALITY_MEANING,
     RANGE_FINE,
     AgeProof,
     Quality,
@@ -48,12 +46,12 @@ CORE_SHARE = 0.5  # of a core, for one bay's vision
 def running(bay: BayConfig, vector: SharedVector, now_ns: int) -> Iterator[Finding]:
     """Both sensors of a bay as the running gateway sees them."""
     age_ms = (now_ns - vector.t_vision_ns) / NS_PER_MS
-    seen = f"{QUALITY_MEANING[vector.vision_quality]}; frame {vector.frame_id}, {age_ms:.0f} ms old"
+    seen = f"{vector.vision_quality.meaning}; frame {vector.frame_id}, {age_ms:.0f} ms old"
     if vector.vision_quality is Quality.GOOD:
         seen += f"; u {vector.u_px:.1f}, v {vector.v_px:.1f}, R {vector.radius_px:.1f} px"
     yield _running("camera", bay.name, seen, well=vector.vision_quality in FRESH_FRAME)
     age_ms = (now_ns - vector.t_range_ns) / NS_PER_MS
-    heard = f"{QUALITY_MEANING[vector.range_quality]}; {age_ms:.0f} ms old"
+    heard = f"{vector.range_quality.meaning}; {age_ms:.0f} ms old"
     if vector.range_quality is Quality.GOOD:
         heard += f"; Z {vector.distance_mm:.0f} mm"
     well = vector.range_quality in RANGE_FINE or vector.range_quality in (Quality.NO_ECHO, Quality.TOO_FAR)
@@ -193,7 +191,7 @@ def _judged(bay: BayConfig, look: CameraLook, tried: str) -> Iterator[Finding]:
     used = "" if used_px == look.delivered_px else f" ({used_px[0]} x {used_px[1]} px after crop and rotation)"
     result = (
         f"{width_px} x {height_px} px{used}, {rate_hz:.1f} frames/s, the first after {first_s:.1f} s, "
-        f"{late_ms:.0f} ms old when they arrive (by: {AGE_PROOF_MEANING[look.age_proof]}); "
+        f"{late_ms:.0f} ms old when they arrive (by: {look.age_proof.meaning}); "
         f"{look.fresh} of {frames} proved to be new"
     )
     problem, remedy = frames_advice(look, bay.camera.fps)
@@ -345,7 +343,7 @@ def ranger_judged(bay: str, look: RangerLook, tried: str, seconds: float) -> Fin
     if not remedy:
         return Finding("ranger", bay, Verdict.OK, tried, result)
     if last.quality is not Quality.GOOD:
-        result += f"; {QUALITY_MEANING[last.quality]}" + (f" ({last.detail})" if last.detail else "")
+        result += f"; {last.quality.meaning}" + (f" ({last.detail})" if last.detail else "")
     return Finding("ranger", bay, verdict, tried, result, remedy)
 
 

@@ -8,7 +8,7 @@ import msgspec
 from gateway.core import events
 from gateway.core.plc import Control, PlcConnection, PlcWrite, WriteVerdict
 from gateway.core.readings import FRESH_FRAME, Quality
-from gateway.core.state import REASON_MEANING, FunctionCheck, Moved, StateVector
+from gateway.core.state import FunctionCheck, Moved, StateVector
 from gateway.durations import NS_PER_S
 from gateway.records import sentences as say
 from gateway.records.factors import Factor
@@ -56,7 +56,7 @@ def outputs(state: StateVector) -> list[Row]:
         ("may_move", _on(state.may_move)),
         ("in_place", _on(state.in_place)),
         ("moved", moved),
-        ("reason", f"{state.reason.value} {state.reason.name.lower()}: {REASON_MEANING[state.reason]}"),
+        ("reason", f"{state.reason.value} {state.reason.name.lower()}: {state.reason.meaning}"),
     ]
 
 
@@ -151,7 +151,7 @@ def as_json(answer: Answer, pictures: list[RecordedPicture]) -> dict[str, Any]:
         "warnings": list(warnings(answer)),
         "silence": answer.silence,
         "outputs": None if state is None else dict(outputs(state)) | {"reason": state.reason.name.lower()},
-        "reason_meaning": None if state is None else REASON_MEANING[state.reason],
+        "reason_meaning": None if state is None else state.reason.meaning,
         "since": None if answer.since_ns is None else shown(answer.since_ns),
         "causes": [{"factor": cause.factor.value, "text": cause.text} for cause in answer.causes],
         "chain": [_link(link) for link in answer.chain],

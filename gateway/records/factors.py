@@ -13,11 +13,9 @@ from gateway.core.details import RECOVERING, Detail
 from gateway.core.fusion import RANGE_REASON, VISION_REASON
 from gateway.core.interlock import Recipe, Rules
 from gateway.core.plc import Control, PlcLink
-from gateway.core.readings import QUALITY_MEANING, Quality, RangeReading, VisionReading
+from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.shown import valid
 from gateway.core.state import (
-    MOVED_MEANING,
-    REASON_MEANING,
     FunctionCheck,
     Moved,
     Reason,
@@ -78,7 +76,7 @@ def causes(state: StateVector, rules: Rules, now_ns: int | None = None) -> tuple
         return (_nothing(state, recipe.fusion),)
     found = [*_of_stop(state, rules, recipe), *_of_may_move(state, rules)]
     if not found:  # a version that stops for what is not told apart here
-        found = [Cause(Factor.OTHER, REASON_MEANING[state.reason])]
+        found = [Cause(Factor.OTHER, state.reason.meaning)]
     return tuple(sorted(found, key=lambda cause: _rank(cause.factor, state)))
 
 
@@ -162,7 +160,7 @@ def vision_cause(state: StateVector, config: FusionConfig) -> Cause | None:
     if _aged(reading, now_ns, config.vision_deadline_s):
         text = say.FRAME_OLD(f"{_age_s(reading, now_ns):.2f}", f"{config.vision_deadline_s:g}")
         return Cause(Factor.CAMERA, text, reading.t_ns + round(config.vision_deadline_s * NS_PER_S))
-    text = say.OF_CAMERA(_because(QUALITY_MEANING[reading.quality], reading.detail))
+    text = say.OF_CAMERA(_because(reading.quality.meaning, reading.detail))
     if reading.wrong_size is not None:
         text = say.WRONG_SIZE(text, f"{reading.wrong_size.radius_px:.1f}")
     return Cause(Factor.CAMERA, text, state.visit.covered_since_ns)
@@ -179,7 +177,7 @@ def range_cause(state: StateVector, config: FusionConfig) -> Cause | None:
     if _aged(reading, now_ns, config.range_deadline_s):
         text = say.READING_OLD(f"{_age_s(reading, now_ns):.2f}", f"{config.range_deadline_s:g}")
         return Cause(Factor.RANGER, text, reading.t_ns + round(config.range_deadline_s * NS_PER_S))
-    return Cause(Factor.RANGER, say.OF_RANGER(_because(QUALITY_MEANING[reading.quality], reading.detail)))
+    return Cause(Factor.RANGER, say.OF_RANGER(_because(reading.quality.meaning, reading.detail)))
 
 
 def _recovering(
@@ -213,7 +211,7 @@ def _in_place(state: StateVector) -> Cause:
 
 
 def _moved(state: StateVector) -> str:
-    place, text = state.visit.place, say.MOVED(MOVED_MEANING[state.visit.moved])
+    place, text = state.visit.place, say.MOVED(state.visit.moved.meaning)
     return text if place is None else say.MOVED_FROM(text, position(place), _mm(state))
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from gateway.core.interlock import Rules
 from gateway.core.shown import shown as shown_at
 from gateway.core.shown import valid
-from gateway.core.state import REASON_MEANING, Reason, StateVector
+from gateway.core.state import Reason, StateVector
 from gateway.durations import NS_PER_S
 from gateway.errors import ConfigError
 from gateway.records import chain, names, recording
@@ -264,7 +264,7 @@ class Inquiry:
         places = [n for n, link in enumerate(root) if link.what]
         begin = places[-2] + 1 if len(places) > 1 else 0
         between = [
-            Link(t_ns, REASON_MEANING[now.reason], chain.changed(was, now))
+            Link(t_ns, now.reason.meaning, chain.changed(was, now))
             for (_, was), (t_ns, now) in zip(newest_first[:0:-1], newest_first[-2::-1], strict=True)
             if chain.changed(was, now)
         ]

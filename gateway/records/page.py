@@ -8,7 +8,7 @@ import numpy as np
 
 from gateway.core.detection import Circle
 from gateway.core.readings import RangeReading, VisionReading
-from gateway.core.state import REASON_MEANING, StateVector
+from gateway.core.state import StateVector
 from gateway.durations import NS_PER_S
 from gateway.errors import ProtocolError
 from gateway.records import account, picture_search
@@ -75,9 +75,7 @@ def _tiles(answer: Answer, state: StateVector) -> str:
         tile("on" if state.stop else "off", "stop", "bad" if state.stop else "plain"),
         tile("on" if state.may_move else "off", "may_move", "good" if state.may_move else "plain"),
         tile("on" if state.in_place else "off", "in_place", "good" if state.in_place else "plain"),
-        tile(
-            str(state.reason.value), f"{state.reason.name.lower()}: <span>{plain(REASON_MEANING[state.reason])}</span>"
-        ),
+        tile(str(state.reason.value), f"{state.reason.name.lower()}: <span>{plain(state.reason.meaning)}</span>"),
     ]
     if answer.since_ns is not None:
         lasted_s = (answer.at_ns - answer.since_ns) / NS_PER_S

@@ -4,7 +4,6 @@ Everything the simulator shows follows from a scenario and a time; there is no o
 """
 
 from collections.abc import Mapping
-from enum import StrEnum
 from pathlib import Path
 from typing import Any, Self
 
@@ -15,59 +14,36 @@ from gateway.config.strict.errors import explain
 from gateway.config.strict.section import Section
 from gateway.config.strict.toml_file import merge, read_toml
 from gateway.errors import ConfigError
+from gateway.explained import ExplainedStr
 
 
-class FaultKind(StrEnum):
-    CAMERA_FREEZE = "camera_freeze"
-    CAMERA_LOST = "camera_lost"
-    CAMERA_BLACK = "camera_black"
-    CAMERA_STUCK = "camera_stuck"
-    CAMERA_LATE = "camera_late"
-    CAMERA_LOOPED = "camera_looped"
-    MARKER_HIDDEN = "marker_hidden"
-    MARKER_CRUSTED = "marker_crusted"
-    SPOUT_DOWN = "spout_down"
-    DUST_CLOUD = "dust_cloud"
-    RED_LAMP = "red_lamp"
-    RANGER_SILENT = "ranger_silent"
-    RANGER_NO_ECHO = "ranger_no_echo"
-    RANGER_STUCK = "ranger_stuck"
-    RANGER_TOO_NEAR = "ranger_too_near"
-    RANGER_TOO_FAR = "ranger_too_far"
-    RANGER_NOISE = "ranger_noise"
-    RANGER_WILD = "ranger_wild"
-    RANGER_ECHO = "ranger_echo"
-    RANGER_OFFSET = "ranger_offset"
-    RANGER_UNPLUGGED = "ranger_unplugged"
-    RANGER_WRONG_VERSION = "ranger_wrong_version"
-    RANGER_NO_TEMPERATURE = "ranger_no_temperature"
-
-
-FAULT_MEANING: dict[FaultKind, str] = {
-    FaultKind.CAMERA_FREEZE: "no frames: the driver hangs",
-    FaultKind.CAMERA_LOST: "the camera is gone, and opening it fails",
-    FaultKind.CAMERA_BLACK: "frames arrive, but black, as behind a lens cap",
-    FaultKind.CAMERA_STUCK: "frames arrive, each with a new time, but all show the same picture",
-    FaultKind.CAMERA_LATE: "frames arrive, each with a new time, but show what was `delay_s` ago",
-    FaultKind.CAMERA_LOOPED: "frames arrive, each with a new time, but repeat the last `delay_s` before the fault",
-    FaultKind.MARKER_HIDDEN: "a grey tarpaulin hangs over the marker",
-    FaultKind.MARKER_CRUSTED: "cement has set on the marker, from below, and covers `share` of its rim",
-    FaultKind.SPOUT_DOWN: "the loading spout comes down before the marker, covers it and goes up again at the end",
-    FaultKind.DUST_CLOUD: "loading raises so much dust that hardly anything can be seen",
-    FaultKind.RED_LAMP: "a round red lamp on the spout is lit, 20 px in radius; the spout need not be down",
-    FaultKind.RANGER_SILENT: "the port is open, but no line arrives",
-    FaultKind.RANGER_NO_ECHO: "every measurement reports no echo",
-    FaultKind.RANGER_STUCK: "every measurement reports that ECHO is held high",
-    FaultKind.RANGER_TOO_NEAR: "every measurement reports nearer than 2 cm",
-    FaultKind.RANGER_TOO_FAR: "every measurement reports farther than 4 m",
-    FaultKind.RANGER_NOISE: "bytes are flipped, lost and made up on the wire",
-    FaultKind.RANGER_WILD: "every other reading is wild, as with known clones",
-    FaultKind.RANGER_ECHO: "an echo from what is nearer than the truck: the spout, dust, a person; `distance_cm`",
-    FaultKind.RANGER_OFFSET: "the ranger measures `offset_cm` too much, as one that is loose or out of line",
-    FaultKind.RANGER_UNPLUGGED: "the serial device is gone",
-    FaultKind.RANGER_WRONG_VERSION: "the ranger reboots with another protocol version",
-    FaultKind.RANGER_NO_TEMPERATURE: "the board's temperature sensor, where it has one, is not found",
-}
+class FaultKind(ExplainedStr):
+    CAMERA_FREEZE = "camera_freeze", "no frames: the driver hangs"
+    CAMERA_LOST = "camera_lost", "the camera is gone, and opening it fails"
+    CAMERA_BLACK = "camera_black", "frames arrive, but black, as behind a lens cap"
+    CAMERA_STUCK = "camera_stuck", "frames arrive, each with a new time, but all show the same picture"
+    CAMERA_LATE = "camera_late", "frames arrive, each with a new time, but show what was `delay_s` ago"
+    CAMERA_LOOPED = (
+        "camera_looped",
+        "frames arrive, each with a new time, but repeat the last `delay_s` before the fault",
+    )
+    MARKER_HIDDEN = "marker_hidden", "a grey tarpaulin hangs over the marker"
+    MARKER_CRUSTED = "marker_crusted", "cement has set on the marker, from below, and covers `share` of its rim"
+    SPOUT_DOWN = "spout_down", "the loading spout comes down before the marker, covers it and goes up again at the end"
+    DUST_CLOUD = "dust_cloud", "loading raises so much dust that hardly anything can be seen"
+    RED_LAMP = "red_lamp", "a round red lamp on the spout is lit, 20 px in radius; the spout need not be down"
+    RANGER_SILENT = "ranger_silent", "the port is open, but no line arrives"
+    RANGER_NO_ECHO = "ranger_no_echo", "every measurement reports no echo"
+    RANGER_STUCK = "ranger_stuck", "every measurement reports that ECHO is held high"
+    RANGER_TOO_NEAR = "ranger_too_near", "every measurement reports nearer than 2 cm"
+    RANGER_TOO_FAR = "ranger_too_far", "every measurement reports farther than 4 m"
+    RANGER_NOISE = "ranger_noise", "bytes are flipped, lost and made up on the wire"
+    RANGER_WILD = "ranger_wild", "every other reading is wild, as with known clones"
+    RANGER_ECHO = "ranger_echo", "an echo from what is nearer than the truck: the spout, dust, a person; `distance_cm`"
+    RANGER_OFFSET = "ranger_offset", "the ranger measures `offset_cm` too much, as one that is loose or out of line"
+    RANGER_UNPLUGGED = "ranger_unplugged", "the serial device is gone"
+    RANGER_WRONG_VERSION = "ranger_wrong_version", "the ranger reboots with another protocol version"
+    RANGER_NO_TEMPERATURE = "ranger_no_temperature", "the board's temperature sensor, where it has one, is not found"
 
 
 class Fault(Section):

@@ -6,6 +6,7 @@ from enum import StrEnum
 
 import msgspec
 
+from gateway.explained import ExplainedStr
 from gateway.files import plain_bytes, replacing
 from gateway.status_file import Status
 from gateway.update.machine import Machine, UpdateError, scratch
@@ -15,33 +16,21 @@ FORMAT = 1
 SHOWN_LOG_BYTES, SHOWN_LOG_LINES = 30_000, 200
 
 
-class Stage(StrEnum):
+class Stage(ExplainedStr):
     """The step that has begun. The names are on disk."""
 
-    VERIFYING = "verifying"
-    INSTALLING = "installing"
-    CHECKING = "checking"
-    REPLAYING = "replaying"
-    WAITING = "waiting"
-    SWITCHING = "switching"
-    PROVING = "proving"
-    RETURNING = "returning"
-    CLEANING = "cleaning"
-    ENDED = "ended"
+    VERIFYING = "verifying", "the package is copied, and its signature verified"
+    INSTALLING = "installing", "dpkg installs the new version beside the running one"
+    CHECKING = "checking", "the new version examines the configuration, and migrates a copy where it must"
+    REPLAYING = "replaying", "the new version takes the recorded decisions of the last day again"
+    WAITING = "waiting", "no truck may be in any bay at the switch"
+    SWITCHING = "switching", "configuration and link are changed to the new version"
+    PROVING = "proving", "the new version runs, and must prove itself in operation"
+    RETURNING = "returning", "it could not, or was told to: back to the old version, which is proven, too"
+    CLEANING = "cleaning", "versions that are older than the two are deleted"
+    ENDED = "ended", "nothing is under way"
 
 
-STAGE_MEANING: dict[Stage, str] = {
-    Stage.VERIFYING: "the package is copied, and its signature verified",
-    Stage.INSTALLING: "dpkg installs the new version beside the running one",
-    Stage.CHECKING: "the new version examines the configuration, and migrates a copy where it must",
-    Stage.REPLAYING: "the new version takes the recorded decisions of the last day again",
-    Stage.WAITING: "no truck may be in any bay at the switch",
-    Stage.SWITCHING: "configuration and link are changed to the new version",
-    Stage.PROVING: "the new version runs, and must prove itself in operation",
-    Stage.RETURNING: "it could not, or was told to: back to the old version, which is proven, too",
-    Stage.CLEANING: "versions that are older than the two are deleted",
-    Stage.ENDED: "nothing is under way",
-}
 BEFORE_SWITCH = (Stage.VERIFYING, Stage.INSTALLING, Stage.CHECKING, Stage.REPLAYING, Stage.WAITING, Stage.SWITCHING)
 """A power cut in one of these ends the update; the old version runs on."""
 

@@ -24,8 +24,6 @@ from gateway.core.readings import (
 )
 from gateway.core.setpoint import DriveState
 from gateway.core.state import (
-    GUIDANCE_MEANING,
-    REASON_MEANING,
     FunctionCheck,
     GuidanceCode,
     Moved,
@@ -38,7 +36,7 @@ from gateway.values.value import Value, by_name
 
 Part = TypeVar("Part")
 Read = Callable[[StateVector], Any]
-TEXTS: dict[type[Enum], Any] = {Reason: REASON_MEANING, GuidanceCode: GUIDANCE_MEANING}
+TEXTS: dict[type[Enum], Any] = {Reason: Reason.meanings(), GuidanceCode: GuidanceCode.meanings()}
 
 
 def _part(find: Callable[[StateVector], Part | None]) -> Callable[[Callable[[Part], Any]], Read]:

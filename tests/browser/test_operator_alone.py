@@ -15,7 +15,7 @@ from playwright.sync_api import Browser, Page, Route, expect
 from gateway.alarms.records import Alarm
 from gateway.alarms.states import AlarmState
 from gateway.config import FusionConfig
-from gateway.core.state import REASON_MEANING, Reason
+from gateway.core.state import Reason
 from gateway.sinks.mqtt.messages import StatePayload
 from gateway.web.server import lists, models
 from gateway.web.server.gateway_client import GatewayClient
@@ -53,7 +53,7 @@ def broken(bay: str) -> dict[str, Any]:
         v=None,
         radius_px=None,
         d=None,
-        reason={"name": reason.name, "code": int(reason), "text": REASON_MEANING[reason]},
+        reason={"name": reason.name, "code": int(reason), "text": reason.meaning},
         vision={"quality": {"name": "LINK_DOWN", "code": 3}, "age_ms": 5000.0, "detail": "connection refused"},
         ne107={"name": "FAILURE", "code": 1, "active": ["FAILURE"]},
     )

@@ -1,12 +1,12 @@
 """Rows 110 to 122: for a drive that moves the vehicle, and for a spout that travels. Pure."""
 
-from gateway.core.setpoint import DRIVE_MEANING
+from gateway.core.setpoint import DriveState
 from gateway.modbus.registers.register import INT16, MEASURED_FLOAT32, MEASURED_UINT16, UINT16, Register, named, shown
 
 DRIVE: tuple[Register, ...] = (
     shown(110, "drive_enable", UINT16, 1, "drive.enable", "1: the drive may run at speed_setpoint; else 0"),
     shown(111, "drive_state", UINT16, 1, "drive.state", "how far the approach is; for people, decide on drive_enable",
-          codes=named(DRIVE_MEANING)),
+          codes=named(DriveState)),
     shown(112, "speed_setpoint", INT16, 1, "drive.speed_setpoint_mm_s",
           "speed for the drive, towards the spout positive; 0 whenever it may not run"),
     shown(113, "stopping_distance", MEASURED_UINT16, 1, "drive.stopping_mm",

@@ -6,35 +6,23 @@ Blinking is left to the PLC: polls every 50 to 100 ms would make a blinking bit 
 leave its lamp on or off.
 """
 
-from enum import IntEnum
-
 from gateway.core.state import GuidanceCode, StateVector
+from gateway.explained import ExplainedInt
 from gateway.modbus.registers.register import UINT16, Register, Value, named
 
 
-class Lamp(IntEnum):
+class Lamp(ExplainedInt):
     """The bits of `signal_lamps`. Never renumber, only add."""
 
-    RED = 0
-    AMBER = 1
-    GREEN = 2
-    FORWARD = 3
-    BACK = 4
-    LEFT = 5
-    RIGHT = 6
-    FLASH = 7
+    RED = 0, "red lamp: stand; on whenever neither amber nor green is, also when nothing is known"
+    AMBER = 1, "amber lamp: drive on slowly; never while stop is on or may_move is off"
+    GREEN = 2, "green lamp: drive; never while stop is on or may_move is off"
+    FORWARD = 3, "arrow: forward"
+    BACK = 4, "arrow: back; beside red, for a truck that stands too far in"
+    LEFT = 5, "arrow: keep more to the left"
+    RIGHT = 6, "arrow: keep more to the right"
+    FLASH = 7, "blink the red lamp: the truck moves and must not; the PLC makes the rhythm"
 
-
-LAMP_MEANING: dict[Lamp, str] = {
-    Lamp.RED: "red lamp: stand; on whenever neither amber nor green is, also when nothing is known",
-    Lamp.AMBER: "amber lamp: drive on slowly; never while stop is on or may_move is off",
-    Lamp.GREEN: "green lamp: drive; never while stop is on or may_move is off",
-    Lamp.FORWARD: "arrow: forward",
-    Lamp.BACK: "arrow: back; beside red, for a truck that stands too far in",
-    Lamp.LEFT: "arrow: keep more to the left",
-    Lamp.RIGHT: "arrow: keep more to the right",
-    Lamp.FLASH: "blink the red lamp: the truck moves and must not; the PLC makes the rhythm",
-}
 
 LAMPS: dict[GuidanceCode, tuple[Lamp, ...]] = {
     GuidanceCode.WAIT: (Lamp.RED,),
@@ -66,5 +54,5 @@ def _word(state: StateVector, _: int) -> Value:
 
 SIGNAL_LAMPS = Register(
     100, "signal_lamps", UINT16, 1, "", "lamps of a signal for the driver, one bit each", _word,
-    bits=named(LAMP_MEANING),
+    bits=named(Lamp),
 )  # fmt: skip

@@ -1,6 +1,6 @@
 """Rows 35 to 39: may the truck move, is it in place, has it moved since. Pure (docs/visit.md)."""
 
-from gateway.core.state import MOVED_MEANING, VISIT_PHASE_MEANING, Moved, StateVector
+from gateway.core.state import Moved, StateVector, VisitPhase
 from gateway.durations import NS_PER_S
 from gateway.modbus.registers.register import MEASURED_UINT16, UINT16, Register, StatusWord, Value, named, shown
 
@@ -28,9 +28,9 @@ POSITION: tuple[Register, ...] = (
              POSITION_STATUS.read, bits=POSITION_STATUS.names),
     shown(36, "in_place", UINT16, 1, "in_place", "1: the truck is in place; the only condition for loading; else 0"),
     shown(37, "moved", UINT16, 1, "moved", "since it was in place, has the truck moved without release?",
-          codes=named(MOVED_MEANING)),
+          codes=named(Moved)),
     Register(38, "held_time", MEASURED_UINT16, 1, "s", "in_place has been held by the ranger alone for this time",
              _held_s),
     shown(39, "visit_phase", UINT16, 1, "phase", "phase of the visit; for people, decide on in_place and may_move",
-          codes=named(VISIT_PHASE_MEANING)),
+          codes=named(VisitPhase)),
 )  # fmt: skip

@@ -9,18 +9,17 @@ import math
 import struct
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from enum import IntEnum
 from operator import attrgetter
 from typing import Literal, TypeVar
 
 from gateway.core.state import StateVector
+from gateway.explained import ExplainedInt
 from gateway.values.bay_values import BAY_VALUES
 
 WordOrder = Literal["big", "little"]
 """`big`: the high word has the lowest address. `little`: the low word has it."""
 
 Value = float | None
-Code = TypeVar("Code", bound=IntEnum)
 Part = TypeVar("Part")
 Names = Mapping[int, tuple[str, str]]
 Packed = tuple[tuple[int, ...], bool]
@@ -118,9 +117,9 @@ def shown(
     return Register(address, name, kind, scale, "%" if share else row.unit, meaning or words, read, codes, bits)
 
 
-def named(meanings: Mapping[Code, str]) -> dict[int, tuple[str, str]]:
+def named(codes: type[ExplainedInt]) -> dict[int, tuple[str, str]]:
     """A table of names for a register: number -> (name in small letters, meaning)."""
-    return {int(code): (code.name.lower(), meaning) for code, meaning in meanings.items()}
+    return {int(code): (code.name.lower(), code.meaning) for code in codes}
 
 
 @dataclass(frozen=True, slots=True)

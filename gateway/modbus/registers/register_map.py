@@ -11,10 +11,10 @@ Equal numbers therefore mean one image, however many reads fetched it.
 
 from collections.abc import Callable, Sequence
 
-from gateway.core.beacon import BEACON_MEANING
-from gateway.core.detection import TRACKING_MEANING
-from gateway.core.readings import QUALITY_MEANING, RANGE_FINE, VISION_FINE, Quality, RelayOutput, RelayStatus
-from gateway.core.state import REASON_MEANING, Reason, StateVector
+from gateway.core.beacon import BeaconStatus
+from gateway.core.detection import Tracking
+from gateway.core.readings import RANGE_FINE, VISION_FINE, Quality, RelayOutput, RelayStatus
+from gateway.core.state import Reason, StateVector
 from gateway.durations import NS_PER_MS
 from gateway.errors import ProtocolError
 from gateway.modbus.registers.bay_identity import NO_BAY, BayIdentity
@@ -100,9 +100,9 @@ RELAY = StatusWord((
     ("relay_fault", "pins and commands differ for more than 0.5 s", _relay(lambda r: r.fault)),
 ))  # fmt: skip
 
-_QUALITY = named(QUALITY_MEANING)
-_REASON = named(REASON_MEANING)
-_TRACKING = named(TRACKING_MEANING)
+_QUALITY = named(Quality)
+_REASON = named(Reason)
+_TRACKING = named(Tracking)
 _RANGER_BITS = {n: (f"ranger{n + 1}_good", f"ranger {n + 1} has a fresh, valid distance") for n in range(3)} | {
     n + 4: (f"ranger{n + 1}_agrees", f"ranger {n + 1} is one of those that the distance rests on") for n in range(3)
 }
@@ -184,7 +184,7 @@ REGISTERS: tuple[Register, ...] = (
     Register(102, "bay_identity", UINT32, 1, "", "made of site, instance and bay name; never 0: "
              "compare it with the exported one", lambda s, _: 0),
     Register(104, "beacon_status", UINT16, 1, "", "do the pictures show the beacon's code (docs/beacon.md)?",
-             lambda s, _: s.beacon.status, codes=named(BEACON_MEANING)),
+             lambda s, _: s.beacon.status, codes=named(BeaconStatus)),
     shown(105, "beacon_latency", MEASURED_UINT16, 1, "beacon.latency_ms"),
     Register(106, "relay_status", UINT16, 1, "", "outputs of the ranger's board, one bit each; 0: nothing known, too",
              RELAY.read, bits=RELAY.names),

@@ -4,36 +4,17 @@ from typing import Any, Literal
 
 from pydantic import Field
 
+from gateway.explained import ExplainedStr
 from gateway.vision.offline.calibration.boards import LEAST_MM, LEAST_POINTS, MOST_MM, MOST_POINTS, CalibrationBoardKind
 from gateway.vision.offline.calibration.selection import Missing, ViewVerdict
 from gateway.web.tuning.request_models import Body
 
 BoardKind = Literal["checkerboard", "circles", "asymmetric-circles"]
 assert set(CalibrationBoardKind) == set(BoardKind.__args__)  # type: ignore[attr-defined]
-VERDICT_MEANING = {
-    ViewVerdict.NOT_FOUND: "the board is not in the picture as a whole",
-    ViewVerdict.TOO_FAR: "it is too small in the picture",
-    ViewVerdict.MOVING: "it has not been held still for long enough",
-    ViewVerdict.BLURRED: "its edges are blurred",
-    ViewVerdict.SIMILAR: "a view like this one was taken already",
-    ViewVerdict.TAKEN: "a view was taken",
-    ViewVerdict.NO_PICTURE: "there is no new picture",
-    ViewVerdict.OTHER_SIZE: "the picture's size has changed since the calibration began",
-    ViewVerdict.FULL: "no more views are kept: remove some",
-}
-MISSING_MEANING = {
-    Missing.VIEWS: "more views",
-    Missing.LEFT: "one with the left edge farther away",
-    Missing.RIGHT: "one with the right edge farther away",
-    Missing.TOP: "one with the upper edge farther away",
-    Missing.BOTTOM: "one with the lower edge farther away",
-    Missing.DISTANCE: "another distance",
-    Missing.COVERAGE: "more of the picture",
-}
 
 
-def _meanings(texts: dict[Any, str]) -> str:
-    return "; ".join(f"`{code}`: {text}" for code, text in texts.items())
+def _meanings(codes: type[ExplainedStr]) -> str:
+    return "; ".join(f"`{code}`: {code.meaning}" for code in codes)
 
 
 class BeginBody(Body):
@@ -60,7 +41,7 @@ class LookView(Body):
     """What was seen in one frame, and whether a view of it was taken."""
 
     number: int = Field(description="its picture is at look/{number}/picture for a moment")
-    verdict: ViewVerdict = Field(description=_meanings(VERDICT_MEANING))
+    verdict: ViewVerdict = Field(description=_meanings(ViewVerdict))
     points: list[list[float]] = Field(description="u, v of each corner or circle, px of the frame; empty: not found")
     held_s: float = Field(description="the board has been held where it is for this time")
     hold_s: float = Field(description="it must be held for this time")
@@ -100,7 +81,7 @@ class CalibrationView(Body):
     coverage: list[list[int]] = Field([], description="rows of cells of the picture: points seen in each")
     covered: float = Field(0.0, description="share of the cells in which a point was seen")
     distances: float = Field(1.0, description="ratio of the largest to the smallest board in the picture")
-    missing: list[Missing] = Field([], description=_meanings(MISSING_MEANING))
+    missing: list[Missing] = Field([], description=_meanings(Missing))
     wanted: int = Field(0, description="so many views are good")
     most: int = Field(0, description="so many views are kept")
 

@@ -21,7 +21,7 @@ from gateway.clock import Clock
 from gateway.config import ControlsConfig, VisionConfig
 from gateway.core.events import MAX_DETAIL_CHARS, Event
 from gateway.core.plc import Writer
-from gateway.core.state import VISIT_PHASE_MEANING, FunctionCheck, VisitPhase
+from gateway.core.state import FunctionCheck, VisitPhase
 from gateway.durations import NS_PER_S
 from gateway.errors import ConfigError, GatewayError
 from gateway.files import device_at
@@ -201,7 +201,7 @@ class PagesRequestHandler:
         at_work = {name: one for name, one in states.items() if one.function_check is not FunctionCheck.MAY_MOVE_OFF}
         visits = {name: state.visit for name, state in at_work.items()}  # no other bay loads
         trucks = {  # a sensor that has failed does not let a truck disappear
-            name: MAY_BE_THERE if visit.phase is VisitPhase.UNKNOWN else VISIT_PHASE_MEANING[visit.phase]
+            name: MAY_BE_THERE if visit.phase is VisitPhase.UNKNOWN else visit.phase.meaning
             for name, visit in visits.items()
             if visit.monitored or visit.phase not in (VisitPhase.EMPTY, VisitPhase.UNKNOWN)
         }

@@ -7,7 +7,7 @@ from typing import Any
 
 from gateway.alarms.table import ALARM_DEFINITIONS
 from gateway.config import BayConfig, GatewayConfig
-from gateway.core.state import REASON_MEANING, Reason
+from gateway.core.state import Reason
 from gateway.records.alarm_rates import BENCHMARKS, HOUR_S, SOURCE, AlarmFigures, Standing
 from gateway.records.days import LocalDay, machine_zone_name, shown
 from gateway.records.statistics import CauseKind, Distribution, Positions, StopCause, Times
@@ -25,7 +25,7 @@ from gateway.web.manager.models import (
 )
 from gateway.web.server.models import view_of
 
-_TEXTS = {reason.name.lower(): text for reason, text in REASON_MEANING.items()}
+_TEXTS = {reason.name.lower(): text for reason, text in Reason.meanings().items()}
 _REASONS = tuple(reason.name.lower() for reason in Reason if reason is not Reason.NONE)
 _SECONDS = ("passed_s", "recorded_s", "unrecorded_s", "good_s", "may_move_s", "in_place_s", "neither_s")
 _COUNTS = ("trucks", "placed", "moved", "interrupted", "unwatched_end", "corrections", "corrected")

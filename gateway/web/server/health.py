@@ -9,8 +9,8 @@ No login is needed, so an answer contains no address, no path and no detail.
 
 from collections.abc import Iterator
 
-from gateway.core.ne107 import NE107_MEANING, Ne107, active
-from gateway.core.readings import DEAD, QUALITY_MEANING
+from gateway.core.ne107 import Ne107, active
+from gateway.core.readings import DEAD
 from gateway.core.state import Reason, StateVector
 from gateway.durations import NS_PER_S
 from gateway.web.ipc.messages import SystemStatus
@@ -67,13 +67,13 @@ def _bay(client: GatewayClient, bay: str, report: BayReport | None) -> Iterator[
 
 def _parts_of_a_bay(bay: str, state: StateVector) -> Iterator[HealthReason]:
     for sensor, quality in (("vision", state.vision.quality), ("range", state.range.quality)):
-        yield _reason(f"{bay}.{sensor}", "degraded" if quality in DEAD else "ok", QUALITY_MEANING[quality])
+        yield _reason(f"{bay}.{sensor}", "degraded" if quality in DEAD else "ok", quality.meaning)
     if state.memory.disagree:
         yield _reason(f"{bay}.cross_check", "degraded", "camera and ranger contradict each other")
     if state.plc.missed:
         yield _reason(f"{bay}.plc", "degraded", "the PLC's heartbeat is required and missing")
     if Ne107.MAINTENANCE_REQUIRED in active(state):
-        yield _reason(f"{bay}.maintenance", "degraded", NE107_MEANING[Ne107.MAINTENANCE_REQUIRED])
+        yield _reason(f"{bay}.maintenance", "degraded", Ne107.MAINTENANCE_REQUIRED.meaning)
 
 
 def _links(links: SystemStatus) -> Iterator[HealthReason]:

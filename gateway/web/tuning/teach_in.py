@@ -11,7 +11,7 @@ from enum import StrEnum
 from gateway.config import BayConfig
 from gateway.core import teach_in
 from gateway.core.interlock import Recipe
-from gateway.core.readings import QUALITY_MEANING, Quality
+from gateway.core.readings import Quality
 from gateway.core.state import StateVector
 from gateway.core.teach_in import Spreads, Suggestion, TeachSample
 from gateway.durations import NS_PER_S
@@ -192,9 +192,9 @@ def why_not(state: StateVector, bay: BayConfig) -> str:
 def _not_good(state: StateVector) -> str:
     """What is wrong with the sensors; empty: both are good and agree."""
     if state.vision.quality is not Quality.GOOD:
-        return f"camera: {QUALITY_MEANING[state.vision.quality]}"
+        return f"camera: {state.vision.quality.meaning}"
     if state.range.quality is not Quality.GOOD:
-        return f"ranger: {QUALITY_MEANING[state.range.quality]}"
+        return f"ranger: {state.range.quality.meaning}"
     if state.memory.disagree:
         return "camera and ranger contradict each other: R and Z do not fit"
     return ""

@@ -13,7 +13,7 @@ from gateway.core.events import Event, EventKind, diff
 from gateway.core.fusion import initial
 from gateway.core.plc import Handshake, PlcLink, RecipeVerdict, ResetVerdict, Writer
 from gateway.core.readings import Quality, RangeReading, VisionReading
-from gateway.core.state import MOVED_MEANING, FusionMemory, Moved, StateVector, Tick, TruckPosition, Visit
+from gateway.core.state import FusionMemory, Moved, StateVector, Tick, TruckPosition, Visit
 from tests.examples import examples
 from tests.fused import step
 
@@ -134,7 +134,7 @@ def test_a_move_is_reported_with_the_place_before_and_after() -> None:
         vision=VisionReading(0, Quality.GOOD, Circle(300.0, 240.0, 150.0)),
         range=RangeReading(0, Quality.GOOD, 361.5),
     )
-    meaning = MOVED_MEANING[Moved.DISTANCE]
+    meaning = Moved.DISTANCE.meaning
     assert reported(placed, now_at) == [
         ("moved", "", Quality.GOOD, f"{meaning}: {AT_PLACE} -> Z 362 mm, R 150.0 px at (300, 240)"),
         ("in_place_ended", "", Quality.GOOD, "moved"),

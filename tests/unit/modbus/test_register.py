@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from gateway.core.detection import Circle
-from gateway.core.plc import OUTCOME_MEANING, TriggerOutcome
+from gateway.core.plc import TriggerOutcome
 from gateway.core.readings import Quality, VisionReading, VisionStats
 from gateway.core.state import StateVector
 from gateway.modbus.registers.register import (
@@ -143,8 +143,8 @@ def test_a_register_of_a_value() -> None:
 
 
 def test_codes_have_names_in_small_letters() -> None:
-    assert named({TriggerOutcome.NO_TARGET: "no marker"}) == {3: ("no_target", "no marker")}
-    assert list(named(OUTCOME_MEANING)) == [0, 1, 2, 3, 4]
+    assert named(TriggerOutcome)[2] == ("not_in_place", "D = 0")
+    assert list(named(TriggerOutcome)) == [0, 1, 2, 3, 4]
 
 
 def test_a_status_word() -> None:

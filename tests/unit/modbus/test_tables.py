@@ -12,8 +12,8 @@ import pytest
 
 from gateway.cli import registers as verb
 from gateway.core.detection import Circle
-from gateway.core.readings import QUALITY_MEANING, Quality, RangeReading, VisionReading
-from gateway.core.state import REASON_MEANING, StateVector
+from gateway.core.readings import Quality, RangeReading, VisionReading
+from gateway.core.state import Reason, StateVector
 from gateway.modbus.exports import tables
 from gateway.modbus.exports.target import Target
 from gateway.modbus.registers.register_map import REGISTERS, RESERVED, encode
@@ -48,9 +48,9 @@ def test_json_rows(capsys: pytest.CaptureFixture[str]) -> None:
         assert set(row) - set(tables.COLUMNS) <= {"codes", "bits"}
         assert row["words"] == {"uint16": 1, "int16": 1, "uint32": 2, "float32": 2, "uint64": 4}[row["type"]]
         assert row["meaning"]
-    assert {c["code"]: c["meaning"] for c in by_name["reason"]["codes"]} == REASON_MEANING
+    assert {c["code"]: c["meaning"] for c in by_name["reason"]["codes"]} == Reason.meanings()
     for name in ("vision_quality", "range_quality"):
-        assert {c["code"]: c["meaning"] for c in by_name[name]["codes"]} == QUALITY_MEANING
+        assert {c["code"]: c["meaning"] for c in by_name[name]["codes"]} == Quality.meanings()
     bits = "stop may_move d d_unknowable vision_good range_good healthy starting fault vision_fault range_fault"
     bits += " disagree gateway_fault shutdown clamped vision_age_unproven"
     assert {b["bit"]: b["name"] for b in by_name["status"]["bits"]} == dict(enumerate(bits.split()))
@@ -93,7 +93,7 @@ def test_text_and_markdown_show_every_register_code_and_reserved_place(capsys: p
             assert row["name"] in shown
             assert row["meaning"] in shown
         assert all(f"reserved, reads 0: {place.purpose}" in shown for place in RESERVED)
-        for meaning in (*REASON_MEANING.values(), *QUALITY_MEANING.values()):
+        for meaning in (*Reason.meanings().values(), *Quality.meanings().values()):
             assert meaning in shown
         assert max(len(line) for line in shown.splitlines()) < 160
     assert "| 12 | radius | uint16 | 0.1 px |" in run(capsys, "--markdown")

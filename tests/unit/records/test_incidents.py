@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from gateway.core.state import REASON_MEANING
+from gateway.core.state import Reason
 from gateway.records import account, recording
 from gateway.records.inquiry import Inquiry
 from gateway.records.record import Decision
@@ -63,4 +63,4 @@ def test_each_text_of_its_account_has_a_code_or_is_in_the_pages_languages(name: 
         causes = [cause["text"] for cause in told["causes"]]
         texts = {told["headline"], *told["warnings"], *causes, *links, *(one["what"] for one in told["done"])}
         without = {text for text in texts - set(told["said"]) if not text.startswith("D = 1: R ")}
-        assert without <= set(REASON_MEANING.values())
+        assert without <= set(Reason.meanings().values())

@@ -7,7 +7,6 @@ view that differs from every taken one in none of them adds nothing.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 
 import cv2
 import numpy as np
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from gateway.config import Intrinsics
 from gateway.durations import NS_PER_S
+from gateway.explained import ExplainedStr
 from gateway.vision.offline.calibration.boards import Board, CalibrationBoardKind, Grey, Points, spacing_px
 from gateway.vision.offline.calibration.solve import COVERED, GOOD_VIEWS, TILTED_DEG, coverage
 
@@ -32,30 +32,30 @@ DISTANCES = 1.5  # ratio of the largest to the smallest size: near and far
 _PATCHES = 48  # at which edges are measured
 
 
-class ViewVerdict(StrEnum):
+class ViewVerdict(ExplainedStr):
     """Why a view was not taken, or that it was."""
 
-    NOT_FOUND = "not_found"
-    TOO_FAR = "too_far"
-    MOVING = "moving"
-    BLURRED = "blurred"
-    SIMILAR = "similar"
-    TAKEN = "taken"
-    NO_PICTURE = "no_picture"  # of a picture that is watched: there is no newer one
-    OTHER_SIZE = "other_size"  # of the picture than that of the views so far
-    FULL = "full"  # no more views are kept
+    NOT_FOUND = "not_found", "the board is not in the picture as a whole"
+    TOO_FAR = "too_far", "it is too small in the picture"
+    MOVING = "moving", "it has not been held still for long enough"
+    BLURRED = "blurred", "its edges are blurred"
+    SIMILAR = "similar", "a view like this one was taken already"
+    TAKEN = "taken", "a view was taken"
+    NO_PICTURE = "no_picture", "there is no new picture"
+    OTHER_SIZE = "other_size", "the picture's size has changed since the calibration began"
+    FULL = "full", "no more views are kept: remove some"
 
 
-class Missing(StrEnum):
+class Missing(ExplainedStr):
     """A kind of view that is still needed."""
 
-    VIEWS = "views"
-    LEFT = "left"  # with the left edge farther away
-    RIGHT = "right"
-    TOP = "top"
-    BOTTOM = "bottom"
-    DISTANCE = "distance"
-    COVERAGE = "coverage"
+    VIEWS = "views", "more views"
+    LEFT = "left", "one with the left edge farther away"
+    RIGHT = "right", "one with the right edge farther away"
+    TOP = "top", "one with the upper edge farther away"
+    BOTTOM = "bottom", "one with the lower edge farther away"
+    DISTANCE = "distance", "another distance"
+    COVERAGE = "coverage", "more of the picture"
 
 
 @dataclass(frozen=True, slots=True)

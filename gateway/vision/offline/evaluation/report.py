@@ -8,7 +8,7 @@ from itertools import zip_longest
 from gateway.core.detection import Tracking
 from gateway.vision.offline.evaluation import case_cards, plots, tables
 from gateway.vision.offline.evaluation.labels import Label
-from gateway.vision.offline.evaluation.scoring import VERDICT_MEANING, Closeness, ScoredPicture, badness
+from gateway.vision.offline.evaluation.scoring import Closeness, ScoredPicture, badness
 from gateway.vision.offline.evaluation.stress import Stressed, in_words
 from gateway.vision.offline.evaluation.summary import SeriesOf, Summary
 from gateway.vision.offline.reports.page import figure, page, plain, table, tile
@@ -97,7 +97,7 @@ def _tiles(result: Summary) -> str:
 
 
 def _how_to_read(notes: Sequence[str]) -> str:
-    words = "".join(f"<li><b>{verdict}</b>: {plain(VERDICT_MEANING[verdict])}</li>" for verdict in Closeness)
+    words = "".join(f"<li><b>{verdict}</b>: {plain(verdict.meaning)}</li>" for verdict in Closeness)
     more = "".join(f"<li>{plain(note)}</li>" for note in notes)
     return (
         f'<details><summary>How to read the figures</summary><ul class="notes">{words}'

@@ -8,11 +8,11 @@ worse than none and counted separately: a wrong circle can release or stop a loa
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 
 from gateway.core.detection import Detection, Tracking
+from gateway.explained import ExplainedStr
 from gateway.vision.detect.geometry import distance_px
 from gateway.vision.offline.evaluation.labels import Label
 
@@ -20,23 +20,15 @@ ON_TARGET = 0.25  # of the true radius, centre and radius each
 CLOSE = 0.05
 
 
-class Closeness(StrEnum):
-    CLOSE = "close"
-    LOOSE = "loose"
-    WRONG = "wrong"
-    MISSED = "missed"
-    FALSE = "false"
-    CLEAR = "clear"
+class Closeness(ExplainedStr):
+    CLOSE = "close", "on the target; centre and radius within 5 % of the radius"
+    LOOSE = "loose", "on the target, but not within 5 %"
+    WRONG = "wrong", "an answer that is not on the target: worse than none"
+    MISSED = "missed", "the marker is there, and no answer"
+    FALSE = "false", "no marker is there, and an answer all the same"
+    CLEAR = "clear", "no marker is there, and no answer: right"
 
 
-VERDICT_MEANING: dict[Closeness, str] = {
-    Closeness.CLOSE: "on the target; centre and radius within 5 % of the radius",
-    Closeness.LOOSE: "on the target, but not within 5 %",
-    Closeness.WRONG: "an answer that is not on the target: worse than none",
-    Closeness.MISSED: "the marker is there, and no answer",
-    Closeness.FALSE: "no marker is there, and an answer all the same",
-    Closeness.CLEAR: "no marker is there, and no answer: right",
-}
 ON = frozenset((Closeness.CLOSE, Closeness.LOOSE))
 
 
