@@ -19,6 +19,8 @@ from gateway.core.visit_summary import VisitSummary
 from gateway.errors import LinkError
 from gateway.opcua.data import at
 from gateway.opcua.hardened import CALLER
+from gateway.opcua.history import LastHour
+from gateway.opcua.sent_event import SentEvent
 from gateway.opcua.space import INDEX, BayNodes, node_id
 from gateway.values.value import plain
 from gateway.values.visit_values import ROWS as VISIT_ROWS
@@ -36,7 +38,10 @@ VISIT_FIELDS = {
 class Conditions:
     """`gateway`: its object, the source of the gateway's own alarms."""
 
-    def __init__(self, server: Server, space: BayNodes, client: GatewayClient, gateway: ua.NodeId) -> None:
+    def __init__(
+        self, server: Server, space: BayNodes, client: GatewayClient, gateway: ua.NodeId, history: LastHour
+    ) -> None:
+        self._history = history
         self._server, self._space, self._client, self._gateway = server, space, client, gateway
         self._known: dict[str, tuple[Alarm, bool]] = {}  # by id, with whether it is of now
         self._newest: dict[ua.NodeId, tuple[bytes, Alarm]] = {}  # EventId of each condition
@@ -56,7 +61,7 @@ class Conditions:
         )
         self._visit = kind
         server = self._server.get_node(ua.ObjectIds.Server)
-        await server.set_event_notifier([ua.EventNotifier.SubscribeToEvents])
+        await server.set_event_notifier([ua.EventNotifier.SubscribeToEvents, ua.EventNotifier.HistoryRead])
 
     async def show(self, alarms: Mapping[str, Alarm], current: bool, now_ns: int, offset_ns: int) -> None:
         """Report what has changed. `alarms`: those that are not normal, by id. `current`: of now, else of before the
@@ -118,7 +123,9 @@ class Conditions:
         event.EventId = secrets.token_bytes(16)
         event.Time = at(unix_ns)
         event.ReceiveTime = at(self._client.clock.wall_ns())
-        await self._server.iserver.subscription_service.trigger_event(event)
+        sent = SentEvent(event)
+        self._history.note_event(sent)
+        await self._server.iserver.subscription_service.trigger_event(sent)
         return bytes(event.EventId)
 
     async def acknowledge(self, condition: ua.NodeId, event_id: ua.Variant, comment: ua.Variant) -> ua.StatusCode:

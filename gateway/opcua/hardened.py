@@ -28,6 +28,7 @@ from asyncua.server.user_managers import UserManager
 
 from gateway.config import OpcuaConfig
 from gateway.opcua.access import ClientAccess, OpcuaCaller
+from gateway.opcua.sent_event import check_filter
 from gateway.web.ipc.messages import OpcuaNow
 
 MIN_PUBLISHING_MS, MAX_PUBLISHING_MS = 100.0, 3_600_000.0
@@ -39,6 +40,7 @@ MAX_HISTORIES = 20  # of one request
 MAX_UNSENT = 4 * 1024 * 1024
 MAX_QUEUE = 100  # notifications that one monitored item keeps
 CHUNK_BYTES = 65_536
+CHUNK_HEADER_BYTES = 12  # with the channel's number
 PENDING_CHUNKS = 50
 
 CALLER: ContextVar[OpcuaCaller] = ContextVar("caller")
@@ -83,7 +85,8 @@ class LimitedSession(InternalSession):  # type: ignore[misc]
         return await super().browse(params)
 
     async def history_read(self, params: Any) -> Any:
-        _few(params.NodesToRead, MAX_HISTORIES)
+        events = isinstance(params.HistoryReadDetails, ua.ReadEventDetails)  # only Server has some
+        _few(params.NodesToRead, 1 if events else MAX_HISTORIES)
         return await super().history_read(params)
 
     async def call(self, params: Any) -> Any:
@@ -101,6 +104,7 @@ class LimitedSession(InternalSession):  # type: ignore[misc]
     async def create_monitored_items(self, params: Any) -> Any:
         self._own(params.SubscriptionId)
         _few(params.ItemsToCreate)
+        _check_filters(params.ItemsToCreate)
         others = self.subscription_service.subscriptions.values()
         if sum(len(one.monitored_item_srv._monitored_items) for one in others) + len(params.ItemsToCreate) > (
             self.iserver.max_monitored_items
@@ -110,6 +114,7 @@ class LimitedSession(InternalSession):  # type: ignore[misc]
 
     async def modify_monitored_items(self, params: Any) -> Any:
         self._own(params.SubscriptionId)
+        _check_filters(params.ItemsToModify)
         for item in params.ItemsToModify:
             item.RequestedParameters.QueueSize = min(item.RequestedParameters.QueueSize, MAX_QUEUE)
         return await super().modify_monitored_items(params)
@@ -158,6 +163,12 @@ class LimitedSession(InternalSession):  # type: ignore[misc]
 def _few(operations: Sequence[Any] | None, most: int = MAX_OPERATIONS) -> None:
     if len(operations or ()) > most:
         raise ServiceError(ua.StatusCodes.BadTooManyOperations)
+
+
+def _check_filters(items: Sequence[Any]) -> None:
+    for wanted in [item.RequestedParameters.Filter for item in items]:
+        if isinstance(wanted, ua.EventFilter):
+            check_filter(wanted)
 
 
 class LimitedSessions(InternalServer):  # type: ignore[misc]
@@ -209,7 +220,8 @@ class LimitedConnection(OPCUAProtocol):  # type: ignore[misc]
 
     def data_received(self, data: bytes) -> None:
         super().data_received(data)
-        if len(self._buffer) > CHUNK_BYTES or (self.transport is not None and self.transport.is_closing()):
+        short = len(self._buffer) >= 8 and int.from_bytes(self._buffer[4:8], "little") < CHUNK_HEADER_BYTES
+        if short or len(self._buffer) > CHUNK_BYTES or (self.transport is not None and self.transport.is_closing()):
             self._abort()
 
     def pause_writing(self) -> None:

@@ -1,23 +1,32 @@
-"""The last hour of a few values, in memory, for HistoryRead: a limited number of entries of each."""
+"""The last hour of a few values and the last events, in memory, for HistoryRead: a limited number of each."""
 
 from collections import deque
 from datetime import datetime, timedelta
 from typing import Any
 
 from asyncua import ua
+from asyncua.common.utils import ServiceError
+from asyncua.server.address_space import AddressSpace
 from asyncua.server.history import HistoryStorageInterface
+
+from gateway.opcua.sent_event import SentEvent, check_filter, matching
 
 KEPT = timedelta(hours=1)
 MAX_ENTRIES = 4000  # of one value; the oldest make way
 MOST = 2000  # in one response; a continuation point follows
 LEAST_S = 1.0  # between two numbers of a value
 AGAIN_S = 60.0  # a value that stays as it is is entered again
+MAX_EVENTS = 1000
 
 
 class LastHour(HistoryStorageInterface):  # type: ignore[misc]  # without types of its own
-    def __init__(self) -> None:
+    """`nodes`: those of the server, which where-clauses may read."""
+
+    def __init__(self, nodes: AddressSpace) -> None:
         super().__init__(MOST)
+        self._nodes = nodes
         self._kept: dict[ua.NodeId, deque[ua.DataValue]] = {}
+        self._events: deque[SentEvent] = deque(maxlen=MAX_EVENTS)
 
     def keep(self, node: ua.NodeId) -> None:
         self._kept[node] = deque(maxlen=MAX_ENTRIES)
@@ -34,15 +43,15 @@ class LastHour(HistoryStorageInterface):  # type: ignore[misc]  # without types 
         if last is None or _due(last, value):
             entries.append(value)
 
+    def note_event(self, event: SentEvent) -> None:
+        self._events.append(event)
+
     async def read_node_history(
         self, node_id: ua.NodeId, start: datetime | None, end: datetime | None, nb_values: int
     ) -> tuple[list[ua.DataValue], datetime | None]:
         """Both ends included; newest first where only the end is given, or where it lies before the start."""
         entries = list(self._kept.get(node_id, ()))
-        nothing = ua.get_win_epoch()
-        start, end = (None if one is None or one == nothing else one for one in (start, end))
-        backwards = start is None or (end is not None and end < start)
-        first, last = (end, start) if start is not None and backwards else (start, end)
+        first, last, backwards = _span(start, end)
         if entries:
             oldest = entries[-1].SourceTimestamp - KEPT
             first = oldest if first is None else max(first, oldest)
@@ -72,10 +81,30 @@ class LastHour(HistoryStorageInterface):  # type: ignore[misc]  # without types 
         raise NotImplementedError
 
     async def read_event_history(
-        self, source_id: ua.NodeId, start: Any, end: Any, nb_values: int, evfilter: Any
-    ) -> tuple[list[Any], datetime | None]:
-        """Events are not kept."""
-        return [], None
+        self, source_id: ua.NodeId, start: datetime | None, end: datetime | None, nb_values: int, evfilter: Any
+    ) -> tuple[list[SentEvent], datetime | None]:
+        """By their Time, in the order of a value's. Raises ServiceError for a filter that is too large, and
+        for more than `nb_values` events of one time."""
+        check_filter(evfilter)
+        first, last, backwards = _span(start, end)
+        found = [one for one in self._events if one.emitting_node == source_id and _within(one.Time, first, last)]
+        found = matching(found, evfilter, self._nodes)
+        found.sort(key=lambda one: one.Time, reverse=backwards)
+        if not nb_values or len(found) <= nb_values or None in (first, last):
+            return found[: nb_values or None], None
+        more = found[nb_values].Time  # a continuation point is a time: all events of this one are in the next response
+        page = [one for one in found[:nb_values] if one.Time != more]
+        if not page:
+            raise ServiceError(ua.StatusCodes.BadNoContinuationPoints)
+        return page, more
+
+
+def _span(start: datetime | None, end: datetime | None) -> tuple[datetime | None, datetime | None, bool]:
+    """First, last, and whether the newest comes first."""
+    nothing = ua.get_win_epoch()
+    start, end = (None if one is None or one == nothing else one for one in (start, end))
+    backwards = start is None or (end is not None and end < start)
+    return (end, start, True) if start is not None and backwards else (start, end, backwards)
 
 
 def _due(last: ua.DataValue, value: ua.DataValue) -> bool:

@@ -76,10 +76,10 @@ class Served:
         self._config, self._opcua, self._client, self._sessions = config, config.opcua, client, sessions
         self._port = port
         self._stamps = _stamps(config.opcua)
-        history = LastHour()
+        history = LastHour(sessions.aspace)
         sessions.history_manager.set_storage(history)
         self._space = BayNodes(server, config, history)
-        self._conditions = Conditions(server, self._space, client, ua.NodeId("Gateway", INDEX))
+        self._conditions = Conditions(server, self._space, client, ua.NodeId("Gateway", INDEX), history)
         self._gateway = GatewayNodes(server, self._space, ua.NodeId("Gateway", INDEX))
         self._slack_ns = round((SLACK_S + WATCHED_S * -(-len(config.bays) // MAX_STATES)) * NS_PER_S)
         self._event = 0

@@ -2,7 +2,8 @@
 'use strict';
 const { OPCUACertificateManager } = require('node-opcua-certificate-manager');
 const { AttributeIds, ClientSubscription, MessageSecurityMode, OPCUAClient, SecurityPolicy,
-    TimestampsToReturn, Variant, DataType, constructEventFilter } = require('node-opcua-client');
+    TimestampsToReturn, Variant, DataType, constructEventFilter, ofType } = require('node-opcua-client');
+const { HistoryReadRequest, ReadEventDetails } = require('node-opcua-service-history');
 
 const der = file => Buffer.from(require('fs').readFileSync(file, 'utf8').replace(/-----[^-]*-----|\s/g, ''), 'base64');
 const MASK = 0xffff0000;
@@ -65,6 +66,18 @@ const commands = {
         const result = await session.readHistoryValue(node, new Date(Date.now() - day), new Date(Date.now() + day));
         return result.historyData.dataValues.map(shown);
     },
+    async events({ names, kind }) {
+        const day = 24 * 3600 * 1000;
+        const historyReadDetails = new ReadEventDetails({
+            numValuesPerNode: 0, startTime: new Date(Date.now() - day), endTime: new Date(Date.now() + day),
+            filter: constructEventFilter(names, ofType(kind)),
+        });
+        const { responseHeader, results } = await session.historyRead(
+            new HistoryReadRequest({ historyReadDetails, nodesToRead: [{ nodeId: 'i=2253' }] }));
+        if (responseHeader.serviceResult.value) throw new Error(responseHeader.serviceResult.name);
+        return results[0].historyData.events.map(row => Object.fromEntries(
+            row.eventFields.map((field, n) => [names[n].replace('2:', ''), content(field)])));
+    },
     async call({ node, method, event, comment }) {
         const inputArguments = event ? [
             new Variant({ dataType: DataType.ByteString, value: Buffer.from(event, 'hex') }),
@@ -77,7 +90,7 @@ const commands = {
     },
     async subscribe() {
         const names = ['EventId', 'EventType', 'SourceName', 'Severity', 'Message', 'ConditionName', 'Retain',
-            'ActiveState.Id', 'AckedState.Id', '2:Bay', '2:end', '2:times_in_place'];
+            'ActiveState.Id', 'AckedState.Id', '2:Bay', '2:end', '2:times_in_place', 'data_types'];
         subscription = ClientSubscription.create(session, {
             requestedPublishingInterval: 100, requestedLifetimeCount: 1000, requestedMaxKeepAliveCount: 10,
             publishingEnabled: true,

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from asyncua import ua
 
 from gateway.alarms.records import Alarm, AlarmSummary, OperatorAction
 from gateway.alarms.states import AlarmEvent, AlarmState
@@ -27,6 +28,7 @@ pytestmark = [pytest.mark.one_interpreter, pytest.mark.xdist_group("opcua")]
 
 UNCERTAIN_SUBSTITUTE, BAD_NO_COMMUNICATION, BAD_ACCESS = 0x40910000, 0x80310000, 0x801F0000
 BAD_OUT_OF_RANGE, BAD_NO_DATA, BAD_STATE, BAD_EVENT_ID = 0x803C0000, 0x80B10000, 0x80AF0000, 0x809A0000
+ALARM_CONDITION = "i=2915"
 CAMERA_DOWN, ACKNOWLEDGE = "ns=2;s=Alarms.bay1.camera_down", "i=9111"
 
 
@@ -237,6 +239,35 @@ def test_the_last_hour_can_be_read(world: World, client: Client) -> None:
     read = client("history", node="ns=2;s=bay1.stop")
     assert [one["value"] for one in read][-3:] == [True, False, True]
     assert [one["status"] for one in read][-3:] == [0, 0, 0]
+
+
+def test_visits_and_alarms_of_before_can_be_read(world: World) -> None:
+    """By a client that was not there. The wheel of open62541 can't ask for them."""
+    main = quiet(world)
+    state = good(main.clock.now_ns())
+    alarm = Alarm("bay1.camera_down", "camera_down", "bay1", AlarmState.UNACKNOWLEDGED, True, state.t_ns)
+    main.links = SystemStatus(alarms=AlarmSummary((alarm,)))
+    world.server.show(state)
+    summary = VisitSummary(1_700_000_000_000, 61.5, VisitEnd.CLEAR, times_in_place=9)
+    event = Event(EventKind.VISIT, "bay1", state.t_ns + NS_PER_S, state, summary=summary)
+    main.events.append(NumberedEvent(len(main.events) + 1, event))
+    main.links = SystemStatus()
+    world.server.show()
+
+    visits = str(world.server.served._conditions._visit.nodeid.to_string())
+    names = ["SourceName", "Severity", "ActiveState.Id", "2:times_in_place", "data_types"]
+    client = world.connect("node-opcua")
+    try:
+        alarms, visit = (client("events", names=names, kind=kind)[-2:] for kind in (ALARM_CONDITION, visits))
+    finally:
+        client.close()
+    assert [list(one.values()) for one in alarms] == [["bay1", 800, on, None, None] for on in (True, False)]
+    assert list(visit[-1].values()) == ["bay1", 100, None, 9, None]
+    server = world.server.served.server.get_node("i=2253")
+    assert world.server.run(server.read_event_notifier()) == {
+        ua.EventNotifier.SubscribeToEvents,
+        ua.EventNotifier.HistoryRead,
+    }
 
 
 def test_a_certificate_without_a_role_is_refused(world: World) -> None:
