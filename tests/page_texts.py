@@ -240,7 +240,8 @@ def of_the_states() -> set[str]:
     found: set[str] = set()
     for module in (detection, ne107, plc, readings, state, visit_summary, definition):
         for kind in vars(module).values():
-            if isinstance(kind, type) and issubclass(kind, ExplainedInt | ExplainedStr):
+            explained = isinstance(kind, type) and issubclass(kind, ExplainedInt | ExplainedStr)
+            if explained and kind.__module__ == module.__name__:
                 found |= set(kind.meanings().values())
     for names in (state.Reason, readings.Quality, state.VisitPhase, events.EventKind):
         found |= {member.name.lower().replace("_", " ") for member in names}
@@ -313,7 +314,7 @@ def _part(part: ast.expr) -> str:
     name = ast.unparse(part.value)
     if "worst_name" in name:
         return "this picture"  # the one name on that page
-    return NAME if name in NAMES or name.startswith("QUALITY_MEANING[") else VALUE
+    return NAME if name in NAMES or name.endswith("quality.meaning") else VALUE
 
 
 def _of_template(text: str) -> Iterator[str]:

@@ -9,14 +9,7 @@ from collections.abc import Callable
 from gateway.alarms.definition import MINUTE_S, AlarmDefinition, BayInputs, Priority, Suppression
 from gateway.core import details
 from gateway.core.ne107 import degraded
-from gateway.core.readings import (
-    BEYOND_RANGE,
-    DEAD,
-    FRESH_FRAME,
-    UNCONTROLLED,
-    PictureFault,
-    Quality,
-)
+from gateway.core.readings import BEYOND_RANGE, DEAD, FRESH_FRAME, UNCONTROLLED, PictureFault, Quality
 from gateway.core.state import FunctionCheck, Moved, Reason
 
 ECHO_DUE_SHARE = 0.625  # of the ranger's range: a truck whose marker looks nearer must give an echo

@@ -16,11 +16,7 @@ from gateway.clock import Clock
 from gateway.config import BayConfig, GatewayConfig
 from gateway.core.detection import Tracking
 from gateway.core.events import Event, EventKind
-from gateway.core.readings import (
-    AgeProof,
-    ExposureState,
-    Quality,
-)
+from gateway.core.readings import AgeProof, ExposureState, Quality
 from gateway.core.state import Reason, StateVector
 from gateway.durations import NS_PER_MS, NS_PER_S
 from gateway.hub import EventQueue, Hub

@@ -12,13 +12,7 @@ from dataclasses import dataclass, field
 
 from gateway.clock import Clock
 from gateway.config import BayConfig, RangerConfig
-from gateway.core.readings import (
-    FRESH_FRAME,
-    RANGE_FINE,
-    AgeProof,
-    Quality,
-    RangeReading,
-)
+from gateway.core.readings import FRESH_FRAME, RANGE_FINE, AgeProof, Quality, RangeReading
 from gateway.doctor import settings
 from gateway.durations import NS_PER_MS, NS_PER_S
 from gateway.errors import ConfigError, GatewayError, LinkError

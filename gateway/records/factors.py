@@ -15,14 +15,7 @@ from gateway.core.interlock import Recipe, Rules
 from gateway.core.plc import Control, PlcLink
 from gateway.core.readings import Quality, RangeReading, VisionReading
 from gateway.core.shown import valid
-from gateway.core.state import (
-    FunctionCheck,
-    Moved,
-    Reason,
-    StateVector,
-    TruckPosition,
-    VisitPhase,
-)
+from gateway.core.state import FunctionCheck, Moved, Reason, StateVector, TruckPosition, VisitPhase
 from gateway.durations import NS_PER_S
 from gateway.records import sentences as say
 

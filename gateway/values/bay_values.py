@@ -23,14 +23,7 @@ from gateway.core.readings import (
     VisionReading,
 )
 from gateway.core.setpoint import DriveState
-from gateway.core.state import (
-    FunctionCheck,
-    GuidanceCode,
-    Moved,
-    Reason,
-    StateVector,
-    VisitPhase,
-)
+from gateway.core.state import FunctionCheck, GuidanceCode, Moved, Reason, StateVector, VisitPhase
 from gateway.durations import NS_PER_MS
 from gateway.values.value import Value, by_name
 

@@ -1,14 +1,6 @@
 """Rows 80 to 96: the handshake with the PLC, which writes the first three; the gateway answers in the others. Pure."""
 
-from gateway.core.plc import (
-    Acquired,
-    Control,
-    PlcLink,
-    RecipeVerdict,
-    ResetVerdict,
-    TriggerOutcome,
-    TriggerPhase,
-)
+from gateway.core.plc import Acquired, Control, PlcLink, RecipeVerdict, ResetVerdict, TriggerOutcome, TriggerPhase
 from gateway.core.state import StateVector
 from gateway.durations import NS_PER_MS
 from gateway.modbus.registers.register import (

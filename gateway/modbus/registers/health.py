@@ -4,15 +4,7 @@
 from gateway.core.ne107 import Ne107, active
 from gateway.core.readings import PictureFault
 from gateway.core.state import GuidanceCode, StateVector
-from gateway.modbus.registers.register import (
-    MEASURED_INT16,
-    MEASURED_UINT16,
-    UINT16,
-    Register,
-    Value,
-    named,
-    shown,
-)
+from gateway.modbus.registers.register import MEASURED_INT16, MEASURED_UINT16, UINT16, Register, Value, named, shown
 
 _BITS = {
     signal - 1: (signal.name.lower(), signal.meaning) for signal in Ne107 if signal is not Ne107.GOOD
