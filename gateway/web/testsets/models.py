@@ -1,41 +1,34 @@
 """The answers about test sets, as JSON: names with units, null where a number is not known. Pure."""
 
-from collections.abc import Mapping, Sequence
-from typing import Literal
+from collections.abc import Sequence
+from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
-from gateway.core.detection import Circle
-from gateway.vision.offline.evaluation.scoring import ScoredPicture, Scores, scores
+from gateway.vision.offline.evaluation.scoring import ScoredPicture, scores
 from gateway.web.ipc.testsets import (
     MAX_FILE_BYTES,
     MAX_NAME,
     MAX_PICTURES,
     MAX_SET_BYTES,
     MAX_SETS,
-    MarkerPlace,
     PictureSet,
-    SetPicture,
 )
-from gateway.web.server.models import View
+from gateway.web.server.models import View, view_of
 from gateway.web.testsets import scoring
 from gateway.web.testsets.scoring_service import ScoringJob
 
 VerdictName = Literal["close", "loose", "wrong", "missed", "false", "clear"]
+Hundredths = Annotated[float, AfterValidator(lambda value: round(value, 2))]
+Thousandths = Annotated[float, AfterValidator(lambda value: round(value, 3))]
 
 
 class MarkerView(View):
     """A circle in a picture."""
 
-    u_px: float
-    v_px: float
-    radius_px: float
-
-    @staticmethod
-    def of(circle: Circle | MarkerPlace | None) -> "MarkerView | None":
-        if circle is None:
-            return None
-        return MarkerView(u_px=round(circle.u_px, 2), v_px=round(circle.v_px, 2), radius_px=round(circle.radius_px, 2))
+    u_px: Hundredths
+    v_px: Hundredths
+    radius_px: Hundredths
 
 
 class SetPictureView(View):
@@ -82,7 +75,7 @@ class ProposalView(View):
 
     width_px: int
     height_px: int
-    marker: MarkerView | None
+    marker: MarkerView | None = Field(validation_alias="circle")
     confidence: float | None
 
 
@@ -90,16 +83,16 @@ class SetFiguresView(View):
     """Figures of one setting, counted as `gateway evaluate` counts them."""
 
     with_marker: int = Field(description="pictures")
-    without_marker: int = Field(description="pictures")
-    found: int = Field(description="on the target: within 25 % of the true radius")
+    without_marker: int = Field(validation_alias="without", description="pictures")
+    found: int = Field(validation_alias="on_target", description="on the target: within 25 % of the true radius")
     close: int = Field(description="within 5 %")
     missed: int
     wrong: int = Field(description="answers elsewhere, in pictures with a marker")
     false: int = Field(description="answers in pictures without a marker")
-    centre_median_px: float | None
-    centre_p95_px: float | None
-    radius_median_pct: float | None
-    radius_p95_pct: float | None
+    centre_median_px: Thousandths | None
+    centre_p95_px: Thousandths | None
+    radius_median_pct: Thousandths | None
+    radius_p95_pct: Thousandths | None
 
 
 class OutcomeView(View):
@@ -107,8 +100,8 @@ class OutcomeView(View):
 
     verdict: VerdictName
     marker: MarkerView | None = Field(description="its answer")
-    centre_px: float | None = Field(description="error of the centre")
-    radius_pct: float | None = Field(description="signed error of the radius")
+    centre_px: Hundredths | None = Field(description="error of the centre")
+    radius_pct: Hundredths | None = Field(description="signed error of the radius")
 
 
 class ScoreRowView(View):
@@ -142,7 +135,7 @@ class SetResultView(View):
 
     tried: SetFiguresView
     in_force: SetFiguresView
-    time_ratio: float | None = Field(description="tried to in force; null: too few pictures")
+    time_ratio: Thousandths | None = Field(description="tried to in force; null: too few pictures")
     rows: list[ScoreRowView]
     unread: list[UnreadView]
     warnings: list[SetWarningView]
@@ -168,67 +161,28 @@ def sets_view(sets: Sequence[PictureSet], *, kept: bool = True, added: str = "")
         set_bytes=MAX_SET_BYTES,
         name_characters=MAX_NAME,
     )
-    return TestSetsView(kept=kept, sets=[_set(one) for one in sets], added=added or None, limits=limits)
-
-
-def _set(one: PictureSet) -> PictureSetView:
-    return PictureSetView(
-        name=one.name, pictures=[_picture(each) for each in one.pictures], bytes=one.bytes, faults=list(one.faults)
-    )
-
-
-def _picture(one: SetPicture) -> SetPictureView:
-    return SetPictureView(
-        file=one.file,
-        bytes=one.bytes,
-        labelled=one.labelled,
-        marker=MarkerView.of(one.marker),
-        missing=one.missing,
-    )
+    shown = [PictureSetView.model_validate(one) for one in sets]
+    return TestSetsView(kept=kept, sets=shown, added=added or None, limits=limits)
 
 
 def score_view(job: ScoringJob | None) -> SetScoreView:
     if job is None:
         return SetScoreView(number=0, running=False, done=0, total=0, failed="", digest="", result=None)
-    return SetScoreView(
-        number=job.number,
-        running=job.running,
-        done=job.done,
-        total=job.total,
-        failed=job.failed,
-        digest=job.set.digest,
-        result=_result(job),
-    )
+    return view_of(SetScoreView, job, digest=job.set.digest, result=_result(job))
 
 
 def _result(job: ScoringJob) -> SetResultView | None:
     score = job.score
     if score is None:
         return None
-    return SetResultView(
-        tried=_figures(scores(score.tried)),
-        in_force=_figures(scores(score.in_force)),
-        time_ratio=None if score.time_ratio is None else round(score.time_ratio, 3),
+    return view_of(
+        SetResultView,
+        score,
+        tried=scores(score.tried),
+        in_force=scores(score.in_force),
         rows=[_row(ours, theirs) for ours, theirs in zip(score.tried, score.in_force, strict=True)],
         unread=[UnreadView(file=file, why=why) for file, why in score.unread],
-        warnings=[SetWarningView(id=each.id, text=each.text) for each in scoring.warnings(job.bay, job.set, score)],
-    )
-
-
-def _figures(found: Scores) -> SetFiguresView:
-    numbers: Mapping[str, float | None] = {
-        name: None if (value := getattr(found, name)) is None else round(value, 3)
-        for name in ("centre_median_px", "centre_p95_px", "radius_median_pct", "radius_p95_pct")
-    }
-    return SetFiguresView(
-        with_marker=found.with_marker,
-        without_marker=found.without,
-        found=found.on_target,
-        close=found.close,
-        missed=found.missed,
-        wrong=found.wrong,
-        false=found.false,
-        **numbers,
+        warnings=scoring.warnings(job.bay, job.set, score),
     )
 
 
@@ -238,7 +192,7 @@ def _row(ours: ScoredPicture, theirs: ScoredPicture) -> ScoreRowView:
         file=ours.label.file,
         width_px=width,
         height_px=height,
-        label=MarkerView.of(ours.label.circle),
+        label=ours.label.circle and MarkerView.model_validate(ours.label.circle),
         tried=_outcome(ours),
         in_force=_outcome(theirs),
         differs=scoring.differs(ours, theirs),
@@ -246,9 +200,10 @@ def _row(ours: ScoredPicture, theirs: ScoredPicture) -> ScoreRowView:
 
 
 def _outcome(one: ScoredPicture) -> OutcomeView:
+    share = one.radius_share
     return OutcomeView(
         verdict=one.verdict.value,
-        marker=MarkerView.of(one.detection.circle),
-        centre_px=None if one.centre_px is None else round(one.centre_px, 2),
-        radius_pct=None if one.radius_share is None else round(100 * one.radius_share, 2),
+        marker=one.detection.circle and MarkerView.model_validate(one.detection.circle),
+        centre_px=one.centre_px,
+        radius_pct=None if share is None else 100 * share,
     )

@@ -149,8 +149,7 @@ async def _proposal(request: Sets, name: Name, file: File) -> ProposalView:
         found = await request.sets.shown.proposal(data, await request.tuning.in_force(request.bay))
     except UploadError as error:
         raise RefusalError(404, "picture", f"{file}: {error}") from None
-    marker = models.MarkerView.of(found.circle)
-    return ProposalView(width_px=found.width_px, height_px=found.height_px, marker=marker, confidence=found.confidence)
+    return ProposalView.model_validate(found)
 
 
 @ADDRESSES.post(
