@@ -30,6 +30,7 @@ enabled = false
 [mqtt]
 urls = [{urls}]
 urls_shuffled = true
+events_in_flight = 1
 state_period_s = {period_s}
 values_period_s = 60.0
 [mqtt.tls]
