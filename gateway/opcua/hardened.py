@@ -5,6 +5,7 @@ Overridden parts are no interface of the library, which is pinned: docs/decision
 - A session's token can't be guessed; a session changes only its own subscriptions, and takes over none.
 - Connections, sessions, subscriptions, monitored items, the bytes of a request, those not yet sent, and the operations
   of a request are limited; a connection without an activated session is closed.
+- A deadband is left out: with the library's, a client keeps an old value.
 - A message that breaks the protocol ends its connection; no client may register a server.
 """
 
@@ -104,7 +105,7 @@ class LimitedSession(InternalSession):  # type: ignore[misc]
     async def create_monitored_items(self, params: Any) -> Any:
         self._own(params.SubscriptionId)
         _few(params.ItemsToCreate)
-        _check_filters(params.ItemsToCreate)
+        _limit_filters(params.ItemsToCreate)
         others = self.subscription_service.subscriptions.values()
         if sum(len(one.monitored_item_srv._monitored_items) for one in others) + len(params.ItemsToCreate) > (
             self.iserver.max_monitored_items
@@ -114,7 +115,7 @@ class LimitedSession(InternalSession):  # type: ignore[misc]
 
     async def modify_monitored_items(self, params: Any) -> Any:
         self._own(params.SubscriptionId)
-        _check_filters(params.ItemsToModify)
+        _limit_filters(params.ItemsToModify)
         for item in params.ItemsToModify:
             item.RequestedParameters.QueueSize = min(item.RequestedParameters.QueueSize, MAX_QUEUE)
         return await super().modify_monitored_items(params)
@@ -165,10 +166,13 @@ def _few(operations: Sequence[Any] | None, most: int = MAX_OPERATIONS) -> None:
         raise ServiceError(ua.StatusCodes.BadTooManyOperations)
 
 
-def _check_filters(items: Sequence[Any]) -> None:
+def _limit_filters(items: Sequence[Any]) -> None:
+    """By what they hold: the library has two classes DataChangeFilter, and `ua` names the other."""
     for wanted in [item.RequestedParameters.Filter for item in items]:
-        if isinstance(wanted, ua.EventFilter):
+        if hasattr(wanted, "SelectClauses"):
             check_filter(wanted)
+        elif hasattr(wanted, "DeadbandType"):
+            wanted.DeadbandType = ua.DeadbandType.None_  # the library's keeps back slow changes, and ends of values
 
 
 class LimitedSessions(InternalServer):  # type: ignore[misc]

@@ -5,11 +5,13 @@ import socket
 import struct
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 import pytest
 from asyncua import Client, ua
 
+from gateway.core.readings import Quality, RangeReading
 from gateway.opcua.hardened import (
     CHUNK_BYTES,
     MAX_OPERATIONS,
@@ -185,6 +187,34 @@ def test_a_filter_of_events_is_limited(server: OpcuaServer) -> None:
     codes = asyncio.run(with_client(server, work))
     invalid, many = int(ua.StatusCodes.BadContentFilterInvalid), int(ua.StatusCodes.BadTooManyOperations)
     assert codes == [invalid, invalid, invalid, many]
+
+
+def test_a_deadband_keeps_no_change_from_a_client(server: OpcuaServer) -> None:
+    """The library compares with the sample before, not with what it has reported, and fails where a value ends."""
+    seen: asyncio.Queue[tuple[Any, bool]] = asyncio.Queue()
+
+    class Seen:
+        def datachange_notification(self, _: Any, value: Any, told: Any) -> None:
+            seen.put_nowait((value, told.monitored_item.Value.StatusCode.is_good()))
+
+    def show(reading: RangeReading) -> None:
+        server.show(replace(good(reading.t_ns), range=reading))
+
+    async def work(client: Client) -> list[tuple[Any, bool]]:
+        now_ns = server.main.clock.now_ns()
+        readings = [RangeReading(now_ns, Quality.GOOD, distance) for distance in (412.5, 410.0, 408.0, 414.0)]
+        readings.insert(3, RangeReading(now_ns, Quality.TOO_FAR))
+        await asyncio.to_thread(show, readings[0])
+        own = await client.create_subscription(100, Seen())
+        wanted = ua.DataChangeFilter(ua.DataChangeTrigger.StatusValue, ua.DeadbandType.Absolute, 5.0)
+        distance = client.get_node("ns=2;s=bay1.distance_mm")
+        await own._subscribe([distance], ua.AttributeIds.Value, mfilter=wanted)
+        for reading in readings[1:]:
+            await asyncio.to_thread(show, reading)
+        return [await asyncio.wait_for(seen.get(), 10) for _ in readings]
+
+    found = asyncio.run(with_client(server, work))
+    assert found == [(412.5, True), (410.0, True), (408.0, True), (None, False), (414.0, True)]
 
 
 def test_nobody_registers_a_server_or_adds_nodes(server: OpcuaServer) -> None:
