@@ -10,7 +10,6 @@ from gateway.errors import ConfigError, SettingError
 from gateway.files import device_at
 from gateway.net import tls
 from gateway.net.tls import TlsFiles
-from gateway.opcua import prerequisites
 from gateway.ranger.ranger_service import check_port
 from gateway.sinks import registry as sink_registry
 from gateway.vision.detect import registry as detection_methods
@@ -50,7 +49,10 @@ def check(config: GatewayConfig, source: str, text: str) -> None:
         look(("modbus", "handshake", "trigger_timeout_s"), partial(_check_trigger, config.modbus, bay.ranger))
     if config.modbus.tls is not None:
         look(("modbus", "tls"), partial(tls.check, TlsFiles.of_modbus(config.modbus.tls)))
-    look(("opcua",), partial(prerequisites.check, config.opcua))
+    if config.opcua is not None:
+        from gateway.opcua import prerequisites  # noqa: PLC0415 - only where it is configured
+
+        look(("opcua",), partial(prerequisites.check, config.opcua))
     for part in sink_registry.checks(config):
         look((), part)
     if config.hmi.enabled and not config.hmi.own_certificate:

@@ -12,10 +12,8 @@ from gateway.net import tls
 from gateway.net.tls import TlsFiles
 
 
-def check(config: OpcuaConfig | None) -> None:
+def check(config: OpcuaConfig) -> None:
     """Raises ConfigError. Imports nothing of the library."""
-    if config is None:
-        return
     if importlib.util.find_spec("asyncua") is None:
         raise ConfigError("opcua: needs a library that is not installed: pip install 'plc-loading-gateway[opcua]'")
     if (files := TlsFiles.of_opcua(config)) is None:
