@@ -28,6 +28,7 @@ from asyncua.server.internal_session import InternalSession, SessionState
 from asyncua.server.user_managers import UserManager
 
 from gateway.config import OpcuaConfig
+from gateway.opcua import decoding
 from gateway.opcua.access import ClientAccess, OpcuaCaller
 from gateway.opcua.sent_event import check_filter
 from gateway.web.ipc.messages import OpcuaNow
@@ -36,6 +37,7 @@ MIN_PUBLISHING_MS, MAX_PUBLISHING_MS = 100.0, 3_600_000.0
 MAX_SUBSCRIPTIONS = 64  # of all sessions
 SESSION_DEADLINE_S = 10.0  # a connection without an activated session for this time is closed
 MAX_REQUEST_BYTES = 256 * 1024
+MAX_FIRST_BYTES = 16 * 1024  # of a request before its session is activated
 MAX_OPERATIONS = 1000  # of one request
 MAX_HISTORIES = 20  # of one request
 MAX_UNSENT = 4 * 1024 * 1024
@@ -232,6 +234,11 @@ class LimitedConnection(OPCUAProtocol):  # type: ignore[misc]
         self._abort()  # it does not read what it has asked for
 
     async def _process_one_msg(self, header: Any, buf: Any) -> bool:
+        await asyncio.sleep(0)  # values and other clients have their turn between the messages of one
+        session, parts = self.processor.session, self.processor._connection._incoming_size
+        if parts + header.body_size > MAX_FIRST_BYTES and not (session is not None and session.is_activated()):
+            self._abort()
+            return False
         try:
             return bool(await super()._process_one_msg(header, buf))
         except Exception:  # noqa: BLE001 - whatever bytes can cause
@@ -275,7 +282,8 @@ class HardenedServer(Server):  # type: ignore[misc]
     def __init__(self, sessions: LimitedSessions, sockets: Sequence[socket.socket]) -> None:
         super().__init__(sessions)
         self._sockets = sockets
-        self.limits = TransportLimits(CHUNK_BYTES, CHUNK_BYTES, MAX_REQUEST_BYTES // 8192, MAX_REQUEST_BYTES)
+        decoding.limit()
+        self.limits = decoding.ClientLimits(CHUNK_BYTES, CHUNK_BYTES, MAX_REQUEST_BYTES // 8192, MAX_REQUEST_BYTES)
 
     async def start(self) -> None:
         await self._setup_server_nodes()

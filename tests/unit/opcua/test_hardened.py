@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from asyncua import Client, ua
+from asyncua.ua.ua_binary import nodeid_to_binary
 
 from gateway.core.readings import Quality, RangeReading
 from gateway.opcua.hardened import (
@@ -26,6 +27,15 @@ from tests.unit.opcua.server import OpcuaServer, good
 
 pytestmark = [pytest.mark.one_interpreter, pytest.mark.xdist_group("opcua")]
 HELLO = struct.pack("<4sIIIIII", b"HELF", 32, 0, 65536, 65536, 0, 0) + struct.pack("<i", -1)
+
+
+def request(variant: bytes) -> bytes:
+    """Of somebody without a channel or session: GetEndpoints, with a literal in the header's addition."""
+    kinds = ua.ObjectIds.GetEndpointsRequest_Encoding_DefaultBinary, ua.ObjectIds.LiteralOperand_Encoding_DefaultBinary
+    kind, literal = (nodeid_to_binary(ua.NodeId(one)) for one in kinds)
+    header = bytes(18) + struct.pack("<iI", -1, 0) + literal + b"\x01" + struct.pack("<i", len(variant)) + variant
+    body = struct.pack("<IIII", 0, 0, 1, 1) + kind + header
+    return struct.pack("<4sI", b"MSGF", 8 + len(body)) + bytes(body)
 
 
 @pytest.fixture(scope="module")
@@ -85,6 +95,11 @@ def test_a_connection_beyond_the_limit_is_closed_at_once(server: OpcuaServer) ->
         struct.pack("<4sI", b"HELF", 7),
         struct.pack("<4sIII", b"MSGF", 24, 77, 0) + bytes(8),  # of another channel
         struct.pack("<4sI", b"OPNF", 64) + b"\xff" * 56,
+        request(struct.pack("<Bi", 0x80, 3_000_000)),  # an array of elements without bytes
+        request(struct.pack("<Biii", 0x80 | 15, 3_000_000, -4, -4)),  # a length that leads back to itself
+        request(struct.pack("<Biiii", 0x80 | 0x40 | 1, 0, 2, 1, 1_000_000)),  # a matrix of nothing
+        request(b"\x0f" + struct.pack("<i", 16_384) + bytes(16_384)),  # long, of nobody known
+        struct.pack("<4sI5Ii", b"HELF", 32, 0, 8191, 65536, 0, 0, -1),  # takes small chunks only
         b"GET / HTTP/1.1\r\nHost: a\r\n\r\n" + bytes(CHUNK_BYTES),
     ],
 )
