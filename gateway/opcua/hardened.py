@@ -5,7 +5,7 @@ Overridden parts are no interface of the library, which is pinned: docs/decision
 - A session's token can't be guessed; a session changes only its own subscriptions, and takes over none.
 - Connections, sessions, subscriptions, monitored items, the bytes of a request, those not yet sent, and the operations
   of a request are limited; a connection without an activated session is closed.
-- A deadband is left out: with the library's, a client keeps an old value.
+- A deadband is left out, and a change of value always told: with the library's, a client keeps an old value.
 - A message that breaks the protocol ends its connection; no client may register a server.
 """
 
@@ -107,7 +107,8 @@ class LimitedSession(InternalSession):  # type: ignore[misc]
     async def create_monitored_items(self, params: Any) -> Any:
         self._own(params.SubscriptionId)
         _few(params.ItemsToCreate)
-        _limit_filters(params.ItemsToCreate)
+        for item in params.ItemsToCreate:
+            _limit_filter(item.RequestedParameters, item.ItemToMonitor.AttributeId == ua.AttributeIds.EventNotifier)
         others = self.subscription_service.subscriptions.values()
         if sum(len(one.monitored_item_srv._monitored_items) for one in others) + len(params.ItemsToCreate) > (
             self.iserver.max_monitored_items
@@ -117,9 +118,14 @@ class LimitedSession(InternalSession):  # type: ignore[misc]
 
     async def modify_monitored_items(self, params: Any) -> Any:
         self._own(params.SubscriptionId)
-        _limit_filters(params.ItemsToModify)
+        _few(params.ItemsToModify)
+        items = self.subscription_service.subscriptions[params.SubscriptionId].monitored_item_srv._monitored_items
         for item in params.ItemsToModify:
-            item.RequestedParameters.QueueSize = min(item.RequestedParameters.QueueSize, MAX_QUEUE)
+            if (known := items.get(item.MonitoredItemId)) is None:
+                raise ServiceError(ua.StatusCodes.BadMonitoredItemIdInvalid)
+            asked = item.RequestedParameters
+            _limit_filter(asked, known.where_clause_evaluator is not None)
+            asked.QueueSize = min(asked.QueueSize or MAX_QUEUE, MAX_QUEUE)  # 0 would be without a limit
         return await super().modify_monitored_items(params)
 
     async def delete_monitored_items(self, params: Any) -> Any:
@@ -168,13 +174,19 @@ def _few(operations: Sequence[Any] | None, most: int = MAX_OPERATIONS) -> None:
         raise ServiceError(ua.StatusCodes.BadTooManyOperations)
 
 
-def _limit_filters(items: Sequence[Any]) -> None:
-    """By what they hold: the library has two classes DataChangeFilter, and `ua` names the other."""
-    for wanted in [item.RequestedParameters.Filter for item in items]:
-        if hasattr(wanted, "SelectClauses"):
-            check_filter(wanted)
-        elif hasattr(wanted, "DeadbandType"):
-            wanted.DeadbandType = ua.DeadbandType.None_  # the library's keeps back slow changes, and ends of values
+def _limit_filter(asked: Any, events: bool) -> None:
+    """An item of another kind than its filter ends the server at the next event, or is told of no change. Kinds by what
+    they hold: the library has two classes DataChangeFilter, and `ua` names the other."""
+    wanted = asked.Filter
+    if events and hasattr(wanted, "SelectClauses"):
+        check_filter(wanted)
+    elif not events and hasattr(wanted, "DeadbandType"):
+        wanted.DeadbandType = ua.DeadbandType.None_  # the library's keeps back slow changes, and ends of values
+        wanted.Trigger = max(wanted.Trigger, ua.DataChangeTrigger.StatusValue)
+    elif wanted is None or wanted == ua.ExtensionObject():
+        asked.Filter = None  # as it is
+    else:
+        raise ServiceError(ua.StatusCodes.BadMonitoredItemFilterUnsupported)
 
 
 class LimitedSessions(InternalServer):  # type: ignore[misc]

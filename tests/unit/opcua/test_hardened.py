@@ -12,16 +12,20 @@ import pytest
 from asyncua import Client, ua
 from asyncua.ua.ua_binary import nodeid_to_binary
 
+from gateway.alarms.records import Alarm, AlarmSummary
+from gateway.alarms.states import AlarmState
 from gateway.core.readings import Quality, RangeReading
 from gateway.opcua.hardened import (
     CHUNK_BYTES,
     MAX_OPERATIONS,
+    MAX_QUEUE,
     MIN_PUBLISHING_MS,
     LimitedConnection,
     LimitedSession,
     LimitedSessions,
     Unproven,
 )
+from gateway.web.ipc.messages import SystemStatus
 from tests.plant_certs import Plant
 from tests.unit.opcua.server import OpcuaServer, good
 
@@ -183,7 +187,12 @@ def test_a_filter_of_events_is_limited(server: OpcuaServer) -> None:
         own = await client.create_subscription(100, _Ignored())
         events = ua.ReadValueId(ua.NodeId(ua.ObjectIds.Server), ua.AttributeIds.EventNotifier)
         item = ua.MonitoredItemCreateRequest(events, RequestedParameters=ua.MonitoringParameters(Filter=wanted))
-        change = ua.MonitoredItemModifyRequest(1, ua.MonitoringParameters(Filter=wanted))
+        every = ua.MonitoringParameters(Filter=ua.EventFilter())
+        empty = ua.MonitoredItemCreateRequest(events, RequestedParameters=every)
+        (made,) = await client.uaclient.create_monitored_items(
+            ua.CreateMonitoredItemsParameters(own.subscription_id, ItemsToCreate=[empty])
+        )
+        change = ua.MonitoredItemModifyRequest(made.MonitoredItemId, ua.MonitoringParameters(Filter=wanted))
         history = ua.HistoryReadValueId(ua.NodeId(ua.ObjectIds.Server))
         api, number = client.uaclient, own.subscription_id
         calls: tuple[Any, ...] = (
@@ -230,6 +239,52 @@ def test_a_deadband_keeps_no_change_from_a_client(server: OpcuaServer) -> None:
 
     found = asyncio.run(with_client(server, work))
     assert found == [(412.5, True), (410.0, True), (408.0, True), (None, False), (414.0, True)]
+
+
+def test_an_item_takes_only_filters_of_its_kind(server: OpcuaServer) -> None:
+    """With another the next event would end the server, and the next value would be told to nobody."""
+
+    async def work(client: Client) -> tuple[list[int], int]:
+        own = await client.create_subscription(3_600_000, _Ignored())
+        number = own.subscription_id
+        kinds = ua.AttributeIds.EventNotifier, ua.AttributeIds.Value
+        places = (ua.NodeId(ua.ObjectIds.Server), kinds[0]), (ua.NodeId("bay1.distance_mm", 2), kinds[1])
+        filters = ua.EventFilter(), ua.DataChangeFilter(ua.DataChangeTrigger.Status), ua.AggregateFilter()
+        found, items = [], []
+        for place, own_filter in zip(places, filters, strict=False):
+            for wanted in filters:
+                asked = ua.MonitoringParameters(1, Filter=wanted)
+                item = ua.MonitoredItemCreateRequest(ua.ReadValueId(*place), ua.MonitoringMode.Reporting, asked)
+                create = ua.CreateMonitoredItemsParameters(number, ItemsToCreate=[item])
+                if wanted is own_filter:
+                    (made,) = await client.uaclient.create_monitored_items(create)
+                    items.append(made.MonitoredItemId)
+                    continue
+                with pytest.raises(ua.UaStatusCodeError) as refused:
+                    await client.uaclient.create_monitored_items(create)
+                found.append(code(refused))
+        for wanted in (*zip(items, filters[1::-1], strict=True), (99, None)):
+            change = ua.MonitoredItemModifyRequest(wanted[0], ua.MonitoringParameters(1, Filter=wanted[1]))
+            with pytest.raises(ua.UaStatusCodeError) as refused:
+                await client.uaclient.modify_monitored_items(ua.ModifyMonitoredItemsParameters(number, 0, [change]))
+            found.append(code(refused))
+        changes = [ua.MonitoredItemModifyRequest(one, ua.MonitoringParameters(1)) for one in items]  # no filter, queue
+        await client.uaclient.modify_monitored_items(ua.ModifyMonitoredItemsParameters(number, 0, changes))
+        await asyncio.to_thread(show_many, MAX_QUEUE + 10)
+        queues = server.served.server.iserver.subscription_service.subscriptions[number]._triggered_datachanges
+        return found, len(queues[items[1]])
+
+    def show_many(count: int) -> None:
+        alarm = Alarm("bay1.camera_down", "camera_down", "bay1", AlarmState.UNACKNOWLEDGED, active=True)
+        server.main.links = SystemStatus(alarms=AlarmSummary((alarm,)))
+        now_ns = server.main.clock.now_ns()
+        for distance in range(count):
+            server.show(replace(good(now_ns), range=RangeReading(now_ns, Quality.GOOD, 300.0 + distance)))
+
+    codes, kept = asyncio.run(with_client(server, work))
+    other, unknown = ua.StatusCodes.BadMonitoredItemFilterUnsupported, ua.StatusCodes.BadMonitoredItemIdInvalid
+    assert codes == [int(other)] * 6 + [int(unknown)]
+    assert kept == MAX_QUEUE
 
 
 def test_nobody_registers_a_server_or_adds_nodes(server: OpcuaServer) -> None:
