@@ -39,6 +39,7 @@ SESSION_DEADLINE_S = 10.0  # a connection without an activated session for this 
 MAX_REQUEST_BYTES = 256 * 1024
 MAX_FIRST_BYTES = 16 * 1024  # of a request before its session is activated
 MAX_OPERATIONS = 1000  # of one request
+MAX_REFERENCES = 5000  # of the nodes that one request browses
 MAX_HISTORIES = 20  # of one request
 MAX_UNSENT = 4 * 1024 * 1024
 MAX_QUEUE = 100  # notifications that one monitored item keeps
@@ -85,7 +86,18 @@ class LimitedSession(InternalSession):  # type: ignore[misc]
 
     async def browse(self, params: Any) -> Any:
         _few(params.NodesToBrowse)
+        known = [self.aspace.get(one.NodeId) for one in params.NodesToBrowse]
+        if sum(len(node.references) for node in known if node is not None) > MAX_REFERENCES:
+            raise ServiceError(ua.StatusCodes.BadTooManyOperations)
         return await super().browse(params)
+
+    async def translate_browsepaths_to_nodeids(self, params: Any) -> Any:
+        _few([part for path in params for part in path.RelativePath.Elements])
+        return await super().translate_browsepaths_to_nodeids(params)
+
+    async def write(self, params: Any) -> Any:
+        _few(params.NodesToWrite)
+        return await super().write(params)
 
     async def history_read(self, params: Any) -> Any:
         events = isinstance(params.HistoryReadDetails, ua.ReadEventDetails)  # only Server has some
@@ -130,10 +142,12 @@ class LimitedSession(InternalSession):  # type: ignore[misc]
 
     async def delete_monitored_items(self, params: Any) -> Any:
         self._own(params.SubscriptionId)
+        _few(params.MonitoredItemIds)
         return await super().delete_monitored_items(params)
 
     async def set_monitoring_mode(self, params: Any) -> Any:
         self._own(params.SubscriptionId)
+        _few(params.MonitoredItemIds)
         return await super().set_monitoring_mode(params)
 
     async def set_publishing_mode(self, params: Any) -> Any:
@@ -215,6 +229,27 @@ class LimitedSessions(InternalServer):  # type: ignore[misc]
             self.over_limit += 1
             raise ServiceError(ua.StatusCodes.BadTooManySessions)
         return LimitedSession(self, self.aspace, self.subscription_service, name, user=User(), external=external)
+
+    async def setup_nodes(self) -> None:
+        """The limits as clients read them. Schemas of the standard, 550 kB, would be asked for a thousand times."""
+        await super().setup_nodes()
+        for name, limit in {
+            "MaxNodesPerRead": MAX_OPERATIONS,
+            "MaxNodesPerWrite": MAX_OPERATIONS,
+            "MaxNodesPerBrowse": MAX_OPERATIONS,
+            "MaxNodesPerTranslateBrowsePathsToNodeIds": MAX_OPERATIONS,
+            "MaxMonitoredItemsPerCall": MAX_OPERATIONS,
+            "MaxNodesPerHistoryReadData": MAX_HISTORIES,
+            "MaxNodesPerHistoryReadEvents": 1,
+            "MaxNodesPerMethodCall": MAX_HISTORIES,
+        }.items():
+            node = getattr(ua.ObjectIds, f"Server_ServerCapabilities_OperationLimits_{name}")
+            self._put(node, ua.DataValue(ua.Variant(limit, ua.VariantType.UInt32)))
+        for schema in (ua.ObjectIds.OpcUa_BinarySchema, ua.ObjectIds.OpcUa_XmlSchema):
+            self._put(schema, ua.DataValue(StatusCode=ua.StatusCode(ua.StatusCodes.BadNotReadable)))
+
+    def _put(self, node: int, value: Any) -> None:
+        self.aspace[ua.NodeId(node)].attributes[ua.AttributeIds.Value].value = value
 
     def register_server(self, server: Any, conf: Any = None) -> None:
         raise ServiceError(ua.StatusCodes.BadServiceUnsupported)

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 from asyncua import Client, ua
-from asyncua.ua.ua_binary import nodeid_to_binary
+from asyncua.ua.ua_binary import nodeid_to_binary, struct_to_binary
 
 from gateway.alarms.records import Alarm, AlarmSummary
 from gateway.alarms.states import AlarmState
@@ -169,13 +169,39 @@ def test_another_sessions_subscription_can_be_neither_changed_nor_taken(server: 
 
 
 def test_a_request_has_a_limited_number_of_operations(server: OpcuaServer) -> None:
-    async def work(client: Client) -> int:
-        node = client.get_node("ns=2;s=bay1.stop")
-        with pytest.raises(ua.UaStatusCodeError) as refused:
-            await client.read_values([node] * (MAX_OPERATIONS + 1))
-        return code(refused)
+    """Each of these would hold up everybody for seconds."""
 
-    assert asyncio.run(with_client(server, work)) == ua.StatusCodes.BadTooManyOperations
+    async def work(client: Client) -> list[int]:
+        many, api = MAX_OPERATIONS + 1, client.uaclient
+        node, kind = client.get_node("ns=2;s=bay1.stop"), ua.NodeId(ua.ObjectIds.BaseDataType)
+        step = ua.RelativePathElement(TargetName=ua.QualifiedName("Structure"))
+        write = ua.WriteValue(node.nodeid, ua.AttributeIds.Value)
+        browse = ua.BrowseDescription(ua.NodeId(ua.ObjectIds.Structure), ua.BrowseDirection.Both)
+        calls: tuple[Any, ...] = (
+            lambda: client.read_values([node] * many),
+            lambda: api.write(ua.WriteParameters([write] * many)),
+            lambda: api.translate_browsepaths_to_nodeids([ua.BrowsePath(kind, ua.RelativePath([step] * many))]),
+            lambda: api.browse(ua.BrowseParameters(NodesToBrowse=[browse] * (MAX_OPERATIONS // 10))),
+        )
+        found = []
+        for call in calls:
+            with pytest.raises(ua.UaStatusCodeError) as refused:
+                await call()
+            found.append(code(refused))
+        await api.browse(ua.BrowseParameters(NodesToBrowse=[browse] * 10))
+        return found
+
+    assert asyncio.run(with_client(server, work)) == [int(ua.StatusCodes.BadTooManyOperations)] * 4
+
+
+def test_a_client_reads_the_limits_and_no_value_is_large(server: OpcuaServer) -> None:
+    space = server.served.server.iserver.aspace
+    limits = "Server_ServerCapabilities_OperationLimits_"
+    for name, expected in (("MaxMonitoredItemsPerCall", MAX_OPERATIONS), ("MaxNodesPerHistoryReadData", 20)):
+        node = ua.NodeId(getattr(ua.ObjectIds, limits + name))
+        assert space.read_attribute_value(node, ua.AttributeIds.Value).Value.Value == expected
+    values = [space.read_attribute_value(node, ua.AttributeIds.Value) for node in space._nodes]
+    assert max(len(struct_to_binary(one)) for one in values) < 4096
 
 
 def test_a_filter_of_events_is_limited(server: OpcuaServer) -> None:
@@ -334,7 +360,7 @@ def test_the_parts_that_are_overridden_are_there() -> None:
                 assert hasattr(base, name), (kind, name)
 
 
-OWN = {"_own", "_is_own", "end_refused", "now", "of", "pause_writing", "_abort"}
+OWN = {"_put", "_own", "_is_own", "end_refused", "now", "of", "pause_writing", "_abort"}
 
 
 class _Ignored:
