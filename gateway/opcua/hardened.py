@@ -47,6 +47,11 @@ CHUNK_BYTES = 65_536
 CHUNK_HEADER_BYTES = 12  # with the channel's number
 PENDING_CHUNKS = 50
 
+REFRESHES = [
+    ua.NodeId(one)
+    for one in (ua.ObjectIds.ConditionType_ConditionRefresh, ua.ObjectIds.ConditionType_ConditionRefresh2)
+]
+
 CALLER: ContextVar[OpcuaCaller] = ContextVar("caller")
 """Who has called the method that runs now."""
 
@@ -106,6 +111,9 @@ class LimitedSession(InternalSession):  # type: ignore[misc]
 
     async def call(self, params: Any) -> Any:
         _few(params, MAX_HISTORIES)
+        for one in params:
+            if one.MethodId in REFRESHES:  # another's queue would be filled with it, and lose what is new
+                self._own(one.InputArguments[0].Value if one.InputArguments else 0)
         if isinstance(self.user, KnownUser):
             CALLER.set(replace(self.user.caller, address=str(self.name[0])))
         return await super().call(params)
@@ -160,8 +168,16 @@ class LimitedSession(InternalSession):  # type: ignore[misc]
         return super().modify_subscription(params)
 
     def republish(self, params: Any) -> Any:
+        """As often as it is asked for. What is gone is said to be: a client then reads anew."""
         self._own(params.SubscriptionId)
-        return super().republish(params)
+        sent = self.subscription_service.subscriptions[params.SubscriptionId]._not_acknowledged_results
+        if (found := sent.get(params.RetransmitSequenceNumber)) is None:
+            raise ServiceError(ua.StatusCodes.BadMessageNotAvailable)
+        return found.NotificationMessage
+
+    async def close_session(self, delete_subs: bool = True) -> None:
+        """With its subscriptions, which nobody could take over: they would keep their places for months."""
+        await super().close_session(True)
 
     async def delete_subscriptions(self, ids: Sequence[int]) -> Any:
         for one in ids:
@@ -286,8 +302,13 @@ class LimitedConnection(OPCUAProtocol):  # type: ignore[misc]
         if parts + header.body_size > MAX_FIRST_BYTES and not (session is not None and session.is_activated()):
             self._abort()
             return False
+        watchdog = self.processor._session_watchdog_task
         try:
-            return bool(await super()._process_one_msg(header, buf))
+            goes_on = bool(await super()._process_one_msg(header, buf))
+            if session is not None and self.processor.session is not session:  # one at a time: the former one's place
+                watchdog.cancel()
+                await session.close_session()
+            return goes_on
         except Exception:  # noqa: BLE001 - whatever bytes can cause
             self._abort()
             return False

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 from asyncua import Client, ua
-from asyncua.ua.ua_binary import nodeid_to_binary, struct_to_binary
+from asyncua.ua.ua_binary import nodeid_to_binary, struct_from_binary, struct_to_binary
 
 from gateway.alarms.records import Alarm, AlarmSummary
 from gateway.alarms.states import AlarmState
@@ -166,6 +166,79 @@ def test_another_sessions_subscription_can_be_neither_changed_nor_taken(server: 
     codes = asyncio.run(with_client(server, work))
     foreign = int(ua.StatusCodes.BadSubscriptionIdInvalid)
     assert codes == [foreign, int(ua.StatusCodes.BadServiceUnsupported), foreign, foreign]
+
+
+def test_nothing_is_left_of_a_session_that_is_closed_or_replaced(server: OpcuaServer) -> None:
+    """Its subscriptions would keep their places, and its tasks would be as many as a client likes."""
+
+    def left() -> tuple[int, int, int]:
+        sessions: LimitedSessions = server.served.server.iserver
+        tasks = [str(task.get_coro()) for task in asyncio.all_tasks(server._loop)]
+        watchdogs = sum("_session_watchdog_loop" in task for task in tasks)
+        return len(sessions._external_sessions), len(sessions.subscription_service.subscriptions), watchdogs
+
+    async def work(client: Client) -> tuple[int, int, int]:
+        for _ in range(3):
+            await client.create_subscription(3_600_000, _Ignored())
+            await client.create_session()
+            await client.activate_session()
+        await client.create_subscription(3_600_000, _Ignored())
+        held = left()
+        await client.uaclient.close_session(False)
+        return held
+
+    before = left()
+    held = asyncio.run(with_client(server, work))
+    assert tuple(more - less for more, less in zip(held, before, strict=True)) == (1, 1, 1)
+    assert left()[:2] == before[:2]
+
+
+def test_what_was_sent_is_sent_again_and_what_is_gone_is_said_to_be(server: OpcuaServer) -> None:
+    """With the library's empty answer a client would not know that it had missed a value."""
+
+    async def work(client: Client) -> tuple[list[int], int]:
+        told: asyncio.Queue[Any] = asyncio.Queue()
+
+        class Told:
+            def datachange_notification(self, *_: Any) -> None:
+                told.put_nowait(None)
+
+        own = await client.create_subscription(100, Told())
+        sent = server.served.server.iserver.subscription_service.subscriptions[own.subscription_id]
+        sent.publish = lambda acks: None  # the client acknowledges at once
+        await own.subscribe_data_change(client.get_node("ns=2;s=bay1.stop"))
+        await asyncio.wait_for(told.get(), 10)
+        request = ua.RepublishRequest()
+        found = []
+        for number in (1, 1, 2):
+            request.Parameters = ua.RepublishParameters(own.subscription_id, number)
+            with suppress(ua.UaStatusCodeError):
+                answer = await client.uaclient.protocol.send_request(request)
+                found.append(struct_from_binary(ua.RepublishResponse, answer).NotificationMessage.SequenceNumber)
+        with pytest.raises(ua.UaStatusCodeError) as refused:
+            await client.uaclient.protocol.send_request(request)
+        return found, code(refused)
+
+    found = asyncio.run(with_client(server, work))
+    assert found == ([1, 1], int(ua.StatusCodes.BadMessageNotAvailable))
+
+
+def test_conditions_are_refreshed_for_the_subscriptions_session_only(server: OpcuaServer) -> None:
+    async def work(client: Client) -> list[int]:
+        own = await client.create_subscription(3_600_000, _Ignored())
+        number = ua.Variant(own.subscription_id, ua.VariantType.UInt32)
+        kinds = ua.ObjectIds.ConditionType_ConditionRefresh, ua.ObjectIds.ConditionType_ConditionRefresh2
+        calls = [ua.CallMethodRequest(ua.NodeId(ua.ObjectIds.ConditionType), ua.NodeId(one), [number]) for one in kinds]
+        codes = []
+        async with Client(server.url) as other:
+            for call in calls:
+                with pytest.raises(ua.UaStatusCodeError) as refused:
+                    await other.uaclient.call([call])
+                codes.append(code(refused))
+        return [*codes, *(one.StatusCode.value for one in await client.uaclient.call(calls))]
+
+    foreign = int(ua.StatusCodes.BadSubscriptionIdInvalid)
+    assert asyncio.run(with_client(server, work)) == [foreign, foreign, 0, 0]
 
 
 def test_a_request_has_a_limited_number_of_operations(server: OpcuaServer) -> None:
