@@ -1,6 +1,7 @@
 """The last hour of a few values and the last events, in memory, for HistoryRead: a limited number of each."""
 
 from collections import deque
+from dataclasses import replace
 from datetime import datetime, timedelta
 from typing import Any
 
@@ -38,8 +39,11 @@ class LastHour(HistoryStorageInterface):  # type: ignore[misc]  # without types 
             return
         last = entries[-1] if entries else None
         if last is not None and value.SourceTimestamp < last.SourceTimestamp:
-            entries.clear()
-            last = None
+            if value.StatusCode.is_bad():  # since a frame of before the last entry: of a camera long gone
+                value = replace(value, SourceTimestamp=last.SourceTimestamp)
+            else:
+                entries.clear()
+                last = None
         if last is None or _due(last, value):
             entries.append(value)
 
@@ -49,18 +53,19 @@ class LastHour(HistoryStorageInterface):  # type: ignore[misc]  # without types 
     async def read_node_history(
         self, node_id: ua.NodeId, start: datetime | None, end: datetime | None, nb_values: int
     ) -> tuple[list[ua.DataValue], datetime | None]:
-        """Both ends included; newest first where only the end is given, or where it lies before the start."""
+        """Both ends included; newest first where only the end is given, or where it lies before the start. Raises
+        ServiceError for more than `nb_values` of one time."""
         entries = list(self._kept.get(node_id, ()))
         first, last, backwards = _span(start, end)
+        most = min(nb_values or MOST, MOST)
+        goes_on = most != nb_values or None not in (first, last)
         if entries:
             oldest = entries[-1].SourceTimestamp - KEPT
             first = oldest if first is None else max(first, oldest)
         found = [one for one in entries if _within(one.SourceTimestamp, first, last)]
         if backwards:
             found.reverse()
-        found = found[: nb_values or None]
-        more = found[MOST].SourceTimestamp if len(found) > MOST else None
-        return found[:MOST], more
+        return _page(found, [one.SourceTimestamp for one in found], most, goes_on)
 
     async def init(self) -> None:
         """Nothing is opened."""
@@ -90,13 +95,19 @@ class LastHour(HistoryStorageInterface):  # type: ignore[misc]  # without types 
         found = [one for one in self._events if one.emitting_node == source_id and _within(one.Time, first, last)]
         found = matching(found, evfilter, self._nodes)
         found.sort(key=lambda one: one.Time, reverse=backwards)
-        if not nb_values or len(found) <= nb_values or None in (first, last):
-            return found[: nb_values or None], None
-        more = found[nb_values].Time  # a continuation point is a time: all events of this one are in the next response
-        page = [one for one in found[:nb_values] if one.Time != more]
-        if not page:
-            raise ServiceError(ua.StatusCodes.BadNoContinuationPoints)
-        return page, more
+        times = [one.Time for one in found]
+        return _page(found, times, nb_values or len(found), None not in (first, last))
+
+
+def _page(found: list[Any], times: list[datetime], most: int, goes_on: bool) -> tuple[list[Any], datetime | None]:
+    """The first response, and where the next one begins, if it `goes_on`. A continuation point is a time: all of this
+    one are in the next response."""
+    if len(found) <= most or not goes_on:
+        return found[:most], None
+    page = [one for one, at in zip(found[:most], times, strict=False) if at != times[most]]
+    if not page:
+        raise ServiceError(ua.StatusCodes.BadNoContinuationPoints)
+    return page, times[most]
 
 
 def _span(start: datetime | None, end: datetime | None) -> tuple[datetime | None, datetime | None, bool]:

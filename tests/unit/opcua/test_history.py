@@ -69,6 +69,28 @@ def test_after_a_step_of_the_clock_backwards_it_begins_anew() -> None:
     assert read(LastHour(AddressSpace()), 0, 200) == []
 
 
+def test_what_was_asked_for_in_parts_goes_on_to_the_end() -> None:
+    history = kept(*(value(float(n), n) for n in range(5)), value(None, 4, ua.StatusCodes.BadNoCommunication))
+
+    def part(start: datetime, end: datetime) -> tuple[list[Any], datetime | None]:
+        found, more = asyncio.run(history.read_node_history(NODE, start, end, 2))
+        return [one.Value.Value for one in found], more
+
+    at = [T0 + timedelta(seconds=n) for n in range(6)]
+    assert part(at[0], at[5]) == ([0.0, 1.0], at[2])
+    assert part(at[2], at[5]) == ([2.0, 3.0], at[4])
+    assert part(at[4], at[5]) == ([4.0, None], None)
+    assert part(at[3], at[0]) == ([3.0, 2.0], at[1])
+
+
+def test_a_camera_long_gone_does_not_end_the_history_when_the_gateway_was_silent() -> None:
+    down, silent = ua.StatusCodes.BadNotConnected, ua.StatusCodes.BadNoCommunication
+    entries = value(1.0, 0), value(None, 0, down), value(None, 600, silent), value(None, 0, down), value(2.0, 601)
+    history = kept(*entries)
+    assert read(history, 0, 700) == [1.0, None, None, None, 2.0]
+    assert read(history, 600, 600) == [None, None]
+
+
 def sent(number: int, seconds: float, kind: type[BaseEvent] = BaseEvent) -> SentEvent:
     event = kind(severity=number)
     event.Time = T0 + timedelta(seconds=seconds)
