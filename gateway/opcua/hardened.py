@@ -85,6 +85,12 @@ class LimitedSession(InternalSession):  # type: ignore[misc]
             self.auth_token = ua.NodeId(secrets.token_bytes(32))
             self.iserver.register_external_session(self)
 
+    def activate_session(self, params: Any, peer_certificate: Any) -> Any:
+        """Not once it has made room: nobody would end it when its certificate does."""
+        if self.iserver.lookup_external_session(self.auth_token) is not self:
+            raise ServiceError(ua.StatusCodes.BadSessionIdInvalid)
+        return super().activate_session(params, peer_certificate)
+
     async def read(self, params: Any) -> Any:
         _few(params.NodesToRead)
         return await super().read(params)

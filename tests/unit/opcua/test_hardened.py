@@ -193,6 +193,19 @@ def test_nothing_is_left_of_a_session_that_is_closed_or_replaced(server: OpcuaSe
     assert left()[:2] == before[:2]
 
 
+def test_a_session_that_has_made_room_can_not_be_activated(server: OpcuaServer) -> None:
+    async def work(client: Client) -> int:
+        await client.create_session()
+        for one in server.served.server.iserver._external_sessions.values():
+            one._last_activity -= 60.0
+        async with Client(server.url):
+            with pytest.raises(ua.UaStatusCodeError) as refused:
+                await client.activate_session()
+        return code(refused)
+
+    assert asyncio.run(with_client(server, work)) == ua.StatusCodes.BadSessionIdInvalid
+
+
 def test_what_was_sent_is_sent_again_and_what_is_gone_is_said_to_be(server: OpcuaServer) -> None:
     """With the library's empty answer a client would not know that it had missed a value."""
 
