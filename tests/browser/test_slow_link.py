@@ -34,9 +34,9 @@ setInterval(() => {
   if (known) window.__oldest = Math.max(window.__oldest, performance.now() - window.__of);
 }, 20);
 """
-LIMIT_MS, SLACK_MS = 1500, 1500
+LIMIT_MS, SLACK_MS = 1500, 2500
 KNOWN, UNKNOWN = re.compile("^(?!.*NOT KNOWN).*(IN PLACE|STOP|MAY)"), re.compile("NOT KNOWN")
-DELAYS = NetworkConditions(delay_s=1.75)  # each way
+DELAYS = NetworkConditions(delay_s=2.25)  # each way: together more than limit and slack
 SLOW = NetworkConditions(bytes_per_s=50_000)
 STALLS = NetworkConditions(swallow=True)
 
