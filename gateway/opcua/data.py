@@ -80,10 +80,14 @@ def plain(row: Value[StateVector], state: StateVector) -> Any:
 def data_value(row: Value[StateVector], state: StateVector, offset_ns: int) -> ua.DataValue:
     """`offset_ns`: Unix time minus the clock of the state."""
     found = plain(row, state)
-    code = status(row, state, found)
-    bad = ua.StatusCode(code).is_bad()
-    value = ua.Variant(None, ua.VariantType.Null) if bad else ua.Variant(found, variant_type(row))
-    return ua.DataValue(value, ua.StatusCode(code), SourceTimestamp=at(measured_ns(row, state) + offset_ns))
+    return dated(row, found, status(row, state, found), measured_ns(row, state) + offset_ns)
+
+
+def dated(row: Value[Any], found: Any, code: int, unix_ns: int) -> ua.DataValue:
+    """Null where the status `code` is a bad one. `unix_ns`: of its source."""
+    status = ua.StatusCode(code)
+    value = ua.Variant(None, ua.VariantType.Null) if status.is_bad() else ua.Variant(found, variant_type(row))
+    return ua.DataValue(value, status, SourceTimestamp=at(unix_ns))
 
 
 def at(unix_ns: int) -> datetime:

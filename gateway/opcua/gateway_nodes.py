@@ -49,10 +49,9 @@ class GatewayNodes:
         if client.links_ns is None or newest == self._shown:
             return
         self._shown = newest
+        unknown = ua.StatusCodes.BadNoDataAvailable if client.links_known else ua.StatusCodes.BadNoCommunication
         for row, node in self._rows:
             found = row.of(client.links) if client.links_known else None
-            code = ua.StatusCodes.BadNoDataAvailable if client.links_known else ua.StatusCodes.BadNoCommunication
-            value = ua.Variant(found, ua.VariantType.Null if found is None else data.variant_type(row))
-            status = ua.StatusCode(ua.StatusCodes.Good if found is not None else code)
-            shown = ua.DataValue(value, status, SourceTimestamp=data.at(client.links_ns + offset_ns))
+            code = unknown if found is None else ua.StatusCodes.Good
+            shown = data.dated(row, found, code, client.links_ns + offset_ns)
             await self._server.iserver.write_attribute_value(node, shown)
